@@ -93,8 +93,15 @@ def _sections(node: ast.FunctionDef | ast.AsyncFunctionDef, text: str) -> Iterat
     """Sections that a public function's docstring lacks."""
     arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
     arguments = [argument for argument in arguments if argument.arg not in ("self", "cls")]
-    returns = node.returns is not None and ast.unparse(node.returns) not in ("None", "NoReturn", "Self")
-    if arguments and not re.search(r"^Parameters\n-+$", text, re.MULTILINE):
+    returns = node.returns is not None and ast.unparse(node.returns) not in (
+        "None",
+        "NoReturn",
+        "Self",
+        "Iterator[None]",
+    )
+    # help texts document the parameters of a command; its docstring is printed as its help
+    command = any(item.annotation is not None and "help=" in ast.unparse(item.annotation) for item in arguments)
+    if arguments and not command and not re.search(r"^Parameters\n-+$", text, re.MULTILINE):
         yield "Parameters"
     if returns and not re.search(r"^(Returns|Yields)\n-+$", text, re.MULTILINE):
         yield "Returns"

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.table import Table
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
@@ -45,6 +46,54 @@ class HyperspectralCube:
     registrations: tuple[Registration, ...]
     #: Bands that could not be registered.
     notes: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Number and wavelengths of the bands, then notes.
+
+        Returns
+        -------
+        list of str
+            The sentences.
+        """
+        grid = self.cube["wavelength"].values
+        head = (
+            f"Spectral cube of {len(self.bands)} bands from {grid[0]:.1f} to {grid[-1]:.1f} nm, registered to "
+            f"{self.cube.attrs['registered_to']}"
+        )
+        return [head, *(f"• {note}" for note in self.notes)]
+
+    def tables(self) -> list[Table]:
+        """Scale and registration of each band.
+
+        Returns
+        -------
+        list of Table
+            One table: wavelength, radiance per DN, its relative standard deviation, shift, magnification, correlation.
+        """
+        bands = zip(
+            self.bands,
+            self.cube["wavelength"].values,
+            self.scale,
+            self.scale_relative_sigma,
+            self.registrations,
+            strict=True,
+        )
+        rows = []
+        for band, wavelength, scale, sigma, registration in bands:
+            shift = registration.shift_px.round(2) + 0.0  # no -0.00
+            row = (
+                band,
+                f"{wavelength:.1f}",
+                f"{scale:.4g}",
+                f"{100 * sigma:.2f}",
+                f"{shift[0]:+.2f}",
+                f"{shift[1]:+.2f}",
+                f"{registration.magnification:.4f}",
+                f"{registration.correlation:.3f}",
+            )
+            rows.append(row)
+        columns = ("band", "nm", "L per DN", "± 1 σ, %", "u, px", "v, px", "size", "correlation")
+        return [Table("Scale of each band, and its shift to the reference band", columns, tuple(rows))]
 
 
 def _centre(capture: Capture, band: str) -> tuple[float, Spectrum]:

@@ -176,8 +176,8 @@ class CubeResult(Result):
         ]
         if self.firefly_pixels:
             lines.append(
-                f"Pixels whose light comes mostly from a single pass (fireflies): {self.firefly_pixels}. "
-                "Their error is understated."
+                f"Pixels whose light comes mostly from a single pass (fireflies): {self.firefly_pixels}. Their error "
+                "is understated."
             )
         if self.left_out:
             lines.append(f"Effects not in the cube, since they act behind the scene: {', '.join(self.left_out)}.")

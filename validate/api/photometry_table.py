@@ -37,7 +37,7 @@ def photometry_table(photometry: Photometry) -> Table:
         )
         for name, part, illuminance_lx in parts
     )
-    title = f"Luminance {photometry.range_text} (CIE 1931), over pixels that a surface covers entirely"
+    title = "Luminance (CIE 1931), over pixels that a surface covers entirely"
     return Table(title, ("surface", "cd/m²", "x", "y", "± x, y", "px", "lx"), rows)
 
 

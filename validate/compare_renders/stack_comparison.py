@@ -17,11 +17,12 @@ import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import origin, replacing
+from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
 from ..compare import write_map
 from .cameras import LARGEST_SHIFT_PX, NOTED_SHIFT_PX, shift_px
-from .regress import Common, PooledMean, in_common_quantity, regress_sides
+from .regress import Common, PooledMean, as_percent, in_common_quantity, regress_sides
 from .stacks import ImageStack, on_common_pixels, stack_of_side
 
 __all__ = [
@@ -106,6 +107,74 @@ class StackComparison:
     notes: tuple[str, ...]
     #: Means over the entire picture, surfaces and strata, of two cubes.
     means: tuple[PooledMean, ...] = ()
+
+    def lines(self) -> list[str]:
+        """Largest mean difference of a plane, expected chi-square, notes.
+
+        Returns
+        -------
+        list of str
+            The sentences.
+        """
+        names = f"{self.first.source.name} against {self.second.source.name}"
+        bright = [row for row in self.rows if np.isfinite(row.relative_mean)]
+        if bright:
+            row = max(bright, key=lambda row: abs(row.relative_mean))
+            size = as_percent(row.relative_mean, "B", unit=" %")
+            lines = [f"{names}: largest mean difference (A − B) / B of a plane {size} ({row.name})"]
+        else:
+            lines = [f"{names}: no plane has light"]
+        if self.residual_over_sigma is not None:
+            lines.append(f"Noise alone gives a χ² per pixel of {self.expected_chi2:.2f}.")
+        return [*lines, *(f"• {note}" for note in self.notes)]
+
+    def tables(self) -> list[Table]:
+        """Differences of planes, pooled means of cubes, worst pixels.
+
+        Returns
+        -------
+        list of Table
+            Only those with rows; a dash stands for a value that is not known.
+        """
+        planes = tuple(
+            (
+                row.name,
+                f"{row.mean_first:.4g}",
+                f"{row.mean_second:.4g}",
+                _percent(row.relative_mean),
+                _number(100 * row.relative_rms, ".3f"),
+                str(row.pixels),
+                _number(row.chi2_per_pixel, ".3f"),
+            )
+            for row in self.rows
+        )
+        means = tuple(
+            (mean.name, _percent(mean.difference), f"{100 * mean.sigma:.3f}", str(mean.pixels)) for mean in self.means
+        )
+        worst = tuple(
+            (p.plane, str(p.x), str(p.y), f"{p.first:.4g}", f"{p.second:.4g}", f"{p.size:+.4g}") for p in self.worst
+        )
+        pooled = "X, Y, Z" if {*self.first.names} <= {"X", "Y", "Z"} else "all wavelengths"
+        tables = [
+            Table(
+                f"A is {self.first.source.name}, B is {self.second.source.name}, in {self.first.unit}",
+                ("plane", "mean A", "mean B", "mean difference, %", "rms, %", "pixels", "χ²/pixel"),
+                planes,
+            ),
+            Table(f"Means over {pooled}, (A − B) / B", ("part", "difference, %", "± %", "pixels"), means),
+            Table("Worst pixels", ("plane", "x", "y", "A", "B", self.worst_measure), worst),
+        ]
+        return [table for table in tables if table.rows]
+
+
+def _percent(difference: float) -> str:
+    """(A - B) / B in per cent, or A as a part of B; a dash for NaN."""
+    return "–" if difference != difference else as_percent(difference, "B")
+
+
+def _number(value: float | None, form: str) -> str:
+    """The formatted value; a dash for None and NaN."""
+    return "–" if value is None or value != value else format(value, form)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""report.html, metrics.json, maps, and their texts."""
+"""Report of a validation or diagnosis: report.html, metrics.json, maps, and texts."""
 
 from .bands import named_bands
 from .blocks import ReportSection

@@ -16,7 +16,20 @@ NamedBand = tuple[int, str]
 
 
 def named_bands(bands: Sequence[str], responses: Sequence[BandResponse]) -> list[NamedBand]:
-    """The bands by wavelength, named by it; in the given order and by identifier where responses are not known."""
+    """Bands in the order of their wavelengths, with names for the page.
+
+    Parameters
+    ----------
+    bands
+        Identifiers of the bands.
+    responses
+        Responses of the same bands; empty if not known.
+
+    Returns
+    -------
+    list
+        (index, name) by wavelength, the name in nm; without responses in the given order, by identifier.
+    """
     if not responses:
         return list(enumerate(bands))
     centres = band_centres(responses)

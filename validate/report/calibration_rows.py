@@ -1,4 +1,4 @@
-"""A calibration as rows of a table for the terminal."""
+"""Rows of tables for the terminal: results of a calibration, patches, colour methods."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CAMERA_ROWS = (
 
 
 def _row(name: str, value: float | None, sigma: float | None, unit: str, missing: str = "") -> Row:
-    """A row with value and sigma rounded to two significant digits of the sigma; why a value is missing."""
+    """Row with value and sigma rounded to two digits of the sigma; a dash and why for none."""
     if value is None or not np.isfinite(value):
         return f"{name}, {missing}" if missing else name, "–", "", unit
     if sigma is None or not np.isfinite(sigma) or sigma <= 0:
@@ -51,7 +51,18 @@ def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
 
 
 def calibration_rows(calibration: Calibration) -> list[Row]:
-    """(what, value, one sigma, unit) of all results of a calibration; a dash for missing values."""
+    """All results of a calibration.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.
+
+    Returns
+    -------
+    list
+        (quantity, value, standard deviation, unit); a dash for missing values.
+    """
     rows = []
     if calibration.camera is not None and calibration.camera_fit is not None:
         rows += _camera(calibration.camera, calibration.camera_fit)
@@ -89,35 +100,56 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
 
 
 def patch_rows(patches: PatchTable, errors: PatchErrors | None) -> list[tuple[str, ...]]:
-    """(label, X, Y, Z, sigma of Y, known Y, largest reflectance error, Delta E*ab, CIEDE2000) of every patch.
+    """Colours and errors of every patch of a chart.
 
-    The white patch has Y = 100; a dash for patches without a known reflectance. The last two rows are mean and maximum.
+    Parameters
+    ----------
+    patches
+        Measured patches; the white patch has Y = 100.
+    errors
+        Errors of patches with a known reflectance; None without any.
+
+    Returns
+    -------
+    list
+        (label, X, Y, Z, sigma of Y, true Y, largest reflectance error, Delta E*ab, CIEDE2000), a dash for errors that
+        are not known. With errors, the last two rows are their mean and maximum.
     """
     values, sigmas = patch_xyz(patches)
     judged = {} if errors is None else {label: i for i, label in enumerate(errors.labels)}
     rows: list[tuple[str, ...]] = []
     for label, xyz, sigma in zip(patches.labels, values, sigmas, strict=True):
-        own: tuple[str, ...] = ("–", "–", "–", "–")
+        deviations: tuple[str, ...] = ("–", "–", "–", "–")
         if errors is not None and label.label in judged:
             i = judged[label.label]
-            own = (
+            deviations = (
                 f"{errors.known_xyz[i, 1]:.2f}",
                 f"{np.abs(errors.reflectance[i]).max():.3f}",
                 f"{errors.delta_e_ab[i]:.1f}",
                 f"{errors.delta_e_2000[i]:.1f}",
             )
-        rows.append((f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *own))
+        rows.append((f"{label.label} {label.name}", *(f"{v:.2f}" for v in xyz), f"{sigma[1]:.2f}", *deviations))
     if errors is not None:
         for name, summary in (("mean", np.mean), ("largest", np.max)):
             figures = (np.abs(errors.reflectance), errors.delta_e_ab, errors.delta_e_2000)
-            shown = [f"{summary(f):.{digits}f}" for f, digits in zip(figures, (4, 2, 2), strict=True)]
-            rows.append((f"{name} of {len(errors.labels)}", "", "", "", "", "", *shown))
+            cells = [f"{summary(f):.{digits}f}" for f, digits in zip(figures, (4, 2, 2), strict=True)]
+            rows.append((f"{name} of {len(errors.labels)}", "", "", "", "", "", *cells))
     return rows
 
 
 def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:
-    """Rows by method and by best subset of the bands: rms error of X, Y, Z in %, mean / largest colour differences."""
+    """Errors of the filter weights, by method and by best subset of the bands.
 
+    Parameters
+    ----------
+    study
+        The study of methods and subsets.
+
+    Returns
+    -------
+    list
+        (method or bands left out, rms error of X, Y, Z in %, mean / largest Delta E*ab and CIEDE2000).
+    """
     everything = next(iter(study.weights.values())).bands
 
     def row(name: str, error: ColourError) -> tuple[str, ...]:

@@ -24,24 +24,35 @@ __all__ = [
     "evidence_sentences",
     "finding_sentences",
     "further_sentences",
-    "in_short",
-    "limit_words",
+    "limit_text",
     "path_steps",
     "ranked_values",
+    "result_sentence",
     "separation_sentence",
     "step_name",
     "unexplained_sentences",
-    "values_words",
+    "values_text",
     "write_diagnosis",
 ]
 
 
-#: So many limits are said; all of them stand in diagnosis.json and the report.
-_LIMITS_SHOWN = 3
+#: Limits of detection in the sentence of the terminal; diagnosis.json and the report have all of them.
+_NUM_LIMITS = 3
 
 
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The content of diagnosis.json; parameters without a finite value become null."""
+    """Content of diagnosis.json.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    dict
+        Plain values; parameters without a finite value are None.
+    """
     return {
         "adequate": diagnosis.adequate,
         "chi2_per_dof": diagnosis.chi2_per_dof,
@@ -64,9 +75,9 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "separations": [asdict(s) for s in diagnosis.separations],
         "explanation": explanation_record(diagnosis.explanation),
         "render": None if diagnosis.render is None else asdict(diagnosis.render),
-        "further": [asdict(one) for one in diagnosis.further],
+        "further": [asdict(result) for result in diagnosis.further],
         "certainty": _finite(diagnosis.certainty),
-        "limits": [asdict(one) for one in diagnosis.limits],
+        "limits": [asdict(limit) for limit in diagnosis.limits],
     }
 
 
@@ -75,7 +86,15 @@ def _finite(value: str | float) -> str | float | None:
 
 
 def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
-    """Write the record as JSON; an incomplete file is removed."""
+    """Write diagnosis.json; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    diagnosis
+        The diagnosis.
+    """
     with replacing(path) as temporary:
         temporary.write_text(
             json.dumps(diagnosis_record(diagnosis), indent=2, allow_nan=False) + "\n", encoding="utf-8"
@@ -83,14 +102,26 @@ def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
 
 
 def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
-    """The path of the diagnosis for metrics.json."""
+    """Models tried by a diagnosis, for metrics.json.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        One entry per model, the given one first.
+    """
     return [
         PathStep(tuple(e.id for e in s.effects), s.comparison.chi2.per_dof, s.comparison.colour[HEADLINE.id].mean)
         for s in diagnosis.path
     ]
 
 
-def _values(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
+def _parameter_text(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
+    """Values of an effect with their standard deviations."""
     parts = []
     for name, value in effect.values.items():
         if isinstance(value, str):
@@ -101,43 +132,89 @@ def _values(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
 
 
 def step_name(step: Step) -> str:
-    """Name of a step of the path: the effect it added."""
+    """Name of a step of the path.
+
+    Parameters
+    ----------
+    step
+        The step.
+
+    Returns
+    -------
+    str
+        The effect that it added, after a plus sign; "model as given" for the first.
+    """
     return "+ " + step.effects[-1].id if step.effects else "model as given"
 
 
-def in_short(diagnosis: Diagnosis) -> str:
-    """The result in one sentence: the cause and its size, or that the model is adequate, or that nothing known fits."""
+def result_sentence(diagnosis: Diagnosis) -> str:
+    """Result of a diagnosis in one sentence.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    str
+        The cause and its size, or that the model is adequate, or that no effect of the catalogue fits.
+    """
     if diagnosis.adequate:
-        return "The model is adequate: no effect of the catalogue improves it by more than errors of the render could."
+        return "The model is adequate: no effect of the catalogue improves it more than errors of the rendering could."
     if diagnosis.selected == ("unknown",):
         return (
-            "Nothing known fits (unknown): noise does not explain the difference, and no effect of the catalogue "
+            "No known effect fits (unknown). Noise does not explain the difference, and no effect of the catalogue "
             "explains most of it."
         )
     last = diagnosis.path[-1]
     effects = zip(last.effects, last.sigma, strict=True)
-    found = " and ".join(f"{effect.id} ({_values(effect, sigma)})" for effect, sigma in effects)
-    rest = ", and a difference remains that nothing known explains" if diagnosis.selected[-1] == "unknown" else ""
-    return f"The model lacks {found}{rest}."
+    causes = " and ".join(f"{effect.id} ({_parameter_text(effect, sigma)})" for effect, sigma in effects)
+    rest = ", and no known effect explains the rest" if diagnosis.selected[-1] == "unknown" else ""
+    return f"The model lacks {causes}{rest}."
 
 
 def separation_sentence(s: Separation) -> str:
-    """What tells two effects apart, in standard deviations (the square root of a difference in χ²)."""
+    """Sentences on two effects that a capture cannot distinguish, and on the capture that would.
+
+    Distances are in standard deviations, the square root of a difference in χ².
+
+    Parameters
+    ----------
+    s
+        The two effects, and the best further capture.
+
+    Returns
+    -------
+    str
+        Two or three sentences.
+    """
     further = (
-        f"The fastest further capture that distinguishes them: {s.words} ({s.seconds:.0f} s, expected "
-        f"{np.sqrt(max(s.chi2, 0)):.1f})."
+        f"The fastest further capture that distinguishes them is {s.words} ({s.seconds:.0f} s; "
+        f"{np.sqrt(max(s.chi2, 0)):.1f} standard deviations expected)."
         if s.enough
-        else f"None of the further captures considered distinguishes them; the best is {s.words} (expected "
-        f"{np.sqrt(max(s.chi2, 0)):.1f})."
+        else f"No further capture of those considered distinguishes them; the best is {s.words} "
+        f"({np.sqrt(max(s.chi2, 0)):.1f} standard deviations expected)."
     )
     return (
-        f"This capture cannot distinguish {s.effect} from {s.alternative}: they are {np.sqrt(max(s.now, 0)):.1f} "
-        f"standard deviations apart, 5 are needed. {further}"
+        f"This capture cannot distinguish {s.effect} from {s.alternative}: they differ by "
+        f"{np.sqrt(max(s.now, 0)):.1f} standard deviations, and 5 are needed. {further}"
     )
 
 
 def error_sentence(diagnosis: Diagnosis) -> str:
-    """The error of the model as given, and how it falls where effects were found."""
+    """Error of the model as given, and with the effects found.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    str
+        Reduced χ² and mean colour difference, next to its expectation from noise.
+    """
     first, last = diagnosis.path[0].comparison, diagnosis.path[-1].comparison
     noise = f"(noise alone {last.colour_noise[HEADLINE.id].mean:.2f})"
     if len(diagnosis.path) == 1:
@@ -153,31 +230,53 @@ def error_sentence(diagnosis: Diagnosis) -> str:
 
 
 def unexplained_sentences(diagnosis: Diagnosis) -> list[str]:
-    """What no effect explains looks like, where something remains."""
+    """Description of the difference that no effect explains.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        One text; empty where nothing remains.
+    """
     return [] if diagnosis.explanation is None else [explanation_sentence(diagnosis.explanation)]
 
 
 def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
-    """What the survey and data held out from the fits say of the effects found."""
+    """Evidence for the effects found, from the survey and from data held out of the fits.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        Sentences; empty without such evidence.
+    """
     last, sentences = diagnosis.path[-1], []
     if any(catalogue()[name].imitates_nuisance for name in diagnosis.selected if name in catalogue()):
         sentences.append(
             "Without effects, the fitted camera and lamp differ from their survey and measurement by "
-            f"{diagnosis.path[0].prior_pull:.1f} standard deviations; with the effects, by {last.prior_pull:.1f}; "
-            "about 3 is expected by chance."
+            f"{diagnosis.path[0].prior_pull:.1f} standard deviations; with the effects, by {last.prior_pull:.1f}. "
+            "Chance alone gives about 3."
         )
     if np.isfinite(diagnosis.certainty):
         sentences.append(
-            "The difference is small. With the picture's own errors counted, its size is "
-            f"{diagnosis.certainty:.1f} times its standard deviation."
+            "The difference is small. Its size is "
+            f"{diagnosis.certainty:.1f} times its standard deviation, which includes errors of the rendering."
         )
     if np.isfinite(diagnosis.heldout_pixels):
         bands = diagnosis.heldout_bands
         sentences.append(
-            f"In held-out pixels, the last effect improves χ² by {100 * diagnosis.heldout_pixels:.0f} % of its "
-            "improvement in the fitted pixels"
+            "In pixels held out of the fit, the last effect improves χ² by "
+            f"{100 * diagnosis.heldout_pixels:.0f} % of its improvement in the fitted pixels"
             + (
-                f"; in held-out bands, by {100 * bands:.0f} % of its improvement with all bands fitted."
+                f"; in bands held out, by {100 * bands:.0f} % of its improvement with all bands fitted."
                 if np.isfinite(bands)
                 else "."
             )
@@ -186,13 +285,24 @@ def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def finding_sentences(diagnosis: Diagnosis) -> list[str]:
-    """The result in sentences, the finding first."""
-    foreign = [] if diagnosis.render is None else diagnosis.render.sentences
+    """Result of a diagnosis in sentences for the terminal, the finding first.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        Finding, size of the error, confirmation, further captures and evidence.
+    """
+    external = [] if diagnosis.render is None else diagnosis.render.sentences
     if diagnosis.adequate:
-        return [in_short(diagnosis), *limit_sentences(diagnosis), *foreign, *further_sentences(diagnosis)]
+        return [result_sentence(diagnosis), *limit_sentences(diagnosis), *external, *further_sentences(diagnosis)]
     return [
-        in_short(diagnosis),
-        *foreign,
+        result_sentence(diagnosis),
+        *external,
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *(f"To confirm {effect.id}: {effect.effect.confirm}" for effect in diagnosis.path[-1].effects),
@@ -203,43 +313,107 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def limit_sentences(diagnosis: Diagnosis) -> list[str]:
-    """What would have been found, of the effects that show most easily."""
-    shown = [f"{limit.effect} with {limit_words(limit)}" for limit in diagnosis.limits[:_LIMITS_SHOWN]]
-    return [f"Nine times in ten this capture would have shown, among others: {'; '.join(shown)}."] if shown else []
+    """Limits of detection of the effects that show most easily.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        One sentence; empty without limits.
+    """
+    limits = [f"{limit.effect} with {limit_text(limit)}" for limit in diagnosis.limits[:_NUM_LIMITS]]
+    return (
+        [f"This capture shows these effects, among others, nine times in ten: {'; '.join(limits)}."] if limits else []
+    )
 
 
-def limit_words(limit: Limit) -> str:
-    """Number and size of a limit, and what of. A number that is searched by its inverse square has its value."""
+def limit_text(limit: Limit) -> str:
+    """Parameter and size of a limit of detection.
+
+    Parameters
+    ----------
+    limit
+        The limit.
+
+    Returns
+    -------
+    str
+        The parameter with its distance from the value without effect; with its value, if it is not searched on a
+        linear scale. The choices of the effect follow in brackets.
+    """
     of = ", ".join(c if isinstance(c, str) else f"{name} {c:g}" for name, c in limit.choices.items())
     unit = "" if limit.unit == "1" else f" {limit.unit}"
-    known = next(p for p in catalogue()[limit.effect].numbers if p.name == limit.parameter)
+    parameter = next(p for p in catalogue()[limit.effect].numbers if p.name == limit.parameter)
     size = f"off by {limit.distance:.2g}"
-    if known.scale != "linear":
-        size = f"of {known.from_coordinate(known.null_coordinate + limit.distance):.3g}"
+    if parameter.scale != "linear":
+        size = f"of {parameter.from_coordinate(parameter.null_coordinate + limit.distance):.3g}"
     return f"{limit.parameter} {size}{unit}{f' ({of})' if of else ''}"
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:
-    """What the other captures of the box say, one sentence each, and which of them shows what the first does not."""
-    told = [
-        f"In {one.capture}, which {'the same' if one.same_camera else 'another'} camera took, χ² per sample is "
-        f"{one.chi2_per_dof:.2f} with the model as given and {one.final_chi2_per_dof:.2f} with what was found: "
-        f"{'nothing remains' if one.adequate else 'something remains'}."
-        for one in diagnosis.further
+    """Results of the further captures of the box.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        One sentence per capture, and advice where one of them shows more than the first.
+    """
+    sentences = [
+        f"In {result.capture}, taken with {'the same' if result.same_camera else 'another'} camera, χ² per sample is "
+        f"{result.chi2_per_dof:.2f} with the model as given and {result.final_chi2_per_dof:.2f} with the effects "
+        f"found: {'nothing remains' if result.adequate else 'a difference remains'}."
+        for result in diagnosis.further
     ]
-    shows = next((one.capture for one in diagnosis.further if not one.adequate), None)
-    if shows and not diagnosis.selected:
-        told.append(f"{shows} shows what the first capture does not: diagnose it as the first one.")
-    return told
+    revealing = next((result.capture for result in diagnosis.further if not result.adequate), None)
+    if revealing and not diagnosis.selected:
+        sentences.append(
+            f"{revealing} shows a difference that the first capture does not: diagnose it as the first one."
+        )
+    return sentences
 
 
-def values_words(effect: str, values: Mapping[str, str | float], sigma: Mapping[str, float]) -> str:
-    """Parameters of an effect of the catalogue, with their standard deviations."""
-    return _values(AppliedEffect(catalogue()[effect], values), sigma)
+def values_text(effect: str, values: Mapping[str, str | float], sigma: Mapping[str, float]) -> str:
+    """Parameters of an effect of the catalogue as text.
+
+    Parameters
+    ----------
+    effect
+        Identifier of the effect.
+    values
+        Values of its parameters.
+    sigma
+        Standard deviations of the numbers among them.
+
+    Returns
+    -------
+    str
+        Values with their standard deviations.
+    """
+    return _parameter_text(AppliedEffect(catalogue()[effect], values), sigma)
 
 
 def ranked_values(ranked: Ranked) -> str:
-    """The parameters of an effect tried alone, with their standard deviations."""
+    """Parameters of an effect tried alone.
+
+    Parameters
+    ----------
+    ranked
+        Entry of the ranking.
+
+    Returns
+    -------
+    str
+        Values with their standard deviations; a dash for an unknown cause.
+    """
     if ranked.effect not in catalogue():
         return "–"
-    return values_words(ranked.effect, ranked.values, ranked.sigma)
+    return values_text(ranked.effect, ranked.values, ranked.sigma)

@@ -1,4 +1,4 @@
-"""What no effect of the catalogue explains: as a record, as a sentence, as pictures."""
+"""Explanation of the difference that no effect explains: record, text, pictures."""
 
 from __future__ import annotations
 
@@ -13,12 +13,23 @@ from .plots import map_row, residual_scale
 
 __all__ = ["explanation_record", "explanation_sections", "explanation_sentence"]
 
-#: Bands shown as maps at most.
-_MOST_MAPS = 4
+#: Most bands shown as maps: those with the strongest change.
+_MAX_MAPS = 4
 
 
 def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
-    """The entry of diagnosis.json; the family is ``none`` where nothing remains."""
+    """Entry of diagnosis.json.
+
+    Parameters
+    ----------
+    explanation
+        The explanation; None where nothing remains.
+
+    Returns
+    -------
+    dict
+        Plain values; the family is ``none`` where nothing remains.
+    """
     if explanation is None:
         return {
             "family": NONE,
@@ -58,7 +69,18 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
 
 
 def explanation_sentence(explanation: Explanation) -> str:
-    """The finding in one or two plain sentences."""
+    """Finding in one or two sentences.
+
+    Parameters
+    ----------
+    explanation
+        The explanation.
+
+    Returns
+    -------
+    str
+        Family, form, region, bands and share of the excess; then the next family.
+    """
     family = explanation.family_record
     if family is None:
         return "No family of fields explains what remains."
@@ -69,24 +91,35 @@ def explanation_sentence(explanation: Explanation) -> str:
     bands = "all bands" if every else ", ".join(explanation.bands)
     text = (
         f"What remains looks like {family.title} ({explanation.family}: {explanation.form}){where}, "
-        f"in {bands}; this explains {100 * explanation.share:.0f} % of the excess."
+        f"in {bands}. It explains {100 * explanation.share:.0f} % of the excess."
     )
     if explanation.runner_up is None:
         return text
     other = explanation.rivals[1]
     if explanation.told_apart:
-        return f"{text} Next comes {other.family}, with {100 * other.share:.0f} %."
-    return f"{text} This capture cannot tell it from {other.family} ({100 * other.share:.0f} %)."
+        return f"{text} The next family is {other.family}, with {100 * other.share:.0f} %."
+    return f"{text} This capture cannot distinguish it from {other.family} ({100 * other.share:.0f} %)."
 
 
 def explanation_sections(explanation: Explanation | None) -> list[ReportSection]:
-    """The section on what no effect explains: the change explained, what it leaves, and all families."""
+    """Section on the difference that no effect explains.
+
+    Parameters
+    ----------
+    explanation
+        The explanation; None where nothing remains.
+
+    Returns
+    -------
+    list
+        One section with the explained change, the rest and all families; empty where nothing remains.
+    """
     if explanation is None:
         return []
     rows = [
         (
             r.family,
-            Cell(r.form, words=True),
+            Cell(r.form, wrap=True),
             r.surface or "–",
             number(100 * r.share, 1),
             significant(r.score, 5),
@@ -96,23 +129,23 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
     table = Table(
         ("Family", "Form", "Surface", "Share of the excess, %", "2 ln evidence"),
         rows,
-        "Every family alone, its best form, with camera and lamp free. What a family lacks to the closest fit is "
-        "forgiven up to 3 % of it, for the errors of shapes.",
+        "Each family is fitted alone in its best form, with camera and lamp free. A family may explain up to 3 % less "
+        "than the closest fit without penalty, for the errors of shapes.",
     )
     if explanation.family_record is None:
         return [ReportSection("What no effect explains", [explanation_sentence(explanation)], [table])]
     strength = np.nansum((explanation.change / explanation.sigma) ** 2, axis=(1, 2))
-    shown = sorted(np.argsort(strength)[::-1][:_MOST_MAPS])
-    explained = {explanation.all_bands[b]: (explanation.change / explanation.sigma)[b] for b in shown}
-    left = {explanation.all_bands[b]: explanation.remaining[b] for b in shown}
+    bands = sorted(np.argsort(strength)[::-1][:_MAX_MAPS])
+    explained = {explanation.all_bands[b]: (explanation.change / explanation.sigma)[b] for b in bands}
+    rest = {explanation.all_bands[b]: explanation.remaining[b] for b in bands}
     scale = residual_scale("change / σ")
     return [
         ReportSection(
             "What no effect explains",
             [explanation_sentence(explanation)],
             [
-                map_row(explained, scale, "The change that the family explains, over a pixel's noise."),
-                map_row(left, scale, "What it leaves, with the same colour scale."),
+                map_row(explained, scale, "Change that the family explains, over the noise of a pixel."),
+                map_row(rest, scale, "Photograph minus rendering with this change, with the same colour scale."),
                 table,
             ],
         )

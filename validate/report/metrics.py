@@ -1,4 +1,4 @@
-"""metrics.json: the results of a validation under stable keys (documented in docs/metrics.md)."""
+"""Results of a validation as metrics.json, under the stable keys of docs/metrics.md."""
 
 from __future__ import annotations
 
@@ -22,35 +22,43 @@ __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 
 @dataclass(frozen=True)
 class PathStep:
-    """One model on the path from the given model to the final one. effects : identifiers in order."""
+    """One model on the path from the given model to the final one."""
 
+    #: Identifiers of its effects in order.
     effects: tuple[str, ...]
+    #: Reduced chi2.
     chi2_per_dof: float
+    #: Mean Delta E*ab over pixels.
     delta_e_ab_mean: float
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Data of a validation besides the comparison.
+    """Data of a validation besides the comparison."""
 
-    seconds : wall time. camera : as used for the render. calibrated_camera : before the refit to the image, None
-    without a refit. reprojection_rms_px : of the surveyed points, per coordinate.
-    lamp_scale, lamp_scale_sigma : fitted factor on the lamp's stated radiance. lamp_scale_prior_sigma : its
-    stated relative uncertainty. path : models tried, in order; empty without a diagnosis. failures : see
-    ``ranked_failures``.
-    """
-
+    #: Name of the capture.
     capture: str
+    #: Name of the model.
     model: str
+    #: Version of the program.
     version: str
+    #: Wall time, s.
     seconds: float
+    #: Camera of the rendering.
     camera: Camera
+    #: Reprojection error of the surveyed points, px rms per coordinate.
     reprojection_rms_px: float
+    #: Fitted factor on the lamp's stated radiance.
     lamp_scale: float
+    #: Standard deviation of the factor.
     lamp_scale_sigma: float
+    #: Stated relative uncertainty of the lamp's radiance; NaN if not stated.
     lamp_scale_prior_sigma: float = math.nan
+    #: Camera before the refit to the image; None without a refit.
     calibrated_camera: Camera | None = None
+    #: Models tried, in order; empty without a diagnosis.
     path: Sequence[PathStep] = ()
+    #: Ranked list of where the model fails.
     failures: Sequence[Failure] = ()
 
 
@@ -110,9 +118,26 @@ def _plain(value: Any) -> Any:
 
 
 def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The content of metrics.json as plain values. extra : further keys.
+    """Content of metrics.json.
 
-    Raises ValueError if ``extra`` contains a stable key.
+    Parameters
+    ----------
+    comparison
+        The comparison.
+    run
+        Data of the validation.
+    extra
+        Further keys.
+
+    Returns
+    -------
+    dict
+        Plain values; None for NaN and infinity.
+
+    Raises
+    ------
+    ValueError
+        If ``extra`` contains a stable key.
     """
     c = comparison
     content: dict[str, Any] = {
@@ -177,7 +202,24 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
 def write_metrics(
     path: Path, comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Write metrics.json and return its content; an incomplete file is removed."""
+    """Write metrics.json; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    comparison
+        The comparison.
+    run
+        Data of the validation.
+    extra
+        Further keys.
+
+    Returns
+    -------
+    dict
+        The content.
+    """
     content = metrics(comparison, run, extra)
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,4 +1,7 @@
-"""report.html: one self-contained page. The finding first, then the comparison, where it fails, what is missing."""
+"""The page report.html, which refers to no other files.
+
+The result comes first, then the comparison, where the model fails, and what it lacks.
+"""
 
 from __future__ import annotations
 
@@ -30,25 +33,29 @@ __all__ = ["ReportInputs", "build_report"]
 
 @dataclass(frozen=True, eq=False)
 class ReportInputs(OwnMappings):
-    """The content of a report.
+    """Content of a report."""
 
-    assumptions : sentences. weights, responses : filter weights and the responses they were fitted to, left out if
-    not known. story : of a diagnosis; None where no cause was sought. viewer : data of the viewer, made from the
-    comparison where None. sections : further sections, folded. further_warnings : in addition to
-    those derived from the results. suspicions : suspected errors of the capture. provenance : what and value of each
-    thing that made the page: command, date, versions, seeds.
-    """
-
+    #: The comparison.
     comparison: Comparison
+    #: Data of the validation.
     run: Run
+    #: Assumptions, one sentence each.
     assumptions: Sequence[str]
+    #: Filter weights; their section is left out where None.
     weights: FilterWeights | None = None
+    #: Responses that the weights were fitted to; empty if not known.
     responses: Sequence[BandResponse] = ()
+    #: Chapters of a diagnosis; None without a diagnosis.
     story: Story | None = None
+    #: Data of the viewer; those of the comparison alone where None.
     viewer: Mapping[str, Any] | None = None
+    #: Further sections, folded.
     sections: Sequence[ReportSection] = ()
+    #: Warnings in addition to those derived from the results.
     further_warnings: Sequence[str] = ()
+    #: Suspected errors of the capture.
     suspicions: Sequence[Suspicion] = ()
+    #: (name, value) of command, date, versions and seeds.
     provenance: Sequence[tuple[str, str]] = ()
 
 
@@ -58,7 +65,7 @@ def _block_kind(block: object) -> str:
 
 
 def _figures(c: Comparison) -> list[tuple[str, str, str]]:
-    """(what, value, note) of the headline figures."""
+    """(name, value, note) of the headline figures."""
     return [
         ("χ² per degree of freedom", f"{c.chi2.per_dof:.3g}", f"noise alone 1 ± {c.chi2.per_dof_sigma:.2g}"),
         *(
@@ -74,18 +81,26 @@ def _figures(c: Comparison) -> list[tuple[str, str, str]]:
             f"{100 * c.luminance.mean:+.2f} %".replace("-", "−"),
             f"rms {100 * c.luminance.rms:.2f} %, noise alone {100 * c.luminance.rms_noise:.2f} %",
         ),
-        ("render noise / sensor noise", f"{c.render_sigma_over_sensor_sigma:.2f}", "median of standard deviations"),
+        ("rendering noise / sensor noise", f"{c.render_sigma_over_sensor_sigma:.2f}", "median of standard deviations"),
         ("pixels used", f"{c.pixels_used:,}".replace(",", "\u202f"), f"of {c.maps.sizes['x']} × {c.maps.sizes['y']}"),
     ]
 
 
 def _provenance_section(rows: Sequence[tuple[str, str]]) -> ReportSection:
-    table = Table(("what", "value"), [(what, Cell(value, words=True)) for what, value in rows])
+    table = Table(("what", "value"), [(what, Cell(value, wrap=True)) for what, value in rows])
     return ReportSection("Command, date, versions, seeds", (), (table,))
 
 
 def build_report(path: Path, inputs: ReportInputs) -> None:
-    """Write the report, which refers to no other files; an incomplete file is removed."""
+    """Write the report; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    inputs
+        Content of the report.
+    """
     c, run, responses = inputs.comparison, inputs.run, inputs.responses
     bands = named_bands(c.bands, responses)
     story = inputs.story or story_without(c, bands)
@@ -122,7 +137,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
         warnings=[*warnings(c, run), *inputs.further_warnings],
         suspicions=inputs.suspicions,
         viewer=viewer_fragment(data, "viewer"),
-        chapters=[one for one in chapters if one is not None],
+        chapters=[chapter for chapter in chapters if chapter is not None],
         folded=folded,
         provenance=dict(inputs.provenance),
     )

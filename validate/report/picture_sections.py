@@ -33,15 +33,26 @@ from .plots import (
 
 __all__ = ["band_maps", "maps_section", "residual_section", "scatter_section", "weights_section"]
 
-#: So many bands have a map of their own; the viewer shows every one.
-_MOST_BANDS = 8
+#: Most bands with a map in the report; the viewer shows every band.
+_MAX_BANDS = 8
 
-#: Up to so many bands are named in the plot of their responses.
-_LABELLED = 9
+#: Most bands with labels in the plot of their responses: more would overlap.
+_MAX_LABELLED_BANDS = 9
 
 
 def maps_section(c: Comparison) -> ReportSection:
-    """Maps of colour and luminance differences."""
+    """Maps of colour and luminance differences.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+
+    Returns
+    -------
+    ReportSection
+        Maps of colour differences, luminance, and X, Y, Z.
+    """
     maps = c.maps
     relative = 100 * maps["luminance_relative_difference"].values
     xyz = np.where(
@@ -52,8 +63,9 @@ def maps_section(c: Comparison) -> ReportSection:
     return ReportSection(
         "Maps of colour and luminance differences",
         (
-            "Differences of single pixels, noise included. Hatched pixels are left out (masked, the lamp, or outside "
-            "the box). Values beyond a scale have the colour of its end; the scales are the same in every report.",
+            "The maps show differences of single pixels, noise included. Hatched pixels are left out: masked, the "
+            "lamp, or outside the box. Values beyond a scale have the colour of its end. Every report has the same "
+            "scales.",
         ),
         (
             map_row(
@@ -73,18 +85,42 @@ def maps_section(c: Comparison) -> ReportSection:
 
 
 def band_maps(c: Comparison, bands: Sequence[NamedBand]) -> MapRow:
-    """Residuals over sigma, a map for each of the bands with the highest chi2, by wavelength."""
+    """Maps of residuals over sigma of the bands with the highest chi2, by wavelength.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    bands
+        Bands in the order of the page.
+
+    Returns
+    -------
+    MapRow
+        A map per band.
+    """
     residual = c.maps["residual_over_sigma"].values
     rows = list(c.by_band.values())
-    most = sorted((i for i, _ in bands), key=lambda i: -rows[i].chi2.per_dof)[:_MOST_BANDS]
-    shown = {f"{name}, χ²/dof {significant(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most}
-    caption = "" if len(shown) == len(rows) else f"The {len(shown)} bands of {len(rows)} with the highest χ²/dof."
-    return map_row(shown, residual_scale("(measured − rendered) / σ"), caption)
+    most = sorted((i for i, _ in bands), key=lambda i: -rows[i].chi2.per_dof)[:_MAX_BANDS]
+    maps = {f"{name}, χ²/dof {significant(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most}
+    caption = "" if len(maps) == len(rows) else f"The {len(maps)} bands of {len(rows)} with the highest χ²/dof."
+    return map_row(maps, residual_scale("(measured − rendered) / σ"), caption)
 
 
 @matplotlib.rc_context(STYLE)
 def residual_section(c: Comparison) -> ReportSection:
-    """Residual over its standard deviation: distribution, and dependence on edge distance."""
+    """Distribution of the residuals over sigma, and their dependence on the distance from edges.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+
+    Returns
+    -------
+    ReportSection
+        Two plots.
+    """
     residual = c.maps["residual_over_sigma"].values
     values = residual[np.isfinite(residual)]
     (first, left), (second, right) = new_figure(), new_figure()
@@ -122,8 +158,8 @@ def residual_section(c: Comparison) -> ReportSection:
     return ReportSection(
         "Residuals: distribution, and distance from edges",
         (
-            "σ includes the camera's noise and the render's Monte Carlo error. If noise explains the difference, the "
-            "distribution is the dashed one and the points lie at 1.",
+            "σ includes the camera's noise and the Monte Carlo error of the rendering. If noise explains the "
+            "difference, the distribution follows the dashed line and the points lie at 1.",
         ),
         (drawing(first, second),),
     )
@@ -131,7 +167,18 @@ def residual_section(c: Comparison) -> ReportSection:
 
 @matplotlib.rc_context(STYLE)
 def scatter_section(c: Comparison) -> ReportSection:
-    """Measured against rendered signals of all bands, as densities."""
+    """Measured against rendered signals of all bands, as densities of pixels.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+
+    Returns
+    -------
+    ReportSection
+        Two plots; empty axes without light.
+    """
     used = np.isfinite(c.maps["residual_over_sigma"].values) & (c.maps["surface"].values >= 0)
     measured, rendered = c.maps["measured"].values[used], c.maps["rendered"].values[used]
     keep = (measured > 0) & (rendered > 0)
@@ -165,8 +212,8 @@ def scatter_section(c: Comparison) -> ReportSection:
         )
         for axis in (left.xaxis, left.yaxis, right.xaxis):
             plain_log_ticks(axis)
-        for figure, axes, shown in ((first, left, density), (second, right, spread)):
-            bar = figure.colorbar(shown, ax=axes, location="top", pad=0.02, fraction=0.05, aspect=40)
+        for figure, axes, density_map in ((first, left, density), (second, right, spread)):
+            bar = figure.colorbar(density_map, ax=axes, location="top", pad=0.02, fraction=0.05, aspect=40)
             bar.set_label("pixels, all bands", color=INK)
             bar.outline.set_visible(False)
             plain_log_ticks(bar.ax.xaxis)
@@ -175,14 +222,27 @@ def scatter_section(c: Comparison) -> ReportSection:
 
 @matplotlib.rc_context(STYLE)
 def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> ReportSection:
-    """Responses of the bands, reconstructed colour-matching functions, and the error of the weights."""
+    """Section on the filter weights: responses, colour-matching functions, errors.
+
+    Parameters
+    ----------
+    w
+        Filter weights.
+    responses
+        Responses that they were fitted to.
+
+    Returns
+    -------
+    ReportSection
+        Two plots and the table of the weights.
+    """
     (first, left), (second, right) = new_figure(3.4), new_figure(3.4)
     highest = max(r.response.max() for r in responses)
     order = [i for i, _ in named_bands([r.band for r in responses], responses)]
     for index in order:
         wavelength, response = responses[index].wavelength_nm, responses[index].response / highest
         left.plot(wavelength, response, color=LINE, linewidth=1.2)
-    if len(order) <= _LABELLED:
+    if len(order) <= _MAX_LABELLED_BANDS:
         for index in order:
             wavelength, response = responses[index].wavelength_nm, responses[index].response / highest
             peak = int(np.argmax(response))
@@ -221,19 +281,19 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
     return ReportSection(
         "From bands to colour: the filter weights",
         (
-            "XYZ = 683 lm/W Σ b_i S_i / K_i, with S_i the corrected signal of band i in DN and K_i = C t / (N² d²) "
-            "the factor from the band's integral of radiance times response to DN. The weights reconstruct the CIE "
-            "functions only approximately. This error affects the absolute colours, but not the colour differences "
-            "above, since measured and rendered colours use the same weights. Trained weights are chosen by the "
-            "colours of likely spectra and not by the curves, so their curves may be far from the CIE functions.",
+            "XYZ = 683 lm/W Σ b_i S_i / K_i. S_i is the corrected signal of band i in DN. K_i = C t / (N² d²) is the "
+            "factor from the band's integral of radiance times response to DN. The weights reconstruct the CIE "
+            "functions only approximately. This error affects the absolute colours. It does not affect the colour "
+            "differences above, since measured and rendered colours use the same weights. Training selects weights by "
+            "the colours of likely spectra, so that the curves of trained weights may be far from the CIE functions.",
         ),
         (
             drawing(first, second),
             Table(
                 header,
                 rows,
-                "Weights b_i in 1e-18 J per quantum; rms error relative to the rms of the CIE function; "
-                "noise gain: relative noise of X, Y, Z for light of equal energy, divided by that of every band.",
+                "Weights b_i in 1e-18 J per quantum. The rms error is relative to the rms of the CIE function. The "
+                "noise gain is the relative noise of X, Y, Z for light of equal energy, over that of every band.",
             ),
         ),
     )

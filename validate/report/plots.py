@@ -1,4 +1,4 @@
-"""Pictures of a report: maps with a colour scale, and plots as SVG in the page's text colour."""
+"""Pictures of a report: maps with a colour scale, and plots as SVG."""
 
 from __future__ import annotations
 
@@ -38,32 +38,42 @@ __all__ = [
     "residual_scale",
 ]
 
-#: Placeholder that is replaced by the page's text colour in an SVG; not used otherwise.
+#: Colour that an SVG replaces by the page's text colour; no other element has it.
 INK = "#0a0b0c"
 
-#: Points and lines; legible on light and dark pages.
+#: Colour of points and lines; legible on light and dark pages.
 LINE = "#4382ad"
 
 #: Width of a plot, inches: 400 px.
 _WIDTH_INCH = 4.17
 
-#: Pictures of more pixels across are shown as means of blocks; the viewer has every pixel.
-_MOST_ACROSS = 256
+#: Most pixels across a map; larger ones are shown as means of blocks, and the viewer has every pixel.
+_MAX_PIXELS_ACROSS = 256
 
-#: Ends of the scales that are the same in every report (the viewer's standard ones).
-RESIDUAL, COLOUR, LUMINANCE = 5.0, 5.0, 10.0
+#: End of the scale of residuals, sigma: the same in every report and in the viewer's standard scale.
+RESIDUAL = 5.0
+
+#: End of the scale of colour differences: the same in every report.
+COLOUR = 5.0
+
+#: End of the scale of luminance differences, %: the same in every report.
+LUMINANCE = 10.0
+
+#: Colour stops of the CSS gradient of a scale.
+_NUM_GRADIENT_STOPS = 17
 
 
 @dataclass(frozen=True)
 class Scale:
-    """A colour scale from ``low`` to ``high``; values beyond have the colour of the end.
+    """A linear colour scale; values beyond it have the colour of its end."""
 
-    colours : name of a matplotlib colormap.
-    """
-
+    #: Lowest value.
     low: float
+    #: Highest value.
     high: float
+    #: Unit or name of the quantity, under the bar.
     unit: str
+    #: Name of a matplotlib colormap.
     colours: str
 
     @property
@@ -77,11 +87,22 @@ class Scale:
     @property
     def gradient(self) -> str:
         """CSS colour stops from left to right."""
-        colours = matplotlib.colormaps[self.colours](np.linspace(0, 1, 17))
+        colours = matplotlib.colormaps[self.colours](np.linspace(0, 1, _NUM_GRADIENT_STOPS))
         return ", ".join(matplotlib.colors.to_hex(c) for c in colours)
 
     def paint(self, values: ArrayLike) -> NDArray[np.uint8]:
-        """RGBA (y, x, 4) of values (y, x); NaN is transparent."""
+        """Colours of a map.
+
+        Parameters
+        ----------
+        values
+            (y, x) values.
+
+        Returns
+        -------
+        NDArray
+            (y, x, 4) RGBA, 0 to 255; NaN is transparent.
+        """
         values = np.asarray(values, float)
         position = np.clip((values - self.low) / (self.high - self.low), 0, 1)
         rgba = matplotlib.colormaps[self.colours](np.nan_to_num(position), bytes=True)
@@ -90,27 +111,42 @@ class Scale:
 
 
 def residual_scale(unit: str = "difference / σ") -> Scale:
-    """The scale of differences over sigma, from -5 to 5 in every report."""
+    """Scale of differences over sigma, from -5 to 5 in every report.
+
+    Parameters
+    ----------
+    unit
+        Name of the quantity.
+
+    Returns
+    -------
+    Scale
+        Diverging, white at 0.
+    """
     return Scale(-RESIDUAL, RESIDUAL, unit, "RdBu_r")
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of a row. uri : PNG as a data URI. width, height : of the whole picture, in its pixels."""
+    """One picture of a row."""
 
+    #: Caption under the picture.
     caption: str
+    #: PNG as a data URI.
     uri: str
+    #: Width of the picture, px of the capture.
     width: int
+    #: Height of the picture, px of the capture.
     height: int
 
     @property
     def across(self) -> list[tuple[float, str]]:
-        """Pixels marked below the picture: place in percent, and number from 0 at the left."""
+        """Marks below the picture: position in percent, and pixel number from 0 at the left."""
         return _pixel_ticks(self.width)
 
     @property
     def down(self) -> list[tuple[float, str]]:
-        """Pixels marked beside the picture: place in percent, and number from 0 at the top."""
+        """Marks left of the picture: position in percent, and pixel number from 0 at the top."""
         return _pixel_ticks(self.height)
 
 
@@ -121,57 +157,114 @@ def _pixel_ticks(count: int) -> list[tuple[float, str]]:
 
 @dataclass(frozen=True)
 class MapRow:
-    """Pictures side by side with one colour scale (None for colour pictures)."""
+    """Pictures side by side with one colour scale."""
 
+    #: The pictures.
     panels: tuple[Panel, ...]
+    #: Their colour scale; None for colour pictures.
     scale: Scale | None
+    #: Caption above the row; none if empty.
     caption: str = ""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Plots side by side, one below the other on a narrow page. svgs : inline SVG elements."""
+    """Plots side by side, below each other on a narrow page."""
 
+    #: Inline SVG elements.
     svgs: tuple[str, ...]
+    #: Caption under the plots; none if empty.
     caption: str = ""
 
 
 def png_uri(pixels: NDArray[np.uint8]) -> str:
-    """Data URI of a PNG of 8-bit RGB or RGBA (y, x, 3 or 4)."""
+    """PNG of a picture as a data URI.
+
+    Parameters
+    ----------
+    pixels
+        (y, x, 3 or 4) RGB or RGBA, 8 bit.
+
+    Returns
+    -------
+    str
+        The URI.
+    """
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, format="PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
 def blocks(values: ArrayLike) -> NDArray:
-    """Values (y, x, ...) as means of square blocks where they are too many for a page; NaN is left out."""
+    """Means over square blocks where a map is too large for a page.
+
+    Parameters
+    ----------
+    values
+        (y, x, ...) values; NaN does not count.
+
+    Returns
+    -------
+    NDArray
+        The map or its means, at most 256 pixels across; NaN for blocks without values.
+    """
     array = np.asarray(values)
-    size = -(-max(array.shape[:2]) // _MOST_ACROSS)
+    size = -(-max(array.shape[:2]) // _MAX_PIXELS_ACROSS)
     if size == 1:
         return array
     height, width = (n // size * size for n in array.shape[:2])
     cut = array[:height, :width].reshape(height // size, size, width // size, size, *array.shape[2:])
-    known = np.isfinite(cut)
-    mean = np.where(known, cut, 0).sum(axis=(1, 3)) / np.maximum(known.sum(axis=(1, 3)), 1)
-    return np.where(known.any(axis=(1, 3)), mean, np.nan).astype(array.dtype)
+    finite = np.isfinite(cut)
+    mean = np.where(finite, cut, 0).sum(axis=(1, 3)) / np.maximum(finite.sum(axis=(1, 3)), 1)
+    return np.where(finite.any(axis=(1, 3)), mean, np.nan).astype(array.dtype)
 
 
-def _panel(caption: str, pixels: NDArray[np.uint8], whole: NDArray) -> Panel:
-    return Panel(caption, png_uri(pixels), whole.shape[1], whole.shape[0])
+def _panel(caption: str, pixels: NDArray[np.uint8], image: NDArray) -> Panel:
+    """Panel of painted pixels, with the size of the original image."""
+    return Panel(caption, png_uri(pixels), image.shape[1], image.shape[0])
 
 
 def map_row(images: Mapping[str, ArrayLike], scale: Scale, caption: str = "") -> MapRow:
-    """Maps (y, x) by caption, with one colour scale; NaN is hatched."""
-    whole = {name: np.asarray(image) for name, image in images.items()}
-    panels = tuple(_panel(name, scale.paint(blocks(image)), image) for name, image in whole.items())
+    """Row of maps with one colour scale; NaN is hatched.
+
+    Parameters
+    ----------
+    images
+        (y, x) values by caption.
+    scale
+        The colour scale.
+    caption
+        Caption of the row.
+
+    Returns
+    -------
+    MapRow
+        The row.
+    """
+    maps = {name: np.asarray(image) for name, image in images.items()}
+    panels = tuple(_panel(name, scale.paint(blocks(image)), image) for name, image in maps.items())
     return MapRow(panels, scale, caption)
 
 
 def picture_row(images: Mapping[str, NDArray[np.uint8]], caption: str = "") -> MapRow:
-    """Pictures (y, x, 3), 8 bit, by caption."""
+    """Row of colour pictures.
+
+    Parameters
+    ----------
+    images
+        (y, x, 3) sRGB, 8 bit, by caption.
+    caption
+        Caption of the row.
+
+    Returns
+    -------
+    MapRow
+        The row, without a scale.
+    """
     return MapRow(tuple(_panel(name, blocks(image), image) for name, image in images.items()), None, caption)
 
 
+#: Parameters of matplotlib for every plot of a report; the salt makes identifiers in the SVG repeatable.
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "cboxlab",
@@ -199,7 +292,20 @@ STYLE: dict[Any, Any] = {
 
 
 def new_figure(height: float = 3.2) -> tuple[Figure, Axes]:
-    """A transparent figure with axes, narrow enough for a page of 400 px. Use it under rc_context(STYLE)."""
+    """Transparent figure with axes for a page of 400 px, to be used under rc_context(STYLE).
+
+    Parameters
+    ----------
+    height
+        Height, inches.
+
+    Returns
+    -------
+    Figure
+        The figure.
+    Axes
+        Its axes.
+    """
     figure = Figure(figsize=(_WIDTH_INCH, height))
     figure.patch.set_alpha(0)
     axes = figure.subplots()
@@ -208,7 +314,13 @@ def new_figure(height: float = 3.2) -> tuple[Figure, Axes]:
 
 
 def plain_log_ticks(axis: matplotlib.axis.Axis) -> None:
-    """Label a logarithmic axis with plain numbers, or powers of ten, in letters of full size."""
+    """Label a logarithmic axis with plain numbers or powers of ten, in letters of full size.
+
+    Parameters
+    ----------
+    axis
+        The axis.
+    """
     axis.set_major_formatter(FuncFormatter(lambda value, _: _plain(value)))
     axis.set_minor_formatter(NullFormatter())
 
@@ -220,7 +332,20 @@ def _plain(value: float) -> str:
 
 
 def drawing(*figures: Figure, caption: str = "") -> Drawing:
-    """Figures as inline SVG in the page's text colour, with unique identifiers."""
+    """Figures as inline SVG in the page's text colour, with unique identifiers.
+
+    Parameters
+    ----------
+    figures
+        The figures.
+    caption
+        Caption under them.
+
+    Returns
+    -------
+    Drawing
+        The SVG elements.
+    """
     return Drawing(tuple(_svg(figure) for figure in figures), caption)
 
 
@@ -240,7 +365,24 @@ def _svg(figure: Figure) -> str:
 def falling_curve(
     labels: Sequence[str], chi2_per_dof: Sequence[float], colour: Sequence[float], colour_label: str
 ) -> Drawing:
-    """The error after each added effect. labels : what was added at each step."""
+    """Plots of the error after each added effect.
+
+    Parameters
+    ----------
+    labels
+        Name of each step.
+    chi2_per_dof
+        Reduced chi2 of each step.
+    colour
+        Mean colour difference of each step.
+    colour_label
+        Label of the colour difference.
+
+    Returns
+    -------
+    Drawing
+        Two plots.
+    """
     figures = []
     steps = np.arange(len(labels))
     for values, title in ((chi2_per_dof, "χ² per degree of freedom"), (colour, f"mean {colour_label}")):
@@ -258,4 +400,4 @@ def falling_curve(
             ax.set_ylim(0, 1.3 * max(values))
         figures.append(figure)
     figures[0].axes[0].axhline(1.0, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
-    return drawing(*figures, caption="Dashed line: expected from noise alone.")
+    return drawing(*figures, caption="The dashed line is the expectation from noise alone.")

@@ -1,4 +1,4 @@
-"""What made a report: command, date, versions, seeds."""
+"""Provenance of a report: command, date, versions, seeds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,18 @@ _PACKAGES = (
 
 
 def provenance(result: Validation) -> list[tuple[str, str]]:
-    """(what, value) rows. The command is that of this process; a library's caller sees its own program's."""
+    """Provenance of a validation.
+
+    Parameters
+    ----------
+    result
+        The validation.
+
+    Returns
+    -------
+    list
+        (name, value); the command is that of this process, such as a user's program that calls the library.
+    """
     manifest = result.prepared.calibration.capture
     settings = result.model.render
     return [
@@ -33,10 +44,10 @@ def provenance(result: Validation) -> list[tuple[str, str]]:
         ("date", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"),
         ("capture", manifest.manifest.name or manifest.folder.name),
         ("model", f"{result.model.name}; effects {', '.join(e.id for e in result.model.effects) or 'none'}"),
-        ("render seed", str(settings.seed)),
+        ("rendering seed", str(settings.seed)),
         ("seed of the noise in expected ΔE", "0"),
-        ("render noise asked for", f"{settings.noise:g} of the sensor's"),
-        ("time taken by the validation", f"{result.seconds:.0f} s"),
+        ("requested rendering noise", f"{settings.noise:g} of the sensor's"),
+        ("time of the validation", f"{result.seconds:.0f} s"),
         ("versions", ", ".join(f"{package} {version(package)}" for package in _PACKAGES)),
         ("Python and machine", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
     ]

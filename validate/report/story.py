@@ -1,4 +1,4 @@
-"""What a report tells of causes: the first sentence, what is missing, why not another, what to do next."""
+"""Chapters of a report on causes: result, missing effects, alternatives, next steps."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .blocks import Cell, Headline, ReportSection, Story, Table, number, signifi
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
-    in_short,
-    limit_words,
+    limit_text,
     ranked_values,
+    result_sentence,
     separation_sentence,
     step_name,
     unexplained_sentences,
-    values_words,
+    values_text,
 )
 from .explanation import explanation_sections
 from .plots import STYLE, Drawing, MapRow, falling_curve, map_row, residual_scale
@@ -31,72 +31,119 @@ from .verdict import verdict
 
 __all__ = ["pooled", "signature_layers", "story", "story_without"]
 
-#: So many bands of signatures are shown: those that differ most.
-_MOST_BANDS = 7
+#: Most bands of signatures shown: those that differ most.
+_MAX_BANDS = 7
 
-#: Pictures of more numbers (pixels times bands) have no layers of signatures in the viewer.
-_MOST_LAYERED = 1 << 19
+#: Most numbers (pixels times bands) of a picture with layers of signatures in the viewer, to bound the report's size.
+_MAX_LAYER_NUMBERS = 1 << 19
 
-#: A signature that is nowhere larger than so many standard deviations is not in the picture.
-_SEEN = 0.01
+#: Largest value of a signature, in standard deviations, below which camera and lamp imitate all of it.
+_MIN_VISIBLE_SIGMA = 0.01
 
-_IMITATED = " Camera and lamp can imitate all of it: only the survey and the lamp's stated power speak of it."
+#: Sentence on an adequate model.
+_NOTHING_MISSING = "This capture shows nothing that the model lacks."
 
-#: Standard deviations between two causes that count as told apart.
-_TOLD_APART = 5.0
+#: Sentence on a cause without a signature in the picture.
+_IMITATED = " Camera and lamp can imitate all of it: the evidence is their survey and the lamp's stated power alone."
+
+#: Standard deviations between two causes from which they count as distinguished.
+_MIN_SEPARATION_SIGMA = 5.0
 
 #: Probabilities below this are 0.0 % in the tables.
-_LEAST_STATED = 0.0005
+_MIN_PROBABILITY = 0.0005
+
+#: Effects in the table of effects tried alone.
+_NUM_RANKED = 8
 
 
 def pooled(values: NDArray) -> NDArray[np.float64]:
-    """(y, x) the sum of (band, y, x) over the bands used, over its standard deviation; NaN with none."""
-    known = np.isfinite(values)
-    count = known.sum(axis=0)
+    """Sum over the bands used, over its standard deviation.
+
+    Parameters
+    ----------
+    values
+        (band, y, x) values over sigma; NaN where a sample is left out.
+
+    Returns
+    -------
+    NDArray
+        (y, x) with the noise of one band; NaN without a band.
+    """
+    used = np.isfinite(values)
+    count = used.sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(count > 0, np.where(known, values, 0.0).sum(axis=0) / np.sqrt(count), np.nan)
+        return np.where(count > 0, np.where(used, values, 0.0).sum(axis=0) / np.sqrt(count), np.nan)
 
 
 def story_without(c: Comparison, bands: Sequence[NamedBand]) -> Story:
-    """The story of a comparison whose cause was not sought."""
-    found = verdict(c, bands)
+    """Chapters of a comparison without a diagnosis.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    bands
+        Bands in the order of the page.
+
+    Returns
+    -------
+    Story
+        The verdict, and the advice to run a diagnosis where the model is not adequate.
+    """
+    result = verdict(c, bands)
     residual = pooled(c.maps["residual_over_sigma"].values)
-    picture = map_row({"Measured − rendered, all bands": residual}, residual_scale())
-    adequate = found.level == "explained"
+    picture = map_row({"Photograph minus rendering, all bands": residual}, residual_scale())
+    adequate = result.level == "explained"
     sentence = (
         "The model is adequate: noise explains the difference."
         if adequate
-        else f"{found.headline} Its cause was not sought."
+        else f"{result.headline} No diagnosis looked for the cause."
     )
-    seek = "A diagnosis of this capture tries every effect of the catalogue and names what the model lacks."
+    advice = (
+        "Run a diagnosis of this capture: it tries every effect of the catalogue and names those that the model lacks."
+    )
     return Story(
-        Headline(sentence, found.details, picture),
+        Headline(sentence, result.details, picture),
         ReportSection(
             "What is missing",
-            ("Nothing that this capture could show." if adequate else "Its cause was not sought.",),
+            (_NOTHING_MISSING if adequate else "No diagnosis looked for the cause.",),
         ),
         None,
-        ReportSection("What to do next", steps=_beyond_adequate() if adequate else (seek,)),
+        ReportSection("What to do next", steps=_beyond_adequate() if adequate else (advice,)),
     )
 
 
 def _beyond_adequate() -> tuple[str, ...]:
+    """Steps after the result that the model is adequate."""
     return (
-        "Nothing has to be added to the model.",
-        "More frames per band lower the noise: what it hides now may then show.",
+        "You need not add anything to the model.",
+        "If you take more frames per band, the noise falls and may reveal smaller errors of the model.",
     )
 
 
 def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
-    """The story of a diagnosis. bands : see ``named_bands``."""
+    """Chapters of a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+    bands
+        Bands in the order of the page, see ``named_bands``.
+
+    Returns
+    -------
+    Story
+        The chapters.
+    """
     c = diagnosis.path[0].comparison
     residual = c.maps["residual_over_sigma"].values
-    pictures = {"Measured − rendered, all bands": pooled(residual)}
+    pictures = {"Photograph minus rendering, all bands": pooled(residual)}
     first = next(iter(diagnosis.causes), None)
     if first is not None and diagnosis.selected[0] == first.effect and _visible(first):
         pictures = {
-            "What the photograph shows": pooled(diagnosis.residual),
-            f"What {first.effect} would show": pooled(first.signature),
+            "Photograph minus rendering": pooled(diagnosis.residual),
+            f"Change by {first.effect} alone": pooled(first.signature),
         }
     meaning = [f"{e.id}: {e.effect.short_title}." for e in diagnosis.path[-1].effects]
     details = [
@@ -107,7 +154,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
     ]
     return Story(
         Headline(
-            in_short(diagnosis),
+            result_sentence(diagnosis),
             details,
             map_row(pictures, residual_scale("difference / σ, all bands together")),
         ),
@@ -119,16 +166,24 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
 
 
 def _visible(cause: Cause) -> bool:
-    """Whether it shows in the picture otherwise than camera and lamp can imitate."""
-    return bool(np.nanmax(np.abs(cause.signature)) > _SEEN)
+    """Whether camera and lamp cannot imitate all of its signature."""
+    return bool(np.nanmax(np.abs(cause.signature)) > _MIN_VISIBLE_SIGMA)
 
 
 def signature_layers(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Layers of the viewer: what the likeliest causes would show, and what remains with all effects found.
+    """Layers of the viewer: changes by the likeliest causes, and the difference that remains.
 
-    None for large pictures, with which the report would grow beyond its limit.
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        Layers as ``viewer_data`` takes them; empty for large pictures, to bound the size of the report.
     """
-    if diagnosis.residual.size > _MOST_LAYERED:
+    if diagnosis.residual.size > _MAX_LAYER_NUMBERS:
         return []
     layers: list[dict[str, Any]] = [
         {
@@ -141,81 +196,85 @@ def signature_layers(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         for cause in diagnosis.causes
     ]
     if len(diagnosis.path) > 1:
-        left = diagnosis.path[-1].comparison.maps["residual_over_sigma"].values.astype(np.float32)
-        name = "What remains with the effects found, in σ"
-        layers.append({"id": "remaining", "name": name, "unit": "σ", "perBand": True, "values": left})
+        remaining = diagnosis.path[-1].comparison.maps["residual_over_sigma"].values.astype(np.float32)
+        name = "Difference that remains with the effects found, in σ"
+        layers.append({"id": "remaining", "name": name, "unit": "σ", "perBand": True, "values": remaining})
     return layers
 
 
 def _limits(diagnosis: Diagnosis) -> Table:
-    """The smallest size at which each effect would have been found."""
+    """Table of the smallest size at which each effect is found."""
     rows = [
         (
             limit.effect,
-            Cell(limit_words(limit), words=True),
+            Cell(limit_text(limit), wrap=True),
             significant(limit.chi2_per_sample),
-            "the picture's errors" if limit.beside_errors else "size",
+            "errors of the rendering" if limit.beside_errors else "size",
         )
         for limit in diagnosis.limits
     ]
     return Table(
-        ("effect", "found nine times in ten with", "χ² per pixel and band", "limited by"),
+        ("effect", "found nine times in ten from", "χ² per pixel and band", "limited by"),
         rows,
-        "In captures like this one, to first order, in the way in which the effect shows most easily. Small smooth "
-        "changes are not told from errors of the picture: there the size is the limit. An effect that "
-        "does not stand here would be found at no size, or only by what is known of camera and lamp.",
+        "The limits hold to first order for captures like this one, and for the form of each effect that shows most "
+        "easily. Errors of the rendering hide small smooth changes: for these the size is the limit. An effect "
+        "missing from this table cannot be found, or only by the survey of camera and lamp.",
     )
 
 
 def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
+    """Chapter on the effects that the model lacks, with their alternatives."""
     if diagnosis.adequate:
         return ReportSection(
             "What is missing",
-            ("Nothing that this capture could show.",),
+            (_NOTHING_MISSING,),
             (*((_limits(diagnosis),) if diagnosis.limits else ()), _ranking(diagnosis)),
         )
     first, *others = diagnosis.causes
-    words = evidence_sentences(diagnosis)
+    sentences = evidence_sentences(diagnosis)
     if diagnosis.selected[0] == first.effect:
-        words += [_why_not(first, other, diagnosis) for other in others]
-    words.append(
-        "Below, the difference and what each cause alone would make of it: the same bands, the same scale, without "
-        "what a change of camera and lamp can imitate. A cosine of 1 means the same pattern; noise keeps it below 1."
+        sentences += [_why_not(first, other, diagnosis) for other in others]
+    sentences.append(
+        "The rows below show the difference, then the change by each cause alone, for the same bands on one scale. "
+        "They leave out changes that camera and lamp can imitate. A cosine of 1 means the same pattern; noise keeps it "
+        "below 1."
     )
-    return ReportSection("What is missing", words, (*_signatures(diagnosis, bands), _ranking(diagnosis)))
+    return ReportSection("What is missing", sentences, (*_signatures(diagnosis, bands), _ranking(diagnosis)))
 
 
 def _why_not(first: Cause, other: Cause, diagnosis: Diagnosis) -> str:
-    stated = next((r.probability for r in diagnosis.ranking if r.effect == other.effect), 0.0)
-    told = "This capture tells them apart."
-    if stated > _LEAST_STATED:
-        told += f" Its probability of {100 * stated:.1f} % counts the errors of the computed patterns, too."
-    if other.behind_sigma <= _TOLD_APART or any(
+    """Comparison of another cause with the first."""
+    probability = next((r.probability for r in diagnosis.ranking if r.effect == other.effect), 0.0)
+    conclusion = "This capture distinguishes them."
+    if probability > _MIN_PROBABILITY:
+        conclusion += f" Its probability of {100 * probability:.1f} % includes errors of the computed patterns."
+    if other.behind_sigma <= _MIN_SEPARATION_SIGMA or any(
         {first.effect, other.effect} <= set(group) for group in diagnosis.indistinguishable
     ):
-        told = "This capture does not tell them apart; what would is said below."
+        conclusion = "This capture does not distinguish them; the next steps below name one that does."
     return (
-        f"Why not {other.effect} in place of {first.effect}? It fits worse by {other.behind_sigma:.1f} standard "
-        f"deviations of the noise; the cosine between the two patterns is {number(other.cosine_with_first)}. {told}"
+        f"Why not {other.effect} instead of {first.effect}? It fits worse by {other.behind_sigma:.1f} standard "
+        f"deviations of the noise. The cosine between the two patterns is {number(other.cosine_with_first)}. "
+        f"{conclusion}"
     )
 
 
 def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow]:
+    """Maps of the difference and of each cause, for the bands with the largest difference."""
     energy = [float(np.nansum(diagnosis.residual[i].astype(float) ** 2)) for i, _ in bands]
-    chosen = sorted(np.argsort(energy)[::-1][:_MOST_BANDS])
-    shown = [bands[i] for i in chosen]
+    largest = [bands[i] for i in sorted(np.argsort(energy)[::-1][:_MAX_BANDS])]
 
     def row(pictures: NDArray, caption: str) -> MapRow:
-        return map_row({name: pictures[i] for i, name in shown}, residual_scale(), caption)
+        return map_row({name: pictures[i] for i, name in largest}, residual_scale(), caption)
 
     return [
-        row(diagnosis.residual, "The difference: measured − rendered, σ."),
+        row(diagnosis.residual, "Photograph minus rendering, σ."),
         *(
             row(
                 cause.signature,
-                f"{cause.effect} ({values_words(cause.effect, cause.values, cause.sigma)}): cosine with the difference "
-                f"{number(cause.cosine)}, with the first cause {number(cause.cosine_with_first)}."
-                + ("" if _visible(cause) else _IMITATED),
+                f"Change by {cause.effect} alone ({values_text(cause.effect, cause.values, cause.sigma)}), σ. "
+                f"Its cosine with the difference is {number(cause.cosine)}, with the first cause "
+                f"{number(cause.cosine_with_first)}." + ("" if _visible(cause) else _IMITATED),
             )
             for cause in diagnosis.causes
         ),
@@ -228,24 +287,25 @@ def _ranking(diagnosis: Diagnosis) -> Table:
     rows = [
         (
             r.effect,
-            Cell(ranked_values(r), words=True),
+            Cell(ranked_values(r), wrap=True),
             number(100 * (diagnosis.chi2_per_dof - r.chi2_per_dof) / excess if excess > 0.01 else np.nan, 1),
             number(100 * r.probability, 1),
         )
-        for r in diagnosis.ranking[:8]
+        for r in diagnosis.ranking[:_NUM_RANKED]
     ]
     return Table(
         ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"),
         rows,
-        "Camera and lamp are refitted with each effect. The errors that the render itself may have count as noise "
-        "here, so that they do not pass for an effect; a right effect may explain a little more than 100 %. "
-        "Probability: of an effect found, that it is the cause and not one of those that could stand in its stead; "
-        "several effects found together have theirs each. Of unknown: that a cause not in the catalogue is at work.",
+        "Camera and lamp are refitted with each effect. Errors of the rendering count as noise here, so that none of "
+        "them is taken for an effect; the true effect may explain a little more than 100 %. The probability of an "
+        "effect found is that it is the cause, and not one of its alternatives. Each of several effects has its "
+        "probability. The probability of 'unknown' is that the cause is not in the catalogue.",
     )
 
 
 @matplotlib.rc_context(STYLE)
 def _falling(diagnosis: Diagnosis) -> ReportSection:
+    """Chapter on the error after each added effect."""
     labels = [step_name(s) for s in diagnosis.path]
     curve: Drawing = falling_curve(
         labels,
@@ -258,30 +318,31 @@ def _falling(diagnosis: Diagnosis) -> ReportSection:
     return ReportSection(
         "The error falling",
         (),
-        (curve, map_row(dict(zip(labels, maps, strict=True)), scale, "What remains at each step.")),
+        (curve, map_row(dict(zip(labels, maps, strict=True)), scale, "Photograph minus rendering at each step.")),
     )
 
 
 def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Steps for the reader: confirm, add to the model, take a further capture, search the rest."""
     if diagnosis.adequate:
         return _beyond_adequate()
     steps = []
     for effect in diagnosis.path[-1].effects:
         values = " ".join(f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in effect.values.items())
         steps.append(f"Confirm {effect.id} in the laboratory. {effect.effect.confirm}")
-        steps.append(f"Add it to the model: {effect.id} {values}; model.toml beside this report has it.")
+        steps.append(f"Add it to the model: {effect.id} {values}. The file model.toml next to this report has it.")
     steps += [separation_sentence(s) for s in diagnosis.separations]
     if diagnosis.selected[-1] not in catalogue():
         steps.append(
-            "Look at what remains in the viewer above, difference in σ, band by band. A pattern that follows a "
-            "surface, a band or the order of the exposures says where to search; you can add an effect of your own."
+            "Look at the remaining difference in σ in the viewer above, band by band. A pattern that follows a "
+            "surface, a band or the order of the exposures indicates where to search. You can also write an effect."
         )
     if diagnosis.path[-1].effects and not diagnosis.separations:
         first = diagnosis.causes[0].effect
         steps += [
-            f"No further capture is needed to tell {first} from {other.effect}: this one does, by "
+            f"You need no further capture to distinguish {first} from {other.effect}: this capture does, by "
             f"{other.behind_sigma:.0f} standard deviations of the noise."
             for other in diagnosis.causes[1:2]
-            if other.behind_sigma > _TOLD_APART
+            if other.behind_sigma > _MIN_SEPARATION_SIGMA
         ]
     return tuple(steps)

@@ -30,9 +30,10 @@ from .verdict import verdict
 __all__ = ["camera_section", "masks_section", "parts_section", "tables_section", "where_section"]
 
 
+#: Caption of the first table of chi2, with the definition for the entire page.
 _DEFINITION = (
-    "By place. In all of this page, χ² sums ((measured − rendered) / σ)², with the camera's and the render's noise in "
-    "σ. Noise alone gives 1 per degree of freedom (dof); the excess is what is above."
+    "By place. On this page, χ² is the sum of ((measured − rendered) / σ)². σ includes the noise of the camera and of "
+    "the rendering. Noise alone gives 1 per degree of freedom (dof); the excess is the part above it."
 )
 
 
@@ -48,10 +49,10 @@ def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequen
         (name, _chi2(r.chi2), percent(r.share_of_residuals), percent(r.share_of_excess))
         for name, r in zip(names or [r.name for r in regions], regions, strict=True)
     ]
-    whole = sum(r.share_of_residuals for r in regions), sum(r.share_of_excess for r in regions)
+    total = sum(r.share_of_residuals for r in regions), sum(r.share_of_excess for r in regions)
     return Table(
         (header, "χ²/dof", "share of the residuals, %", "share of the excess χ², %"),
-        [*rows, ("all", "", percent(whole[0]), percent(whole[1]))],
+        [*rows, ("all", "", percent(total[0]), percent(total[1]))],
         caption,
     )
 
@@ -59,7 +60,24 @@ def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequen
 def where_section(
     c: Comparison, bands: Sequence[NamedBand], failures: Sequence[Failure], maps: MapRow
 ) -> ReportSection:
-    """Where the model fails: the excess by place, surface and band, each to 100 %, and maps of the bands."""
+    """Section on the excess by place, surface and band, each summing to 100 %.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    bands
+        Bands in the order of the page.
+    failures
+        Ranked list of where the model fails.
+    maps
+        Maps of the bands.
+
+    Returns
+    -------
+    ReportSection
+        Sentences, maps and three tables.
+    """
     regions = regions_of(c)
     by_band = [regions["band"][i] for i, _ in bands]
     sentences = ["Noise explains the difference: there is no excess to locate."]
@@ -81,12 +99,26 @@ def where_section(
     )
 
 
-def _in_place(words: str) -> str:
-    return words if words == OUTSIDE else f"in {words}" if words.startswith("interiors") else f"on {words}"
+def _in_place(region: str) -> str:
+    """Name of a region with its preposition."""
+    return region if region == OUTSIDE else f"in {region}" if region.startswith("interiors") else f"on {region}"
 
 
 def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
-    """Tables of differences by band and by surface."""
+    """Tables of differences by surface and by band.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    bands
+        Bands in the order of the page.
+
+    Returns
+    -------
+    ReportSection
+        Relative and colour differences and luminance by surface, relative differences by band.
+    """
     by_band = list(c.by_band.items())
     rows = [(name, by_band[i][1]) for i, name in bands]
     band_table = Table(
@@ -101,8 +133,8 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
             )
             for name, row in rows
         ],
-        "By band: (measured − rendered) / rendered over all pixels of surfaces. 'Beyond noise' is the rms residual in "
-        "excess of noise, relative to the rms signal.",
+        "By band: (measured − rendered) / rendered over all pixels of surfaces. 'Beyond noise' is the rms difference "
+        "that noise does not explain, relative to the rms signal.",
     )
     surfaces = Table(
         (
@@ -128,14 +160,14 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
             for name, row in c.by_surface.items()
         ],
         "By surface: relative difference of the means over the interior (at least three pixels from any edge) with its "
-        "standard error from pixel noise, and ΔE between these means. Bold: significant differences (p < 0.001), and "
-        f"{HEADLINE.label} above three times its expectation from noise.",
+        "standard error from pixel noise, and colour differences between these means. Bold values are significant "
+        f"(p < 0.001), or {HEADLINE.label} above three times its expectation from noise.",
     )
     return ReportSection("Differences by surface and by band", (), (surfaces, _luminances(c), band_table))
 
 
 def _colours(row: SurfaceRow) -> list[str | Cell]:
-    """Colour differences of a surface; the headline's with its expectation from noise, bold where significant."""
+    """Colour differences of a surface; the headline's with its expectation from noise."""
     cells: dict[str, str | Cell] = {name: number(value) for name, value in row.colour.items()}
     value, noise = row.colour[HEADLINE.id], row.colour_noise[HEADLINE.id]
     cells[HEADLINE.id] = Cell(number(value), f"noise {number(noise)}", bool(value > 3 * noise))
@@ -143,7 +175,7 @@ def _colours(row: SurfaceRow) -> list[str | Cell]:
 
 
 def _luminances(c: Comparison) -> Table:
-    """What photograph and rendering are in themselves, by surface."""
+    """Table of luminance and chromaticity of photograph and rendering, by surface."""
 
     def cells(xyz: NDArray[np.float64]) -> list[str]:
         return [significant(float(xyz[1]), 4), *(number(value, 4) for value in chromaticity(xyz))]
@@ -154,12 +186,14 @@ def _luminances(c: Comparison) -> Table:
             (name, *cells(row.xyz_measured), *cells(row.xyz_rendered), f"{row.interior_pixels}")
             for name, row in c.by_surface.items()
         ],
-        "By surface: mean luminance and CIE 1931 chromaticity of the photograph and of the rendering over the same "
-        "interiors, both through the filter weights.",
+        "By surface: mean luminance and CIE 1931 chromaticity of photograph and rendering over the same interiors, "
+        "both computed with the filter weights.",
     )
 
 
+#: Unit of each camera parameter.
 UNITS = dict(zip(PARAMETER_NAMES, ("mm",) * 3 + ("°",) * 3 + ("px",) * 3 + ("1",), strict=True))
+#: Label of each camera parameter.
 LABELS = dict(
     zip(
         PARAMETER_NAMES,
@@ -181,7 +215,18 @@ LABELS = dict(
 
 
 def camera_section(run: Run) -> ReportSection:
-    """Camera parameters with their uncertainty, before and after the refit, and the lamp's scale."""
+    """Section on the camera before and after the refit, and on the lamp's scale.
+
+    Parameters
+    ----------
+    run
+        Data of the validation.
+
+    Returns
+    -------
+    ReportSection
+        Two tables.
+    """
 
     def sigmas(covariance: NDArray[np.float64] | None) -> NDArray[np.float64]:
         return np.full(len(PARAMETER_NAMES), np.nan) if covariance is None else np.sqrt(np.diag(covariance))
@@ -227,14 +272,27 @@ def camera_section(run: Run) -> ReportSection:
         "Camera and lamp",
         (f"Reprojection error of the surveyed points: {significant(run.reprojection_rms_px)} px rms per coordinate.",),
         (
-            Table(header, rows, "Rotation: Rodrigues vector relative to a camera that looks along +z with +y up."),
+            Table(
+                header, rows, "The rotation is a Rodrigues vector, relative to a camera that looks along +z with +y up."
+            ),
             lamp,
         ),
     )
 
 
 def masks_section(c: Comparison) -> ReportSection:
-    """Numbers of pixels left out, by reason."""
+    """Numbers of pixels left out, by reason.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+
+    Returns
+    -------
+    ReportSection
+        One table.
+    """
     total = c.maps.sizes["y"] * c.maps.sizes["x"]
     rows = [(reason, str(n), number(100 * n / total, 2)) for reason, n in c.masked.items()]
     rows.append(("used in every band", str(c.pixels_used), number(100 * c.pixels_used / total, 2)))
@@ -245,36 +303,49 @@ def masks_section(c: Comparison) -> ReportSection:
             Table(
                 ("reason", "pixels", "% of the picture"),
                 rows,
-                "Left out in at least one band; a pixel may have several reasons.",
+                "These pixels are left out in at least one band. A pixel may have several reasons.",
             ),
         ),
     )
 
 
-def parts_section(c: Comparison, known: Sequence[Part]) -> ReportSection:
-    """The excess in every subset of the residuals that was considered; these overlap."""
+def parts_section(c: Comparison, subsets: Sequence[Part]) -> ReportSection:
+    """Section on the excess by kind of light, paint and part of the picture.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    subsets
+        Subsets of the residuals; those by band, surface and edge distance have other tables.
+
+    Returns
+    -------
+    ReportSection
+        One table.
+    """
     z = c.maps["residual_over_sigma"].values
     used = np.isfinite(z)
     excess = np.where(used, np.nan_to_num(z) ** 2 - 1, 0.0)
     total = float(excess.sum())
     rows = []
-    for part in known:
-        here = part.where & used
-        if not here.any() or part.kind in ("band", "surface", "edge distance"):
+    for part in subsets:
+        members = part.where & used
+        if not members.any() or part.kind in ("band", "surface", "edge distance"):
             continue
-        share = float(excess[here].sum())
+        share = float(excess[members].sum())
         rows.append(
             (
                 part.label,
-                number(100 * here.sum() / used.sum(), 0),
+                number(100 * members.sum() / used.sum(), 0),
                 number(100 * share / total if total > 0 else np.nan, 0),
-                number(1 + share / here.sum(), 3),
+                number(1 + share / members.sum(), 3),
             )
         )
     table = Table(
         ("where", "residuals, %", "excess χ², %", "χ²/dof"),
         rows,
-        "These parts overlap. Light is direct if the surface seen was the first to reflect it; shares of light are "
-        "those of the model.",
+        "These parts overlap. Light is direct if the visible surface is the first that reflects it. The model "
+        "determines the shares of light.",
     )
     return ReportSection("Excess by kind of light and part of the picture", (), (table,))

@@ -1,4 +1,4 @@
-"""The verdict on a comparison, and warnings, as sentences."""
+"""Verdict on a comparison, and warnings, in sentences."""
 
 from __future__ import annotations
 
@@ -16,25 +16,50 @@ __all__ = ["Verdict", "chi2_by_place", "verdict", "warnings"]
 #: Probability below which a difference is significant.
 SIGNIFICANT = 1e-3
 
-#: With a million residuals any error is significant. Up to this chi2 per degree of freedom the rms error is less than
-#: half the noise of one pixel, sqrt(1.2 - 1) = 0.45 sigma, and the verdict is 'nearly all'.
+#: Reduced chi2 up to which the verdict is 'nearly all'. With a million residuals any error is significant. At this
+#: value the rms error is less than half the noise of one pixel: sqrt(1.2 - 1) = 0.45 sigma.
 NEARLY = 1.2
 
-#: A chi2 per degree of freedom below this means that the stated noise is too large, for any model.
+#: Reduced chi2 below which the stated noise is too large, whatever the model.
 TOO_SMALL = 0.9
+
+#: Share of the pixels below which few pixels are used.
+_MIN_USED_SHARE = 0.8
+
+#: Deviation of the lamp scale from 1 that is worth a warning, in stated standard deviations.
+_MAX_LAMP_PULL_SIGMA = 2
+
+#: 99.9 % point of chi2 with ten degrees of freedom, those of a camera.
+_MAX_CAMERA_DISTANCE = 29.6
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """level : "explained", "nearly" or "unexplained". headline, details : sentences."""
+    """Verdict on a comparison."""
 
+    #: "explained", "nearly" or "unexplained".
     level: str
+    #: The verdict in one sentence.
     headline: str
+    #: Further sentences.
     details: tuple[str, ...]
 
 
 def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
-    """Whether noise explains the difference; if not, where the excess is. bands : names for some of them."""
+    """Verdict whether noise explains the difference, and where the excess is.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    bands
+        (index, name) of bands for the page; others have their identifiers.
+
+    Returns
+    -------
+    Verdict
+        Level and sentences.
+    """
     significant = c.chi2.p_value < SIGNIFICANT
     level = "explained" if not significant else "nearly" if c.chi2.per_dof <= NEARLY else "unexplained"
     headline = {
@@ -51,18 +76,18 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
     if significant:
         beyond = np.array([row.beyond_noise for row in c.by_band.values()])
         details.append(
-            f"The difference beyond noise is {100 * np.nanmedian(beyond):.2g} % of the signal (rms, median over the "
-            f"bands; {100 * np.nanmax(beyond):.2g} % in the worst)."
+            f"The rms difference beyond noise is {100 * np.nanmedian(beyond):.2g} % of the signal (median over the "
+            f"bands), and {100 * np.nanmax(beyond):.2g} % in the worst band."
         )
         regions = regions_of(c)
-        place = max(regions["place"], key=lambda r: r.share_of_excess)
+        region = max(regions["place"], key=lambda r: r.share_of_excess)
         details.append(
-            f"{100 * place.share_of_excess:.0f} % of the excess χ² is in one place: {place.name}, with "
-            f"{100 * place.share_of_residuals:.0f} % of the residuals."
+            f"{100 * region.share_of_excess:.0f} % of the excess χ² is in one region: {region.name}, with "
+            f"{100 * region.share_of_residuals:.0f} % of the residuals."
         )
         surface, band = (_worst(regions[kind]) for kind in ("surface", "band"))
         if surface is not None and band is not None:
-            name = {c.bands[i]: known for i, known in bands}.get(band.name, band.name)
+            name = {c.bands[i]: label for i, label in bands}.get(band.name, band.name)
             details.append(
                 f"The worst region is {surface.name} (χ²/dof {surface.chi2.per_dof:.3g}), the worst band {name} "
                 f"({band.chi2.per_dof:.3g})."
@@ -71,39 +96,63 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
 
 
 def chi2_by_place(c: Comparison) -> str:
-    """Chi2 per degree of freedom of interiors, edges and what is outside the box, in words."""
+    """Reduced chi2 of interiors, edges and the region outside the box, as text.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+
+    Returns
+    -------
+    str
+        Regions with their values, separated by commas.
+    """
     return ", ".join(f"{r.name} {r.chi2.per_dof:.3f}" for r in regions_of(c)["place"] if r.chi2.count)
 
 
 def _worst(regions: Sequence[Region]) -> Region | None:
     """The region with the highest chi2 per degree of freedom; None where none has residuals."""
-    known = [r for r in regions if r.chi2.count]
-    return max(known, key=lambda r: r.chi2.per_dof, default=None)
+    used = [r for r in regions if r.chi2.count]
+    return max(used, key=lambda r: r.chi2.per_dof, default=None)
 
 
 def warnings(c: Comparison, run: Run) -> list[str]:
-    """Reasons for caution about the results, one sentence each."""
-    found = []
+    """Reasons for caution about the results.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    run
+        Data of the validation.
+
+    Returns
+    -------
+    list
+        One text per reason.
+    """
+    reasons = []
     if c.chi2.per_dof < TOO_SMALL:
-        found.append(
-            f"χ² per degree of freedom is {c.chi2.per_dof:.2f}: the stated noise is larger than that of the images, so "
-            "an error of the model may not be detected."
+        reasons.append(
+            f"χ² per degree of freedom is {c.chi2.per_dof:.2f}: the stated noise is larger than that of the images. "
+            "Errors of the model may remain undetected."
         )
     if c.render_sigma_over_sensor_sigma > 1:
-        found.append(
-            "The render is noisier than the camera (median ratio "
-            f"{c.render_sigma_over_sensor_sigma:.2f}): more samples would make the comparison more sensitive."
+        reasons.append(
+            "The rendering is noisier than the camera (median ratio "
+            f"{c.render_sigma_over_sensor_sigma:.2f}). More samples make the comparison more sensitive."
         )
     total = c.maps.sizes["y"] * c.maps.sizes["x"]
-    if c.pixels_used < 0.8 * total:
-        found.append(f"Only {100 * c.pixels_used / total:.0f} % of the pixels could be used in every band.")
+    if c.pixels_used < _MIN_USED_SHARE * total:
+        reasons.append(f"Only {100 * c.pixels_used / total:.0f} % of the pixels are usable in every band.")
     empty = [name for name, row in c.by_surface.items() if row.interior_pixels == 0]
     if empty:
-        found.append(f"No mean colour, since there are no usable interior pixels: {', '.join(empty)}.")
+        reasons.append(f"These surfaces have no mean colour, for want of usable interior pixels: {', '.join(empty)}.")
     deviation = (run.lamp_scale - 1.0) / run.lamp_scale_prior_sigma
-    if abs(deviation) > 2:
-        found.append(
-            f"The fitted lamp scale differs from 1 by {abs(deviation):.1f} stated standard deviations: the calibration "
+    if abs(deviation) > _MAX_LAMP_PULL_SIGMA:
+        reasons.append(
+            f"The fitted lamp scale differs from 1 by {abs(deviation):.1f} stated standard deviations. The calibration "
             "of the lamp or of the camera, or the model, is wrong."
         )
     before = run.calibrated_camera
@@ -112,10 +161,9 @@ def warnings(c: Comparison, run: Run) -> list[str]:
         shift = (run.camera.parameters - before.parameters) / sigma
         correlation = before.covariance / np.outer(sigma, sigma)
         distance = float(shift @ np.linalg.pinv(correlation, hermitian=True) @ shift)
-        # 99.9% point of chi-square with ten degrees of freedom.
-        if distance > 29.6:
-            found.append(
-                f"The refitted camera is not consistent with its calibration (squared Mahalanobis distance "
-                f"{distance:.0f}, 99.9 % point 29.6): the refit may hide an error of the model."
+        if distance > _MAX_CAMERA_DISTANCE:
+            reasons.append(
+                f"The refitted camera is not consistent with its calibration: the squared Mahalanobis distance is "
+                f"{distance:.0f}, and its 99.9 % point {_MAX_CAMERA_DISTANCE}. The refit may hide errors of the model."
             )
-    return found
+    return reasons

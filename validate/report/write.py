@@ -1,4 +1,4 @@
-"""Writes the folder of a validation: report.html, metrics.json and the maps."""
+"""Files of a validation: report.html, metrics.json and the maps."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ __all__ = ["validation_record", "write_validation"]
 
 
 def _assumptions(result: Validation) -> list[str]:
+    """Assumptions of a validation, one text each."""
     prepared, fit = result.prepared, result.fit
     sigma = prepared.lamp_sigma
     lamp = (
@@ -40,30 +41,31 @@ def _assumptions(result: Validation) -> list[str]:
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
     lamps = prepared.scene.lamps
     several, reflecting = len(lamps) > 1, any(lamp.reflects for lamp in lamps)
-    lit = f"the {len(lamps)} lamps are" if several else "the lamp is"
+    emitters = f"the {len(lamps)} lamps are" if several else "the lamp is"
     reflects = "as the scene states" if reflecting else "nothing"
-    foreign = prepared.picture
-    rendered = "the render's standard error"
-    if foreign is not None and foreign.estimated:
-        rendered = f"the render's noise as its neighbouring pixels scatter: {foreign.path.name} states none"
+    external = prepared.picture
+    error = "the standard error of the rendering"
+    if external is not None and external.estimated:
+        error = f"the scatter of neighbouring pixels of {external.path.name}, which states no standard error"
     materials = prepared.complete.materials.values()
     special = [f"{m.name} ({m.bsdf['type'] if m.bsdf else 'a texture'})" for m in materials if not m.lambertian]
     paints = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
     air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
     return [
-        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {paints}, {lit} uniform and "
+        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {paints}, {emitters} uniform and "
         f"Lambertian and {'reflect' if several else 'reflects'} {reflects}, {air}, the front is open and dark.",
         f"Effects in the model: {effects}.",
-        f"The lamp's spectrum is that of the capture; its power was fitted {lamp}.",
+        f"The lamp's spectrum is that of the capture. Its power was fitted {lamp}.",
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
-        f"prior. This moved the box's corners by {moved:.2f} px (rms per coordinate).",
-        f"{light}. All results include {rendered}.",
-        "Measured and rendered XYZ use the same filter weights, so colour differences do not include the error of the "
-        "weights relative to the CIE functions, which is shown separately.",
+        f"prior. The refit moved the box's corners by {moved:.2f} px (rms per coordinate).",
+        f"{light}. All results include {error}.",
+        "Measured and rendered XYZ use the same filter weights. Colour differences do not include the error of the "
+        "weights relative to the CIE functions, which the section on the weights shows.",
     ]
 
 
 def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]) -> Run:
+    """Data of a validation besides the comparison."""
     prepared, fit = result.prepared, result.fit
     return Run(
         capture=prepared.calibration.capture.manifest.name or prepared.calibration.capture.folder.name,
@@ -82,15 +84,26 @@ def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]
 
 
 def _another_box(result: Validation) -> list[str]:
-    """A warning where a capture is compared with a packaged scene and states another one."""
-    stated, origin = result.prepared.calibration.capture.manifest.scene, result.model.scene.origin
-    if stated is None or origin is None or not origin.packaged or origin.reference == stated:
+    """A warning where a capture is compared with another packaged scene than the one it states."""
+    scene, origin = result.prepared.calibration.capture.manifest.scene, result.model.scene.origin
+    if scene is None or origin is None or not origin.packaged or origin.reference == scene:
         return []
-    return [f"The capture states the scene '{stated}', and is compared with '{origin.reference}'."]
+    return [f"The capture states the scene '{scene}', but the model has '{origin.reference}'."]
 
 
 def validation_record(result: Validation) -> dict[str, Any]:
-    """The content of metrics.json."""
+    """Content of metrics.json.
+
+    Parameters
+    ----------
+    result
+        The validation.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
     return metrics(result.comparison, _run(result, failures(result)[1], ()))
 
 
@@ -100,13 +113,27 @@ def write_validation(
     diagnosis: Diagnosis | None = None,
     sections: Sequence[ReportSection] = (),
 ) -> tuple[Path, ...]:
-    """Write report.html, metrics.json and the maps into ``folder``; a diagnosis adds its story and its path.
+    """Write report.html, metrics.json and the maps.
 
-    sections : further ones of the report, folded. Returns the report, the metrics and the folder of the maps.
+    Parameters
+    ----------
+    result
+        The validation.
+    folder
+        Folder for the files.
+    diagnosis
+        Diagnosis, for the chapters on causes and the path of models; None without one.
+    sections
+        Further sections of the report, folded.
+
+    Returns
+    -------
+    tuple
+        Paths of the report, of the metrics, and of the folder of maps.
     """
     prepared, c = result.prepared, result.comparison
     calibration = prepared.calibration
-    known, failed = failures(result)
+    subsets, failed = failures(result)
     run = _run(result, failed, [] if diagnosis is None else path_steps(diagnosis))
     report, figures, maps = folder / "report.html", folder / "metrics.json", folder / "maps"
     settings = result.model.render
@@ -122,7 +149,7 @@ def write_validation(
             responses=prepared.responses,
             story=None if diagnosis is None else story(diagnosis, named_bands(c.bands, prepared.responses)),
             viewer=viewer_data(result, [] if diagnosis is None else signature_layers(diagnosis)),
-            sections=(parts_section(c, known), *sections),
+            sections=(parts_section(c, subsets), *sections),
             further_warnings=[*_another_box(result), *calibration.notes],
             suspicions=calibration.suspicions,
             provenance=provenance(result),

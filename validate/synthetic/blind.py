@@ -32,6 +32,7 @@ from cboxlab.utils.faults import suggestion
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import OwnMappings
 from cboxlab.utils.input_files import read_json, read_text
+from cboxlab.utils.table import Table
 
 __all__ = ["Answer", "EffectScore", "Score", "draw_effect", "open_seal", "read_diagnosis", "score", "seal"]
 
@@ -62,6 +63,30 @@ class Answer(OwnMappings):
     capture: str
     #: The seal's hash, which was published when the capture was sealed.
     sha256: str = ""
+
+    def lines(self) -> list[str]:
+        """Sentences that the table does not state.
+
+        Returns
+        -------
+        list of str
+            One sentence if no effect was hidden; otherwise none.
+        """
+        return [] if self.effects else ["No effect was hidden."]
+
+    def tables(self) -> list[Table]:
+        """Hidden effects with their parameters.
+
+        Returns
+        -------
+        list of Table
+            One table; none if no effect was hidden.
+        """
+        rows = tuple(
+            (name, ", ".join(f"{k} = {v if isinstance(v, str) else format(v, '.4g')}" for k, v in values.items()))
+            for name, values in self.effects
+        )
+        return [Table("Hidden effects", ("effect", "parameters"), rows, text_columns=(0, 1))] if rows else []
 
 
 def draw_effect(
@@ -258,6 +283,40 @@ class Score:
     exact: bool
     #: Identifiers of selected effects that are not hidden.
     falsely_selected: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Whether ranking and selection are right.
+
+        Returns
+        -------
+        list of str
+            One sentence, and one on selected effects that are not hidden.
+        """
+        first, selection = ("right" if sound else "wrong" for sound in (self.first, self.exact))
+        lines = [f"First of the ranking: {first}. Selection: {selection}."]
+        if self.falsely_selected:
+            lines.append(f"Effects selected, but not hidden: {', '.join(self.falsely_selected)}.")
+        return lines
+
+    def tables(self) -> list[Table]:
+        """Rank, selection and errors of each hidden effect.
+
+        Returns
+        -------
+        list of Table
+            One table; none if no effect was hidden. A dash stands for an effect that is not listed.
+        """
+        rows = tuple(
+            (
+                row.effect,
+                str(row.rank or "–"),
+                "yes" if row.selected else "no",
+                ", ".join(f"{key} {100 * error:+.1f}%" for key, error in row.errors.items()) or "–",
+            )
+            for row in self.effects
+        )
+        columns = ("effect", "rank", "selected", "relative error of each parameter")
+        return [Table("Score of the diagnosis", columns, rows, text_columns=(0, 3))] if rows else []
 
     def to_dict(self) -> dict[str, Any]:
         """The score ready for JSON; errors are relative, infinite for a wrong name.

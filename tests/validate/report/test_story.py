@@ -7,7 +7,7 @@ import pytest
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
 from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureResult, Limit, Ranked, Separation, Step
-from cboxlab.validation.report.diagnosis import further_sentences, limit_words
+from cboxlab.validation.report.diagnosis import further_sentences, limit_text
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story
 from helpers.fakes.box import BANDS, FakeBox
@@ -60,8 +60,8 @@ def test_the_first_sentence_is_the_cause_and_its_size():
     told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
     assert told.headline.sentence == "The model lacks veiling-glare (fraction 0.0301 ± 0.0012)."
     assert [p.caption for p in told.headline.pictures.panels] == [
-        "What the photograph shows",
-        "What veiling-glare would show",
+        "Photograph minus rendering",
+        "Change by veiling-glare alone",
     ]
     assert told.falling is not None
 
@@ -69,14 +69,14 @@ def test_the_first_sentence_is_the_cause_and_its_size():
 def test_the_runner_up_is_answered():
     told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
     (why,) = [text for text in told.missing.paragraphs if text.startswith("Why not")]
-    assert "dark-offset in place of veiling-glare" in why and "21.4 standard deviations of the noise" in why
-    assert why.endswith("Its probability of 40.0 % counts the errors of the computed patterns, too.")
+    assert "dark-offset instead of veiling-glare" in why and "21.4 standard deviations of the noise" in why
+    assert why.endswith("Its probability of 40.0 % includes errors of the computed patterns.")
     assert "cosine between the two patterns is 0.38" in why
     rows = [block for block in told.missing.blocks if isinstance(block, MapRow)]
     assert len(rows) == 3
     assert all([p.caption for p in row.panels] == [name for _, name in NAMED] for row in rows)
     assert {(row.scale.low, row.scale.high) for row in rows} == {(-5, 5)}
-    assert any("No further capture is needed" in step for step in told.next.steps)
+    assert any("You need no further capture" in step for step in told.next.steps)
 
 
 def test_what_cannot_be_told_apart_has_its_further_capture():
@@ -84,9 +84,9 @@ def test_what_cannot_be_told_apart_has_its_further_capture():
     one = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
     told = story(_diagnosis(("veiling-glare",), close, (one,)), NAMED)
     steps = " ".join(told.next.steps)
-    assert "2.1 standard deviations apart, 5 are needed" in steps
-    assert "frames with the lens capped (120 s, expected 20.0)" in steps
-    assert "No further capture" not in steps
+    assert "differ by 2.1 standard deviations, and 5 are needed" in steps
+    assert "frames with the lens capped (120 s; 20.0 standard deviations expected)" in steps
+    assert "no further capture" not in steps
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_what_only_a_further_capture_shows_is_to_be_diagnosed_there(selected, ad
 
 
 @pytest.mark.parametrize(
-    ("selected", "sentence"), [(("unknown",), "Nothing known fits"), ((), "The model is adequate")]
+    ("selected", "sentence"), [(("unknown",), "No known effect fits"), ((), "The model is adequate")]
 )
 def test_without_a_cause_the_first_sentence_says_so(selected, sentence):
     told = story(_diagnosis(selected, CAUSES if selected else ()), NAMED)
@@ -132,6 +132,6 @@ def test_bands_together_have_the_noise_of_one():
     ],
 )
 def test_limits_are_said_in_the_effects_own_numbers(effect, parameter, unit, distance, words):
-    assert limit_words(Limit(effect, {}, parameter, unit, distance, 1e-3, 0.8, True)) == words
+    assert limit_text(Limit(effect, {}, parameter, unit, distance, 1e-3, 0.8, True)) == words
     of = Limit(effect, {"material": "white", "albedo": 0.9}, parameter, unit, distance, 1e-3, 0.8, True)
-    assert limit_words(of) == f"{words} (white, albedo 0.9)"
+    assert limit_text(of) == f"{words} (white, albedo 0.9)"

@@ -1,4 +1,4 @@
-"""``cbox add``: a model with one more effect."""
+"""``cbox add``: add an effect to a model."""
 
 from __future__ import annotations
 
@@ -22,27 +22,35 @@ __all__ = ["add"]
 
 
 def add(
-    model: Annotated[Path, typer.Argument(help="Model file (TOML); created if it does not exist.", show_default=False)],
+    model: Annotated[
+        Path, typer.Argument(help="Model file (TOML). It is created if it does not exist.", show_default=False)
+    ],
     effect: Annotated[
         str,
         typer.Argument(
-            help="Identifier, see `cbox effects`, or an effect file (.toml).",
+            help="Identifier of an effect (see `cbox effects`), or an effect file (.toml).",
             show_default=False,
             autocompletion=complete_effect,
         ),
     ],
-    values: Annotated[list[str] | None, typer.Argument(help="key=value ...", show_default=False)] = None,
+    values: Annotated[list[str] | None, typer.Argument(help="Parameters, as key=value ...", show_default=False)] = None,
     fit: Annotated[
         Path | None,
-        typer.Option(help="Fit the omitted parameters to this capture, together with camera and lamp."),
+        typer.Option(help="Fit the omitted parameters to this capture, with camera and lamp."),
     ] = None,
     scene: Annotated[
         str | None,
-        typer.Option(help="Scene file or packaged scene of a model that is created; with --fit default the capture's."),
+        typer.Option(
+            help="Scene file or packaged scene of a new model. The default is cornell-box, or with --fit the capture's "
+            "scene."
+        ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Add an effect to a model; omitted parameters get their default or null value, or are fitted."""
+    """Add an effect to a model.
+
+    An omitted parameter gets its default or else its null value. With --fit it is fitted.
+    """
     from cboxlab.calibration.capture import load_capture
     from cboxlab.rendering.effects import apply_checked, names_in
     from cboxlab.rendering.model import Model, load_model, named_effect, write_model
@@ -52,64 +60,66 @@ def add(
 
     if model.suffix != ".toml":
         raise InputError(model, f"the ending '{model.suffix}'", "a model file, '.toml'")
-    given = dict(_pair(text) for text in values or ())
-    found = _content(model)
+    pairs = dict(_pair(text) for text in values or ())
+    before = _content(model)
     if scene is not None and model.exists():
-        raise InputError("--scene", f"'{scene}', and {model} exists", "no scene: the model has one")
+        raise InputError("--scene", f"'{scene}', and {model} exists", "no --scene: the model has a scene")
     current = load_model(model) if model.exists() else Model(name=model.stem)
     if current.scene.origin is not None and current.scene.origin.reference == str(model.resolve()):
-        raise InputError(model, "a scene file", "a model file", f"Name a new one, with --scene {model}.")
+        raise InputError(model, "a scene file", "a model file", f"Name a new model, with --scene {model}.")
     if scene is None and fit is not None and not model.exists():
         current = replace(current, scene=as_model(None, [load_capture(fit)]).scene)
     if scene is not None:
         current = replace(current, scene=load_scene(scene))
-    known = named_effect(effect, Path())
-    applied = apply_checked(known, given, "cbox add", names_in(current.scene))
+    definition = named_effect(effect, Path())
+    applied = apply_checked(definition, pairs, "cbox add", names_in(current.scene))
     before_after: dict[str, float] = {}
     if fit is not None:
         require_folder(model.parent)
-        applied, before_after = _fitted(fit, current, applied.effect, given)
+        applied, before_after = _fitted(fit, current, applied.effect, pairs)
     grown = current.with_effect(applied)
     model.parent.mkdir(parents=True, exist_ok=True)
     with folder_lock(model.parent):
-        if _content(model) != found:
+        if _content(model) != before:
             raise InputError(
                 model,
-                "another content than when the command began",
-                "a model that nothing else changes",
-                "Run it again.",
+                "content that changed since the command began",
+                "a model that no other program changes",
+                "Run the command again.",
             )
         write_model(model, grown)
-    shown = ", ".join(
+    parameters = ", ".join(
         f"{key} = {value if isinstance(value, str) else format(value, '.5g')}"
         + (f" ± {applied.sigma[key]:.2g}" if key in applied.sigma else "")
         for key, value in applied.values.items()
     )
-    own = {"effect": applied.id, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
-    give_json(json, {"model": model, "added": own, "effects": [e.id for e in grown.effects], **before_after})
-    say(f"{model}: added {applied.id} ({shown}); effects now: {', '.join(e.id for e in grown.effects)}")
+    added = {"effect": applied.id, "parameters": dict(applied.values), "sigma": dict(applied.sigma)}
+    give_json(json, {"model": model, "added": added, "effects": [e.id for e in grown.effects], **before_after})
+    say(f"{model}: added {applied.id} ({parameters}). Its effects: {', '.join(e.id for e in grown.effects)}.")
 
 
 def _content(path: Path) -> bytes | None:
+    """Content of a file; None if it does not exist."""
     return path.read_bytes() if path.exists() else None
 
 
 def _fitted(
-    capture: Path, model: Model, effect: Effect, given: dict[str, str | float]
+    capture: Path, model: Model, effect: Effect, values: dict[str, str | float]
 ) -> tuple[AppliedEffect, dict[str, float]]:
-    """The fitted effect, and chi-square per sample before and after as keys of the record."""
+    """Fitted effect, and chi-square per sample before and after as keys of the record."""
     from ...api import Study
     from ...diagnose import fit_effect
     from ...predict import default_cache
 
     with options(fit="--fit"), bar(f"fitting {effect.id}") as report:
         study = Study.open(capture, model=model, cache=default_cache(), progress=share(report, 0.0, 0.8))
-        applied, before, after = fit_effect(study.validations()[0], effect, given, share(report, 0.8, 1.0))
-    say(f"χ² per sample: {before:.4g} without the effect, {after:.4g} with it, camera and lamp fitted")
+        applied, before, after = fit_effect(study.validations()[0], effect, values, share(report, 0.8, 1.0))
+    say(f"χ² per sample, with camera and lamp fitted: {before:.4g} without the effect, {after:.4g} with it.")
     return applied, {"chi2_per_sample_before": before, "chi2_per_sample": after}
 
 
 def _pair(text: str) -> tuple[str, str | float]:
+    """Key and value of an argument key=value."""
     key, separator, value = text.partition("=")
     if not separator or not key or not value:
         raise InputError("cbox add", repr(text), "key=value, such as fraction=0.02")

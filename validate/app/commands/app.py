@@ -1,4 +1,4 @@
-"""All commands of ``cbox``. Bad input ends with one message and exit code 2."""
+"""All commands of ``cbox``, and their exit codes."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ from .verify import verify
 
 __all__ = ["app", "run"]
 
+#: The command line.
 app = command_line(
-    "How far a physically based rendering is from the real thing, where, and why.",
+    "Measure how far a physically based rendering is from photographs of a real Cornell box, where, and why.",
     (
         demo,
         validate,
@@ -61,26 +62,33 @@ app = command_line(
 
 
 def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> None:
-    """Run one command. arguments : default those of sys.argv. pressed : Ctrl-C, as often as until now (``cli.main``).
+    """Run one command and end with its exit code.
 
     Exit codes: 0 done, 1 a check failed, 2 bad input, 3 an error of the program (with a trace file), 130 interrupted.
+
+    Parameters
+    ----------
+    arguments
+        Arguments of the command; None for those of sys.argv.
+    pressed
+        One number for each Ctrl-C until now, see ``cli.main``.
     """
-    given = sys.argv[1:] if arguments is None else list(arguments)
-    this_run.begin(given)
+    command = sys.argv[1:] if arguments is None else list(arguments)
+    this_run.begin(command)
     try:
-        _require_letters(given)
-        app(prog_name="cbox", args=given)
+        _require_letters(command)
+        app(prog_name="cbox", args=command)
     except InputError as error:
         _fail(str(error))
     except Cancelled:
-        errors.print("stopped; no unfinished file is left")
+        errors.print("Stopped. No unfinished file is left.")
         sys.exit(130)
-    except BrokenPipeError:  # the reader of the output has gone; results are in their files
+    except BrokenPipeError:  # the reader of the output has ended; results are in their files
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         _fail(f"{error.filename or 'a file'}: {error.strerror or error}")
     except MemoryError:
-        _fail("the input needs more memory than there is: a smaller picture or fewer wavelengths")
+        _fail("the input needs more memory than this computer has. Use a smaller picture or fewer wavelengths.")
     except (KeyboardInterrupt, Exception) as error:
         if isinstance(error, KeyboardInterrupt) or pressed:
             errors.print("interrupted")
@@ -89,27 +97,28 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
 
 
 def _require_letters(arguments: Sequence[str]) -> None:
-    """Raises InputError for names that the locale cannot read: libraries for picture files refuse them later."""
+    """Raise InputError for names that the locale cannot read, since libraries refuse them later."""
     for name in arguments:
         if any("\ud800" <= letter <= "\udfff" for letter in name):
             encoding = sys.getfilesystemencoding()
-            found = f"bytes that are no letters in the locale's encoding, {encoding}"
-            raise InputError(name, found, "a name in that encoding", "Set LC_ALL=C.UTF-8, or rename the file.")
+            problem = f"bytes that are not letters of the locale's encoding, {encoding}"
+            raise InputError(name, problem, "a name in that encoding", "Set LC_ALL=C.UTF-8, or rename the file.")
 
 
 def _report_fault(error: Exception) -> None:
-    """Keep the trace of a fault of the program in a file, and say in one line where it is."""
+    """Write the trace of a program error to a file, and print its path in one line."""
     if this_run.verbose:
         traceback.print_exception(error)
     handle, name = tempfile.mkstemp(prefix="cboxlab-trace-", suffix=".txt")
     with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as trace:
         trace.write(f"cbox {' '.join(sys.argv[1:])}\n\n")
         traceback.print_exception(error, file=trace)
-    message = f"{type(error).__name__}: {str(error)[:200]}. This is a fault of the program: please send {name}"
+    message = f"{type(error).__name__}: {str(error)[:200]}. This is an error of the program: please send {name}"
     errors.print(Text.assemble(("fault: ", "bold red"), message), soft_wrap=True)
     sys.exit(3)
 
 
 def _fail(message: str) -> None:
+    """Print an error and end with exit code 2."""
     errors.print(Text.assemble(("error: ", "bold red"), message), soft_wrap=True)
     sys.exit(2)

@@ -24,48 +24,60 @@ __all__ = [
 #: Largest number of pixels per side.
 LARGEST_SIZE = 8192
 
-CaptureFolder = Annotated[
-    Path, typer.Argument(help="A folder of the capture format (capture.toml).", show_default=False)
-]
+CaptureFolder = Annotated[Path, typer.Argument(help="Folder of a capture, with capture.toml.", show_default=False)]
 
 ModelArgument = Annotated[
     str,
     typer.Argument(
         metavar="MODEL",
-        help="Model or scene file (TOML), or a packaged scene: cornell-box.",
+        help="Model or scene file (TOML), or the packaged scene cornell-box.",
         show_default=False,
     ),
 ]
 
 RenderOption = Annotated[
     Path | None,
-    typer.Option(help="Spectral cube of another renderer (.nc, .exr, .hdr), with the capture's calibrated camera."),
+    typer.Option(
+        help="Spectral cube of another renderer (.nc, .exr, .hdr) to compare. It must show the view of the capture's "
+        "calibrated camera."
+    ),
 ]
 
 NoCacheOption = Annotated[
-    bool, typer.Option("--no-cache", help="Do not use or write rendered pictures in the user's cache folder.")
+    bool, typer.Option("--no-cache", help="Neither read nor write stored renderings in your cache folder.")
 ]
 
-#: Values that a file of pictures does not state.
+#: Help of values that a file does not state.
 _DECLARED = (
-    "What a file does not state: units='W m^-2 sr^-1 nm^-1' ('cd m^-2' in colour), scale=FACTOR to them, "
-    "wavelengths=400:700:20, wavelength-unit=nm (of a list without one), colour-space=rec709 (rec2020, p3-d65, aces, "
-    "acescg, radiance). May be repeated."
+    "Property that a file does not state, as KEY=VALUE. Repeat the option for several properties. The keys are units "
+    "('W m^-2 sr^-1 nm^-1', or 'cd m^-2' in colour), scale (factor to these units), wavelengths (400:700:20), "
+    "wavelength-unit (nm), and colour-space (rec709, rec2020, p3-d65, aces, acescg or radiance)."
 )
 DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
 DeclarePairOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="[SIDE:]KEY=VALUE",
-        help=f"{_DECLARED} For one of the two alone with its name before the key: A: or B:, of regress baseline: or "
-        "candidate:.",
+        help=f"{_DECLARED} For one of the two inputs, put its name before the key: A: or B: in `cbox compare`, "
+        "baseline: or candidate: in `cbox regress`.",
         show_default=False,
     ),
 ]
 
 
 def complete_effect(incomplete: str) -> list[str]:
-    """Identifiers for the shell's completion."""
+    """Identifiers of effects for the shell's completion.
+
+    Parameters
+    ----------
+    incomplete
+        Typed beginning of an identifier.
+
+    Returns
+    -------
+    list of str
+        Identifiers with that beginning.
+    """
     from cboxlab.rendering.effects import catalogue
 
     return [name for name in catalogue() if name.startswith(incomplete)]

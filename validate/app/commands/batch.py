@@ -1,4 +1,4 @@
-"""The command batch: the same command for every capture below a folder, resumable, with one summary."""
+"""``cbox batch``: the same command for every capture below a folder, with one summary."""
 
 from __future__ import annotations
 
@@ -24,39 +24,39 @@ from .console import bar, give_json, require_folder, say
 
 __all__ = ["batch"]
 
-#: Name of a capture's log in its folder of results: what its command printed.
+#: File in a capture's folder of results with the output of its command.
 _LOG = "log.txt"
 
 
-#: The program, as a process of its own; its arguments follow.
+#: Program of a process that runs one command; its arguments follow.
 _CBOX = "import sys; from cboxlab.validation.app.commands.cli import main; sys.argv[0] = 'cbox'; main()"
 
 
 class What(StrEnum):
-    """The command that each capture is given to."""
+    """Command that is run for each capture."""
 
     CALIBRATE = "calibrate"
     VALIDATE = "validate"
     DIAGNOSE = "diagnose"
 
 
-def _of_calibration(found: Mapping[str, Any]) -> dict[str, Any]:
-    return {"suspicions": len(found["suspicions"])}
+def _of_calibration(record: Mapping[str, Any]) -> dict[str, Any]:
+    return {"suspicions": len(record["suspicions"])}
 
 
-def _of_validation(found: Mapping[str, Any]) -> dict[str, Any]:
-    return {"chi2_per_dof": found["chi2_per_dof"], "delta_e_ab": found["delta_e_ab"]["mean"]}
+def _of_validation(record: Mapping[str, Any]) -> dict[str, Any]:
+    return {"chi2_per_dof": record["chi2_per_dof"], "delta_e_ab": record["delta_e_ab"]["mean"]}
 
 
-def _of_diagnosis(found: Mapping[str, Any]) -> dict[str, Any]:
+def _of_diagnosis(record: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "chi2_per_dof": found["chi2_per_dof"],
-        "final_chi2_per_dof": found["final_chi2_per_dof"],
-        "selected": " ".join(found["selected"]) or "none",
+        "chi2_per_dof": record["chi2_per_dof"],
+        "final_chi2_per_dof": record["final_chi2_per_dof"],
+        "selected": " ".join(record["selected"]) or "none",
     }
 
 
-#: By command: the file of its results, and what the summary takes from it.
+#: By command, the file of its results and the function of its columns in the summary.
 _RESULTS = {
     What.CALIBRATE: ("calibration.json", _of_calibration),
     What.VALIDATE: ("metrics.json", _of_validation),
@@ -67,27 +67,30 @@ _RESULTS = {
 def batch(
     folder: Annotated[
         Path,
-        typer.Argument(help="A folder; every folder below it with a capture.toml is a capture.", show_default=False),
+        typer.Argument(
+            help="Folder of captures. Every folder below it with a capture.toml is a capture.", show_default=False
+        ),
     ],
     *,
     out: Annotated[
         Path,
-        typer.Option(
-            help="Folder for the results, one folder for each capture, and for summary.csv.", show_default=False
-        ),
+        typer.Option(help="Folder for summary.csv and the results, one folder for each capture.", show_default=False),
     ],
-    what: Annotated[What, typer.Option(help="The command that each capture is given to.")] = What.DIAGNOSE,
-    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
-    jobs: Annotated[int, typer.Option(help="Captures at the same time.", min=1, max=64)] = 1,
+    what: Annotated[What, typer.Option(help="Command to run for each capture.")] = What.DIAGNOSE,
+    model: Annotated[
+        Path | None, typer.Option(help="Model or scene file (TOML). The default is the scene that each capture states.")
+    ] = None,
+    jobs: Annotated[int, typer.Option(help="Number of captures to compute at the same time.", min=1, max=64)] = 1,
     json: JsonOption = None,
 ) -> None:
-    """Calibrate, validate or diagnose many captures, each in a process of its own, with one summary.
+    """Calibrate, validate or diagnose many captures, and write one summary.
 
-    The same command again goes on: a capture whose inputs and results are those of its manifest is not computed again.
-    A capture that is refused or fails stops no other one. Exit code 2 if any was refused, 3 if any failed.
+    Each capture runs in a separate process. If you repeat the command, captures with unchanged inputs and results are
+    not computed again. A capture that is refused or fails does not stop the others. The exit code is 2 if any capture
+    was refused and 3 if any failed.
     """
     if model is not None and what is What.CALIBRATE:
-        raise InputError("--model", "a model with --what calibrate", "a model to validate or diagnose with")
+        raise InputError("--model", "a model with --what calibrate", "--what validate or --what diagnose")
     captures = _captures(folder)
     require_folder(out)
     rows: dict[str, dict[str, Any]] = {}
@@ -98,30 +101,31 @@ def batch(
                 _write_summary(out, [rows[name] for name in captures if name in rows])
     finally:
         if rows:
-            say(f"Summary: {out / 'summary.csv'} ({len(rows)} of {len(captures)} captures)")
+            say(f"Summary of {len(rows)} of {len(captures)} captures: {out / 'summary.csv'}")
     ordered = [rows[name] for name in captures]
-    _tell(ordered)
+    _print_summary(ordered)
     give_json(json, {"captures": ordered})
     worst = max(_EXIT[row["status"]] for row in ordered)
     if worst:
         raise typer.Exit(worst)
 
 
+#: Exit code of each status of a capture.
 _EXIT = {"done": 0, "kept": 0, "refused": 2, "failed": 3}
 
 
 def _captures(folder: Path) -> list[str]:
-    """Captures below a folder, as paths relative to it, in order. Raises InputError for none."""
-    found = sorted(path.parent.relative_to(folder).as_posix() for path in folder.rglob("capture.toml"))
-    if not found:
+    """Sorted paths of captures below a folder, relative to it; InputError if there is none."""
+    names = sorted(path.parent.relative_to(folder).as_posix() for path in folder.rglob("capture.toml"))
+    if not names:
         raise InputError(folder, "no capture.toml below it", "a folder with captures")
-    return found
+    return names
 
 
 def _run_all(
     folder: Path, captures: list[str], out: Path, what: What, model: Path | None, jobs: int, report: Progress
 ) -> Iterator[dict[str, Any]]:
-    """The row of each capture, as they end. Where the run is cancelled, captures not begun are left out."""
+    """Row of each capture, in the order of their ends, until the run is cancelled."""
     with ThreadPoolExecutor(jobs) as pool:
         waiting: set[Future[dict[str, Any]]] = {
             pool.submit(_run_one, name, folder / name, out / name, what, model) for name in captures
@@ -139,16 +143,17 @@ def _run_all(
             raise
 
 
-def _run_one(name: str, capture: Path, place: Path, what: What, model: Path | None) -> dict[str, Any]:
+def _run_one(name: str, capture: Path, results: Path, what: What, model: Path | None) -> dict[str, Any]:
+    """Row of one capture; its command runs unless its results are current."""
     from ...api import is_current
 
     row: dict[str, Any] = {"capture": name, "status": "kept", "seconds": 0.0, "message": ""}
     with_model = [] if model is None else ["--model", str(model.resolve())]
-    command = [what.value, str(capture.resolve()), "--out", str(place.resolve()), *with_model]
-    log = place / _LOG
-    if not (log.exists() and is_current(place, shlex.join(["cbox", *command]))):
+    command = [what.value, str(capture.resolve()), "--out", str(results.resolve()), *with_model]
+    log = results / _LOG
+    if not (log.exists() and is_current(results, shlex.join(["cbox", *command]))):
         start = time.monotonic()
-        place.mkdir(parents=True, exist_ok=True)
+        results.mkdir(parents=True, exist_ok=True)
         run = subprocess.run(
             [sys.executable, "-c", _CBOX, *command],
             capture_output=True,
@@ -162,16 +167,16 @@ def _run_one(name: str, capture: Path, place: Path, what: What, model: Path | No
         row["status"] = {0: "done", 2: "refused"}.get(run.returncode, "failed")
         if run.returncode:
             said = [line for line in run.stderr.splitlines() if line.startswith(("error: ", "fault: "))]
-            row["message"] = said[0].partition(": ")[2] if said else f"ended with {run.returncode}"
+            row["message"] = said[0].partition(": ")[2] if said else f"exit code {run.returncode}"
             return row
     from cboxlab.utils.input_files import read_json
 
-    file, taken = _RESULTS[what]
-    return row | taken(read_json(place / file, "results of cbox"))
+    file, columns = _RESULTS[what]
+    return row | columns(read_json(results / file, "results of cbox"))
 
 
 def _write_summary(out: Path, rows: list[dict[str, Any]]) -> None:
-    """summary.csv, a row for each capture that is over; complete or not at all."""
+    """Write summary.csv, with a row for each finished capture; completely or not at all."""
     columns = list(dict.fromkeys(key for row in rows for key in row))
     with (
         replacing(out / "summary.csv") as temporary,
@@ -182,8 +187,8 @@ def _write_summary(out: Path, rows: list[dict[str, Any]]) -> None:
         writer.writerows(rows)
 
 
-def _tell(rows: list[dict[str, Any]]) -> None:
-    """How many ended how, and each that was refused or failed."""
+def _print_summary(rows: list[dict[str, Any]]) -> None:
+    """Print the number of captures by status, and each that was refused or failed."""
     counts = Counter(row["status"] for row in rows)
     say(", ".join(f"{counts[status]} {status}" for status in _EXIT if counts[status]))
     for row in rows:

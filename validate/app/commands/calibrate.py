@@ -1,4 +1,4 @@
-"""``cbox calibrate``: camera, noise, response, filter weights and absolute scale of a capture."""
+"""``cbox calibrate``: camera, noise, response, filter weights and scale of a capture."""
 
 from __future__ import annotations
 
@@ -33,19 +33,22 @@ def calibrate(
         "calibration-report"
     ),
     init: Annotated[
-        bool, typer.Option("--init", help="Write a first capture.toml for a folder of frames, and stop.")
+        bool, typer.Option("--init", help="Only write a first capture.toml for a folder of frames.")
     ] = False,
     refine_geometry: Annotated[
         bool,
-        typer.Option("--refine-geometry", help="Compare the box's edges in the photograph with the model's."),
+        typer.Option("--refine-geometry", help="Fit camera and objects to the box's edges in the photograph."),
     ] = False,
     reference_uncertainty: Annotated[
         float,
-        typer.Option(help="Relative standard deviation of the reference source's radiance.", min=0.0, max=1.0),
+        typer.Option(help="Relative standard deviation of the radiance of the reference source.", min=0.0, max=1.0),
     ] = 0.0,
     json: JsonOption = None,
 ) -> None:
-    """Calibrate camera, noise, linearity, filter weights and absolute scale, as far as a capture allows."""
+    """Calibrate a capture: camera, noise, linearity, filter weights and absolute scale.
+
+    Quantities for which the capture has no data are left out, with a note.
+    """
     if init:
         _write_first_manifest(capture, json)
         return
@@ -65,6 +68,7 @@ def calibrate(
 
 
 def _refine_geometry(calibration: Calibration, out: Path) -> Path:
+    """Print and write the geometry from the box's edges; returns geometry.json."""
     from cboxlab.calibration.result import write_geometry
 
     from ...compare import refine_geometry
@@ -81,31 +85,32 @@ def _refine_geometry(calibration: Calibration, out: Path) -> Path:
         "rms, px",
         "rms after fit, px",
     )
-    for error in errors:
-        sigma = error.covariance.diagonal() ** 0.5
-        pairs = zip(error.shift_mm, sigma, strict=True)
-        shifts = [f"{shift:+.1f} ± {one:.1f}" if one > 0 else "fixed" for shift, one in pairs]
-        rms = [f"{value:.3f}" for value in (error.rms_before_px, error.rms_after_px)]
-        cells = [*shifts, str(error.samples), *rms] if error.known else ["–"] * 3 + [str(error.samples), "–", "–"]
-        table.add_row(error.name, *cells)
+    for item in errors:
+        sigma = item.covariance.diagonal() ** 0.5
+        pairs = zip(item.shift_mm, sigma, strict=True)
+        shifts = [f"{shift:+.1f} ± {error:.1f}" if error > 0 else "fixed" for shift, error in pairs]
+        rms = [f"{value:.3f}" for value in (item.rms_before_px, item.rms_after_px)]
+        cells = [*shifts, str(item.samples), *rms] if item.known else ["–"] * 3 + [str(item.samples), "–", "–"]
+        table.add_row(item.name, *cells)
     print_table(table)
-    for error in errors:
-        if not error.known:
-            say(f"• {error.name}: {error.samples} samples along its edges are too few to tell where it stands")
-    say(f"Refined camera and objects, with covariances: {out / 'geometry.json'}")
+    for item in errors:
+        if not item.known:
+            say(f"• The position of {item.name} is not measured: its edges have only {item.samples} samples.")
+    say(f"Fitted camera and objects, with covariances: {out / 'geometry.json'}")
     return out / "geometry.json"
 
 
 def _write_first_manifest(folder: Path, json: Path | None) -> None:
+    """Write a first capture.toml, and print what it lacks."""
     from cboxlab.calibration.capture import write_first_manifest
 
     with bar("reading frames"):
         first = write_first_manifest(folder)
     say(f"{first.path}: {', '.join(f'{count} [[{kind}]]' for kind, count in first.tables.items())}")
-    _print_missing("Missing. Every command refuses the capture until these are there:", first, required=True)
-    _print_missing("Can be added, and is then used:", first, required=False)
+    _print_missing("Missing keys. You have to add them before any command accepts the capture:", first, required=True)
+    _print_missing("Optional keys, which are used if you add them:", first, required=False)
     if first.left_out:
-        say("Files that capture.toml does not name:")
+        say("Files that capture.toml does not use:")
     for item in first.left_out:
         say(f"• {item.file}: {item.why}")
     missing, left_out = [asdict(key) for key in first.missing], [asdict(item) for item in first.left_out]
@@ -113,6 +118,7 @@ def _write_first_manifest(folder: Path, json: Path | None) -> None:
 
 
 def _print_missing(title: str, first: FirstManifest, *, required: bool) -> None:
+    """Print missing keys below a title, if there are any."""
     alike: dict[tuple[str, str, str], list[str]] = {}  # the same key of several tables is one line
     for key in first.missing:
         if key.required == required:

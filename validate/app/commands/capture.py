@@ -32,38 +32,38 @@ if TYPE_CHECKING:
 __all__ = ["capture"]
 
 #: Largest number of effects drawn until one can have the requested strength.
-_DRAWS = 8
+_MAX_DRAWS = 8
 
-
-#: Chi-square per sample that a capture's render may add without a word.
+#: Chi-square per sample by the error of the rendering from which on a note is printed.
 _LARGEST_EXCESS = 0.05
 
 
 def capture(
     model: ModelArgument,
-    out: Annotated[Path, typer.Option(help="A new folder.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="New folder of the capture.", show_default=False)],
     *,
     size: Annotated[int, typer.Option(help="Pixels per side.", min=16, max=1024)] = 128,
     camera: Annotated[
         Path | None,
-        typer.Option(help="In place of --size and a camera by chance: a camera file (.json), or a capture folder."),
+        typer.Option(help="Camera file (.json), or capture folder. It replaces --size and the random camera."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of camera and noise; default random.", min=0)] = None,
-    noise: Annotated[str, typer.Option(help="Relative standard error of the render, median.")] = "0.1%",
+    seed: Annotated[int | None, typer.Option(help="Seed of camera and noise. The default is random.", min=0)] = None,
+    noise: Annotated[str, typer.Option(help="Median relative standard error of the rendering.")] = "0.1%",
     hide: Annotated[
-        bool, typer.Option("--hide", help="Seal the effects: those of the model, or a random one.")
+        bool, typer.Option("--hide", help="Hide the effects of the model, or a random effect, in a sealed answer.")
     ] = False,
-    effects: Annotated[str | None, typer.Option(help="With --hide: draw one of these (id,id).")] = None,
+    effects: Annotated[str | None, typer.Option(help="With --hide: draw the random effect from these (id,id).")] = None,
     strength: Annotated[
-        str | None, typer.Option(help="With --hide: faint, weak, medium or strong, by chi2 at this size.")
+        str | None,
+        typer.Option(help="With --hide: strength of the random effect by chi-square (faint, weak, medium or strong)."),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Write a synthetic capture by the forward model, open or with a hidden effect and a sealed answer.
+    """Write a synthetic capture of a model, with open effects or with a hidden effect.
 
-    With --hide the camera, exposures and survey of the laboratory vary too, and the blocks differ slightly from their
-    surveyed positions. Some effects are not in the light but in the model, which stops too early: the capture's folder
-    then contains that model.
+    With --hide, camera, exposures and survey vary too, and the blocks differ slightly from their surveyed positions.
+    The answer is sealed in the capture, and `cbox reveal` opens it. If the hidden cause is a model with too few
+    reflections, the folder contains this model.
     """
     import numpy as np
     from cboxlab.rendering.chain import PHOTOGRAPHED
@@ -79,27 +79,27 @@ def capture(
             hint = "`cbox add` adds an effect to a model openly."
             raise InputError(option, "no --hide", f"{option} together with --hide", hint)
     require_folder(out.parent)
-    chosen = load_model(model)
+    truth = load_model(model)
     number = secrets.randbits(63) if seed is None else seed
     generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
     true_camera = perturbed_camera(size, number) if camera is None else view_of(camera)[0]
     settings = varied_settings(number) if hide else CaptureSettings()
     warn_unless_compiled()
     truncated = None
-    if hide and (effects is not None or strength is not None or not chosen.effects):
+    if hide and (effects is not None or strength is not None or not truth.effects):
         names = tuple(effects.split(",")) if effects else ()
         with options(effects="--effects", strength="--strength"):
-            drawn = _drawn(chosen, names, strength, generator, true_camera, settings, number)
-        if drawn.stage == "settings":
+            hidden = _drawn(truth, names, strength, generator, true_camera, settings, number)
+        if hidden.stage == "settings":
             bounces = int(generator.integers(1, 4))
-            truncated = replace(chosen, render=replace(chosen.render, max_bounces=bounces), name="truncated")
-        chosen = chosen.with_effect(drawn)
+            truncated = replace(truth, render=replace(truth.render, max_bounces=bounces), name="truncated")
+        truth = truth.with_effect(hidden)
     with replacing_folder(out) as temporary:
         with bar("rendering") as report:
-            inside = [effect for effect in chosen.effects if effect.stage in PHOTOGRAPHED]
+            inside = [effect for effect in truth.effects if effect.stage in PHOTOGRAPHED]
             excess = write_model_capture(
                 temporary,
-                replace(chosen, effects=tuple(inside)),
+                replace(truth, effects=tuple(inside)),
                 true_camera,
                 settings,
                 number,
@@ -109,22 +109,22 @@ def capture(
             )
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)
-        digest = seal(temporary, chosen.effects, generator) if hide else ""
+        digest = seal(temporary, truth.effects, generator) if hide else ""
     if excess > _LARGEST_EXCESS:
         enough = error * np.sqrt(_LARGEST_EXCESS / excess)
         say(
-            f"• The render's error is the same in every frame and adds up to {excess:.2g} to chi-square per sample, "
-            f"which no model explains; --noise {enough:.2g} leaves {_LARGEST_EXCESS:g}."
+            f"• The error of the rendering is the same in every frame. It adds up to {excess:.2g} to chi-square per "
+            f"sample, which no model explains. With --noise {enough:.2g} it adds {_LARGEST_EXCESS:g}."
         )
     secret = {"sha256": digest} if hide else {"seed": number}
     give_json(json, {"capture": out, "size_px": true_camera.width_px, "sealed": hide, **secret})
     if hide:
-        say(f"Sealed. Keep this hash to detect any change of the answer: {digest}")
-        say(f"Open the answer with: cbox reveal {out} --hash {digest}")
+        say(f"The seal has hash {digest}. Keep it: it proves that the answer is unchanged.")
+        say(f"To open the answer: cbox reveal {out} --hash {digest}")
         if truncated is not None:
-            say(f"Diagnose it with its own model: cbox diagnose {out} --model {out / 'model.toml'}")
-    elif chosen.effects:
-        say(f"Effects: {', '.join(effect.id for effect in chosen.effects)}")
+            say(f"To diagnose the capture with its model: cbox diagnose {out} --model {out / 'model.toml'}")
+    elif truth.effects:
+        say(f"Effects: {', '.join(effect.id for effect in truth.effects)}")
     say(
         f"Capture: {out} ({true_camera.width_px} x {true_camera.height_px} px"
         + ("" if hide else f", seed {number}")
@@ -141,7 +141,7 @@ def _drawn(
     settings: CaptureSettings,
     seed: int,
 ) -> AppliedEffect:
-    """A random effect of the requested strength. Raises InputError if the named effects cannot have it."""
+    """Random effect of the requested strength; InputError if the named effects cannot have it."""
     from ...synthetic import STRENGTHS, at_strength, draw_effect, photographed_scene, scale_of
 
     scene, bands = photographed_scene(model), tuple(settings.filters)
@@ -152,9 +152,11 @@ def _drawn(
     first = draw_effect(generator, scene, bands, names)
     with bar("computing strengths"):
         scale = scale_of(model, camera, settings, seed)
-        for _ in range(_DRAWS):
-            found = at_strength(first, STRENGTHS[strength], scale)
-            if found is not None:
-                return found
+        for _ in range(_MAX_DRAWS):
+            scaled = at_strength(first, STRENGTHS[strength], scale)
+            if scaled is not None:
+                return scaled
             first = draw_effect(generator, scene, bands, names)
-    raise InputError("--strength", f"'{strength}', which {first.id} does not reach", "a weaker one, or another effect")
+    raise InputError(
+        "--strength", f"'{strength}', which {first.id} does not reach", "a weaker strength, or another effect"
+    )

@@ -14,8 +14,14 @@ __all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command. Parameters and exit codes as in ``app.run``."""
-    # Read when NumPy is imported: the idle threads of its matrix products would slow down ray tracing.
+    """Run one command, with the exit codes of ``app.run``.
+
+    Parameters
+    ----------
+    arguments
+        Arguments of the command; None for those of sys.argv.
+    """
+    # NumPy reads these at its import: idle threads of its matrix products would slow down ray tracing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with _interrupts_noted() as pressed:
@@ -32,8 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 @contextmanager
 def _interrupts_noted() -> Iterator[list[int]]:
-    """The Ctrl-C pressed until now. Libraries lose one that meets them while they are imported, or end in errors of
-    their own.
+    """One number for each Ctrl-C until now.
+
+    Libraries ignore a Ctrl-C while they are imported, or raise other errors.
     """
     pressed: list[int] = []
 
@@ -41,8 +48,8 @@ def _interrupts_noted() -> Iterator[list[int]]:
         pressed.append(number)
         signal.default_int_handler(number, frame)
 
-    here = threading.current_thread() is threading.main_thread()
-    noted = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    main_thread = threading.current_thread() is threading.main_thread()
+    noted = main_thread and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if noted:
         signal.signal(signal.SIGINT, note)
     try:

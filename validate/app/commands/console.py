@@ -1,4 +1,4 @@
-"""Functions common to all commands: output, progress bars, folders for results, parsing of numbers."""
+"""Common functions of commands: output, progress, folders for results, parsing of numbers."""
 
 from __future__ import annotations
 
@@ -60,13 +60,45 @@ __all__ = [
 
 
 def declared_files(declare: list[str] | None) -> Declared:
-    """The values of --declare. Raises InputError for an unknown key, a key twice, and a value without meaning."""
+    """Values of --declare.
+
+    Parameters
+    ----------
+    declare
+        Texts KEY=VALUE; None for none.
+
+    Returns
+    -------
+    Declared
+        The values.
+
+    Raises
+    ------
+    InputError
+        For an unknown key, a repeated key, and a value without meaning.
+    """
     return declared_pair(declare, ()).both
 
 
 def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()]) -> DeclaredPair:
-    """The values of --declare, for both files or, as SIDE:KEY=VALUE, for one. Raises InputError as ``declared_files``,
-    and for a scale whose unit is not declared.
+    """Values of --declare for two files.
+
+    Parameters
+    ----------
+    declare
+        Texts KEY=VALUE for both files, or SIDE:KEY=VALUE for one; None for none.
+    sides
+        Names of the files; empty for a command with one file.
+
+    Returns
+    -------
+    DeclaredPair
+        The values.
+
+    Raises
+    ------
+    InputError
+        As of ``declared_files``, and for a scale whose unit is not declared.
     """
     from cboxlab.rendering.files import DECLARABLE, DeclaredPair
 
@@ -75,19 +107,20 @@ def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()])
     for text in declare or ():
         start, equals, value = (part.strip() for part in text.partition("="))
         side, _, key = (part.strip() for part in start.rpartition(":"))
-        own = values.get(side, {})
-        if not equals or not value or key not in DECLARABLE or key in own or side not in values:
+        declared = values.get(side, {})
+        if not equals or not value or key not in DECLARABLE or key in declared or side not in values:
             raise InputError("--declare", repr(text), f"KEY=VALUE, each once, with {keys}")
-        own[key] = value
-    for own in [{**values[""], **values[side]} for side in sides] or [values[""]]:
-        if "scale" in own and "units" not in own:
-            raise InputError("--declare", "scale without units", "the unit of the scaled values beside it")
+        declared[key] = value
+    for declared in [{**values[""], **values[side]} for side in sides] or [values[""]]:
+        if "scale" in declared and "units" not in declared:
+            raise InputError("--declare", "scale without units", "scale and the units of the scaled values")
     first, second = sides or ("", "")
     pair = DeclaredPair((first, second), _declared(values[""]))
     return replace(pair, own=(_declared(values[first]), _declared(values[second]))) if sides else pair
 
 
 def _declared(values: dict[str, str]) -> Declared:
+    """Checked values of one file."""
     from cboxlab.rendering.files import Declared
 
     scale = positive_number(values["scale"], "--declare scale") if "scale" in values else None
@@ -97,9 +130,19 @@ def _declared(values: dict[str, str]) -> Declared:
 
 @contextmanager
 def bar(title: str) -> Iterator[ProgressReporter]:
-    """The stages of a computation, as ``watch_stages`` shows them.
+    """Show the stages of a computation as ``watch_stages`` does.
 
     Ctrl-C stops the computation at its next step, a second Ctrl-C immediately.
+
+    Parameters
+    ----------
+    title
+        Name of the stage until the first report.
+
+    Yields
+    ------
+    ProgressReporter
+        Receiver of the computation's progress.
     """
     with watch_stages(title) as report:
         progress = ProgressReporter(report)
@@ -109,14 +152,15 @@ def bar(title: str) -> Iterator[ProgressReporter]:
 
 @contextmanager
 def _interrupt_cancels(progress: ProgressReporter) -> Iterator[None]:
+    """Cancel a computation at the first Ctrl-C in the context."""
     if threading.current_thread() is not threading.main_thread():
-        yield  # signals come to the main thread alone
+        yield  # only the main thread receives signals
         return
 
     def stop(number: int, frame: object) -> None:
         signal.signal(signal.SIGINT, before)
         progress.cancel()
-        errors.print("stopping; Ctrl-C again stops at once")
+        errors.print("Stopping at the next step. Press Ctrl-C again to stop immediately.")
 
     before = signal.signal(signal.SIGINT, stop)
     try:
@@ -127,21 +171,42 @@ def _interrupt_cancels(progress: ProgressReporter) -> Iterator[None]:
 
 @contextmanager
 def options(hint: str = "", **names: str) -> Iterator[None]:
-    """The library's errors name arguments: here the options of that name, ``effects="--effects"``.
+    """Rename arguments in the library's errors to the options of the command.
 
-    hint : of errors that have none.
+    Parameters
+    ----------
+    hint
+        Hint for errors without one.
+    **names
+        Option by argument, such as ``effects="--effects"``.
+
+    Raises
+    ------
+    InputError
+        The library's error, with the renamed argument.
     """
     try:
         yield
     except InputError as error:
         where = names.get(error.where, re.sub("^declared (?=[A-Za-z:-]+$)", "--declare ", error.where))
-        # of what is declared for files, the library's messages say "declare KEY=VALUE"
+        # the library's messages call the option "declare KEY=VALUE"
         text = re.sub(r"(^|; |: |, or |are )declare (?=[a-z-]+=)", r"\1--declare ", error.hint or hint)
         raise InputError(where, error.found, error.expected, text) from None
 
 
 def choose_device(name: str | None) -> None:
-    """Render on "cpu" or "cuda" in this process; None changes nothing. Raises InputError for other names or no GPU."""
+    """Choose the device that renders in this process.
+
+    Parameters
+    ----------
+    name
+        "cpu" or "cuda"; None changes nothing.
+
+    Raises
+    ------
+    InputError
+        For another name, or if there is no GPU.
+    """
     if name is None:
         return
     if name not in ("cpu", "cuda"):
@@ -153,7 +218,27 @@ def choose_device(name: str | None) -> None:
 
 
 def load_inputs(model: Path | None, folders: Sequence[Path]) -> tuple[Model, tuple[Capture, ...]]:
-    """The model of --model and the captures; without --model the box that these state, or the published one."""
+    """Model and captures of a command.
+
+    Parameters
+    ----------
+    model
+        File of --model. None for the box that the captures state, or the published box.
+    folders
+        Folders of the captures.
+
+    Returns
+    -------
+    model
+        The model.
+    captures
+        The captures.
+
+    Raises
+    ------
+    InputError
+        If an input is faulty.
+    """
     from cboxlab.calibration.capture import load_capture
 
     from ...api import as_model
@@ -161,17 +246,18 @@ def load_inputs(model: Path | None, folders: Sequence[Path]) -> tuple[Model, tup
     captures = tuple(load_capture(folder) for folder in folders)
     result = as_model(model, captures)
     for capture in captures if model is None else ():
-        stated = capture.manifest.scene
-        if stated is not None and capture.scene_reference is None and result.scene.origin is not None:
+        scene = capture.manifest.scene
+        if scene is not None and capture.scene_reference is None and result.scene.origin is not None:
             manifest, name = capture.folder / "capture.toml", result.scene.origin.reference
             errors.print(
-                Text(f'{manifest}: scene is "{stated}", the model "{name}". Give the box with --model.'), soft_wrap=True
+                Text(f'{manifest}: scene is "{scene}", but the model is "{name}". Give the box with --model.'),
+                soft_wrap=True,
             )
     return result, captures
 
 
 def warn_unless_compiled() -> None:
-    """Print a warning if no compiled variant is available, since rendering is slow then."""
+    """Print a warning if no compiled variant is available, since rendering is then slow."""
     from cboxlab.rendering.device import variant
 
     if not variant.compiled():
@@ -179,18 +265,47 @@ def warn_unless_compiled() -> None:
 
 
 def require_folder(path: Path) -> None:
-    """Raise InputError unless ``path`` is a writable folder or can be created as one."""
-    place = path.absolute()
-    while not place.exists() and place != place.parent:
-        place = place.parent
-    if not place.is_dir():
-        raise InputError(path, f"a file ({place})", "a folder for results", "Name another one with --out.")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise InputError(path, f"a folder without write permission ({place})", "a writable folder")
+    """Require a writable folder, or one that can be created.
+
+    Parameters
+    ----------
+    path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If there is a file, or no permission to write.
+    """
+    existing = path.absolute()
+    while not existing.exists() and existing != existing.parent:
+        existing = existing.parent
+    if not existing.is_dir():
+        raise InputError(path, f"a file ({existing})", "a folder for results", "Name another folder with --out.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise InputError(path, f"a folder without write permission ({existing})", "a writable folder")
 
 
 def positive_number(text: str, option: str) -> float:
-    """A number above 0, written as 0.003, 0.3% or 1/300. Raises InputError for any other text."""
+    """Number above 0 of an option.
+
+    Parameters
+    ----------
+    text
+        Text such as 0.003, 0.3% or 1/300.
+    option
+        Name of the option, for the message.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    InputError
+        For any other text.
+    """
     try:
         percent = text.strip().endswith("%")
         value = float(Fraction(text.strip().removesuffix("%").strip())) / (100 if percent else 1)
@@ -202,7 +317,7 @@ def positive_number(text: str, option: str) -> float:
 
 
 def _listed_wavelengths(text: str) -> tuple[float, ...]:
-    """As ``wavelengths``, but a list may have any order."""
+    """Wavelengths of a file, as ``wavelengths`` reads them; a list may have any order."""
     try:
         listed = sorted(float(part) for part in text.split(",")) if ":" not in text else []
     except ValueError:
@@ -212,9 +327,24 @@ def _listed_wavelengths(text: str) -> tuple[float, ...]:
 
 
 def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]:
-    """(w,) nm of "first:last:step" (both ends included) or of a list "450,550,650".
+    """Wavelengths of an option.
 
-    Raises InputError unless they ascend and are at most 2000.
+    Parameters
+    ----------
+    text
+        "first:last:step", both ends included, or a list such as "450,550,650", nm.
+    option
+        Name of the option, for the message.
+
+    Returns
+    -------
+    NDArray
+        (w,) ascending wavelengths, nm.
+
+    Raises
+    ------
+    InputError
+        For any other text, and for more than 2000 wavelengths.
     """
     import numpy as np
 

@@ -1,9 +1,9 @@
-"""``cbox demo``: the whole chain on the bundled capture."""
+"""``cbox demo``: all steps on the bundled capture."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,16 +12,13 @@ from .console import (
     warn_unless_compiled,
 )
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["demo"]
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the report and the pictures.")] = Path("demo-report"),
 ) -> None:
-    """Run the whole chain on the bundled capture."""
+    """Run all steps on the bundled capture: calibrate, validate, diagnose, simulate."""
     from .demo_chain import run_demo
 
     require_folder(out)

@@ -1,4 +1,4 @@
-"""The demo: validation of the published box with the bundled capture, diagnosis, and a raw frame of another camera."""
+"""Demonstration: validation and diagnosis of the bundled capture, and a raw frame."""
 
 from __future__ import annotations
 
@@ -18,26 +18,37 @@ from .console import bar, print_result, say
 
 __all__ = ["DEMO_CAPTURE", "run_demo"]
 
-#: The bundled capture (how it was made: validate/data/README.md).
+#: Folder of the bundled capture; validate/data/README.md says how it was made.
 DEMO_CAPTURE = Path(__file__).parents[2] / "data" / "demo-capture"
 
-#: Wavelength step of the cube for the other camera, from the render at 400 to 700 nm by 1 nm.
+#: Wavelength step of the cube for the other camera, nm; the rendering has 400 to 700 nm by 1 nm.
 CUBE_STEP_NM = 10
 
 
 def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnosis | None]:
-    """Validate the bundled capture, diagnose the missing effects, simulate another camera on the rendered light.
+    """Validate and diagnose the bundled capture, and simulate a raw frame of another camera.
 
-    model : default the published box. Writes report.html, metrics.json, diagnosis.json, the final
-    model.toml, maps/, raw.tif, raw.png and manifest.json into ``out``. Returns what was found; no diagnosis
-    without a compiled variant.
+    Parameters
+    ----------
+    out
+        Folder for report.html, metrics.json, diagnosis.json, the final model.toml, maps/, raw.tif, raw.png and
+        manifest.json.
+    model
+        Model to compare; None for the published box.
+
+    Returns
+    -------
+    validation
+        The validation.
+    diagnosis
+        The diagnosis; None without a compiled variant.
     """
-    say(f"1. A capture ({DEMO_CAPTURE.name}): seven filters, darks, flats, a reference, surveyed points.")
+    say(f"1. Capture ({DEMO_CAPTURE.name}): seven filters, darks, flats, a reference, surveyed points.")
     with bar("calibrating, rendering, comparing") as report:
         result = validate_capture(load_capture(DEMO_CAPTURE), model or Model(), report)
-    _tell(result)
-    shown = ValidationResult(result)
-    print_result(shown.lines(), shown.tables())
+    _print_steps(result)
+    validation = ValidationResult(result)
+    print_result(validation.lines(), validation.tables())
     diagnosis = _diagnosed(result)
     shot = _other_camera(result)
     written = [*write_validation(result, out, diagnosis, (_raw_section(shot),)), *shot.write(out)]
@@ -47,9 +58,9 @@ def run_demo(out: Path, model: Model | None = None) -> tuple[Validation, Diagnos
         write_model(written[-1], diagnosis.model)
     write_manifest(out, written, [DEMO_CAPTURE], seed=result.model.render.seed)
     say(
-        f"6. Simulated {shot.camera.name}, exposure {shot.exposure_s:.3g} s, on the rendered light at "
-        f"{1 + 300 // CUBE_STEP_NM} wavelengths: raw mosaic raw.tif "
-        f"({shot.counts.min()} to {shot.counts.max()} DN), demosaiced raw.png."
+        f"6. Simulated {shot.camera.name}, with the rendered light at {1 + 300 // CUBE_STEP_NM} wavelengths and an "
+        f"exposure of {shot.exposure_s:.3g} s: raw mosaic raw.tif ({shot.counts.min()} to {shot.counts.max()} DN), "
+        "demosaiced raw.png."
     )
     say(f"Open {out / 'report.html'} in a browser.")
     return result, diagnosis
@@ -60,15 +71,16 @@ def _diagnosed(result: Validation) -> Diagnosis | None:
     if not isinstance(result.rendered, Predicted):
         say(f"5. No diagnosis without LLVM: {variant.HINT}")
         return None
-    say("5. Diagnosis: every effect of the catalogue is fitted, together with camera and lamp.")
+    say("5. Diagnosis: the program fits every effect of the catalogue, with camera and lamp.")
     with bar("diagnosing") as report:
         diagnosis = diagnose(result, report)
-    shown = DiagnosisResult(diagnosis, result)
-    print_result(shown.lines(), shown.tables())
+    outcome = DiagnosisResult(diagnosis, result)
+    print_result(outcome.lines(), outcome.tables())
     return diagnosis
 
 
 def _raw_section(shot: RawFrame) -> ReportSection:
+    """Section of the report on the raw frame."""
     counts = shot.counts / shot.camera.detector.full_scale_dn
     raw = np.repeat(np.rint(255 * counts).astype(np.uint8)[..., None], 3, axis=-1)
     return ReportSection(
@@ -82,29 +94,29 @@ def _raw_section(shot: RawFrame) -> ReportSection:
     )
 
 
-def _tell(result: Validation) -> None:
-    """Print one line for each step."""
+def _print_steps(result: Validation) -> None:
+    """Print one paragraph for each step."""
     survey, fit, c = result.prepared.camera_fit, result.fit, result.comparison
     camera = result.prepared.calibrated_camera
-    place = ", ".join(f"{x:.1f}" for x in camera.position_mm)
+    position = ", ".join(f"{x:.1f}" for x in camera.position_mm)
     say(
-        f"2. Camera, from {int(survey.kept.sum())} surveyed points: position ({place}) mm, focal length "
-        f"{camera.focal_length_px:.1f} px; reprojection rms {survey.reprojection_rms_px:.3f} px per coordinate, "
-        f"stated noise {survey.point_sigma_px:.2f} px."
+        f"2. Camera, from {int(survey.kept.sum())} surveyed points: position ({position}) mm, focal length "
+        f"{camera.focal_length_px:.1f} px. The reprojection rms is {survey.reprojection_rms_px:.3f} px per coordinate; "
+        f"the stated noise is {survey.point_sigma_px:.2f} px."
     )
     moved = camera.motion_px(fit.camera, result.prepared.scene.corners_mm)
     say(
-        f"3. Render of the model ({result.model.name}), with {c.render_sigma_over_sensor_sigma:.2f} times the sensor's "
-        f"noise. Camera and lamp were refitted with their priors: corners moved {moved:.2f} px rms, lamp × "
+        f"3. Rendering of the model ({result.model.name}). Its noise is {c.render_sigma_over_sensor_sigma:.2f} times "
+        f"the sensor's. Camera and lamp were fitted again with their priors: corners moved {moved:.2f} px rms, lamp × "
         f"{fit.lamp_scale:.4f} ± {fit.lamp_scale_sigma:.1g}."
     )
     say("4. Comparison: " + " ".join(verdict(c).details))
 
 
 def _other_camera(result: Validation) -> RawFrame:
-    """A simulated raw frame of the rendered light by a Kodak DCS-200 at the same position."""
+    """Simulated raw frame of the rendered light by a Kodak DCS-200 at the same position."""
     image = result.image
     coarse = replace(image, spectra=image.spectra[:, ::CUBE_STEP_NM], wavelength_nm=image.wavelength_nm[::CUBE_STEP_NM])
     cube = coarse.cube()
-    # estimates below zero: the picture's mean over batches has no standard error by which they could be judged
+    # the camera refuses negative light; the mean over batches has no standard error by which to judge it
     return simulate(cube.assign(radiance=cube.radiance.clip(min=0)), "dcs200", seed=result.model.render.seed)

@@ -27,15 +27,15 @@ def diagnose(
         list[Path],
         typer.Argument(
             metavar="capture...",
-            help="A folder of the capture format (capture.toml). Further captures of the same box (other exposures, "
-            "apertures, places of the camera) decide between causes that the first one cannot tell apart.",
+            help="Folder of a capture, with capture.toml. Further captures of the same box, with other exposures, "
+            "apertures or camera positions, separate causes that the first capture alone cannot separate.",
             show_default=False,
         ),
     ],
     *,
     model: Annotated[
         Path | None,
-        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
+        typer.Option(help="Model or scene file (TOML). The default is the scene that the capture states."),
     ] = None,
     json: JsonOption = None,
     out: Annotated[
@@ -45,7 +45,7 @@ def diagnose(
     no_cache: NoCacheOption = False,
     declare: DeclareOption = None,
 ) -> None:
-    """Find the physical effects that the model lacks, add them, and show how the error decreases."""
+    """Find the physical effects that a model lacks, add them, and print how the error decreases."""
     from cboxlab.rendering.device import variant
 
     from ...api import diagnose as run
@@ -55,15 +55,15 @@ def diagnose(
     if out is not None:
         require_folder(out)
     declared = declared_files(declare)
-    (chosen, loaded), cache = load_inputs(model, captures), None if no_cache else default_cache()
+    (checked, loaded), cache = load_inputs(model, captures), None if no_cache else default_cache()
     variant.require_compiled("cbox diagnose")
     with options(render="--render"), bar("calibrating") as report:
-        result = run(*loaded, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        result = run(*loaded, model=checked, render=render, cache=cache, declared=declared, progress=report)
         if out is not None:
             report.stage("writing the report")
-            inputs = [*captures, *chosen.files, *(path for path in (model, render) if path is not None)]
-            write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
+            inputs = [*captures, *checked.files, *(path for path in (model, render) if path is not None)]
+            write_manifest(out, result.write(out), inputs, seed=checked.render.seed)
     print_result(result.lines(), result.tables())
     give_json(json, result.to_dict())
     if out is not None:
-        say(f"Report: {out / 'report.html'}; the final model: {out / 'model.toml'}")
+        say(f"Report: {out / 'report.html'}. Final model: {out / 'model.toml'}")

@@ -1,4 +1,4 @@
-"""An effect's signature: the relative change of the picture of the bundled capture in each band."""
+"""Signature of an effect: relative change of the bundled capture's picture by band."""
 
 from __future__ import annotations
 
@@ -21,16 +21,29 @@ from ...predict import Predictor
 from ...report import STYLE
 from .demo_chain import DEMO_CAPTURE
 
-__all__ = ["pictured_light", "shown_effect", "write_effect_picture"]
+__all__ = ["example_of", "pictured_light", "write_effect_picture"]
 
-#: Number of steps from the null value for the picture.
+#: Distance from the null value in the picture, in small steps of a parameter.
 _STEPS = 4.0
 
 
-def shown_effect(effect: Effect) -> AppliedEffect:
-    """The effect at its parameters' examples; without one, a few small steps from null, or the first choice."""
+def example_of(effect: Effect) -> AppliedEffect:
+    """Effect with the parameters of its picture.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+
+    Returns
+    -------
+    AppliedEffect
+        Effect with the example of each parameter. A parameter without an example has its first choice, or a value a few
+        small steps from null.
+    """
 
     def value(p: Parameter) -> str | float:
+        """Value of a parameter."""
         if p.example is not None:
             return p.example
         if p.choices:
@@ -43,9 +56,17 @@ def shown_effect(effect: Effect) -> AppliedEffect:
 
 
 def pictured_light() -> Predictor:
-    """The light of the bundled capture in the published box, whose change the pictures show.
+    """Predictor of the bundled capture in the published box, whose changes the pictures show.
 
-    Raises InputError without a compiled variant.
+    Returns
+    -------
+    Predictor
+        The predictor.
+
+    Raises
+    ------
+    InputError
+        Without a compiled variant.
     """
     variant.require_compiled("--picture")
     prepared = prepare(load_capture(DEMO_CAPTURE), Model())
@@ -55,28 +76,45 @@ def pictured_light() -> Predictor:
 
 
 def write_effect_picture(path: Path, effect: Effect, predictor: Predictor, dpi: int = 110) -> str:
-    """Write the picture and return the effect's values as text. predictor : see ``pictured_light``."""
+    """Write the picture of an effect.
+
+    Parameters
+    ----------
+    path
+        File (PNG).
+    effect
+        The effect.
+    predictor
+        Predictor of ``pictured_light``.
+    dpi
+        Resolution of the picture, dots per inch.
+
+    Returns
+    -------
+    str
+        Values of the effect's parameters.
+    """
     bands = predictor.sensing.curves.bands
-    applied = shown_effect(effect)
+    applied = example_of(effect)
     base = predictor.signal(())
     dark = base <= 0
-    # what the ten parameters do not describe is in the signal already
-    there = replace(seen_through(predictor.camera, (applied,)), further_distortion=None)
-    altered = predictor.signal((applied,)) + warp_change(predictor.warp, there)
+    # distortion beyond the ten parameters is in the signal already
+    distorted_camera = replace(seen_through(predictor.camera, (applied,)), further_distortion=None)
+    altered = predictor.signal((applied,)) + warp_change(predictor.warp, distorted_camera)
     change = 100 * (altered / np.where(dark, 1.0, base) - 1)
     change[dark] = np.nan
     order = np.argsort(predictor.effective_nm)
-    told = ", ".join(f"{k} = {v if isinstance(v, str) else format(v, 'g')}" for k, v in applied.values.items())
+    values = ", ".join(f"{k} = {v if isinstance(v, str) else format(v, 'g')}" for k, v in applied.values.items())
     reach = max(float(np.nanpercentile(np.abs(change), 98)), 1e-6)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(2.0 * len(bands), 2.9), layout="constrained")
         axes = figure.subplots(1, len(bands))
         for axis, index in zip(axes, order, strict=True):
-            shown = axis.imshow(change[index], cmap="RdBu_r", vmin=-reach, vmax=reach)
+            image = axis.imshow(change[index], cmap="RdBu_r", vmin=-reach, vmax=reach)
             axis.set(xticks=[], yticks=[])
             axis.set_title(bands[index])
-        figure.colorbar(shown, ax=axes, label="change, %", shrink=0.8)
-        figure.suptitle(f"{effect.id}: {told}")
+        figure.colorbar(image, ax=axes, label="change, %", shrink=0.8)
+        figure.suptitle(f"{effect.id}: {values}")
         with replacing(path) as temporary:
             figure.savefig(temporary, format="png", dpi=dpi)
-    return told
+    return values

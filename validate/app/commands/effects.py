@@ -23,21 +23,24 @@ __all__ = ["effects"]
 
 def effects(
     identifier: Annotated[
-        str | None, typer.Argument(metavar="ID", help="One effect, in full.", autocompletion=complete_effect)
+        str | None, typer.Argument(metavar="ID", help="Effect to describe in full.", autocompletion=complete_effect)
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(help="Write the effect's change of the bundled capture (PNG).")
+        Path | None, typer.Option(help="Write a picture (PNG) of the effect's change of the bundled capture.")
     ] = None,
     new: Annotated[
         str | None,
-        typer.Option(help="Write NAME.toml, an effect of what a diagnosis could not name.", metavar="NAME"),
+        typer.Option(
+            help="Write NAME.toml, a new effect for the cause that a diagnosis could not name.", metavar="NAME"
+        ),
     ] = None,
     diagnosis: Annotated[
-        Path | None, typer.Option("--from", help="The diagnosis.json that explains it.", show_default=False)
+        Path | None,
+        typer.Option("--from", help="With --new: the diagnosis.json that describes the cause.", show_default=False),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Show the catalogue of physical effects that a model may lack, or write one from a diagnosis."""
+    """List the physical effects that a model may lack, describe one, or write a new one."""
     from cboxlab.rendering.effects import catalogue
 
     if new is not None or diagnosis is not None:
@@ -48,17 +51,17 @@ def effects(
     if picture is not None and (identifier is None or picture.suffix.lower() != ".png"):
         raise InputError("--picture", f"{picture} of {identifier or 'no effect'}", "one effect and a file '.png'")
 
-    known = catalogue()
+    by_name = catalogue()
     if identifier is None:
-        give_json(json, {"effects": [effect.to_dict() for effect in known.values()]})
-        _print_list(known)
+        give_json(json, {"effects": [effect.to_dict() for effect in by_name.values()]})
+        _print_list(by_name)
         return
-    if identifier not in known:
+    if identifier not in by_name:
         from cboxlab.utils.faults import suggestion
 
-        expected = f"one of {', '.join(known)}"
-        raise InputError("cbox effects", repr(identifier), expected, suggestion(identifier, known))
-    effect = known[identifier]
+        expected = f"one of {', '.join(by_name)}"
+        raise InputError("cbox effects", repr(identifier), expected, suggestion(identifier, by_name))
+    effect = by_name[identifier]
     give_json(json, effect.to_dict())
     console.print(Text.assemble((effect.id, "bold"), f" (acts on: {effect.stage})"))
     say(f"{effect.summary}\n")
@@ -69,7 +72,7 @@ def effects(
             numbers = (p.unit, "–" if p.null is None else f"{p.null:g}", f"{p.low:g}", f"{p.high:g}")
         table.add_row(p.name, *numbers, ", ".join(p.choices))
     console.print(table)
-    say(f"To confirm or rule out: {effect.confirm}")
+    say(f"To confirm it or rule it out: {effect.confirm}")
     for source in effect.sources:
         say(f"Source: {source}")
     if picture is not None:
@@ -77,22 +80,23 @@ def effects(
 
         require_folder(picture.parent)
         with bar("rendering"):
-            told = write_effect_picture(picture, effect, pictured_light())
-        say(f"Signature: {picture} ({told})")
+            values = write_effect_picture(picture, effect, pictured_light())
+        say(f"Signature with {values}: {picture}")
 
 
-def _print_list(known: Mapping[str, Effect]) -> None:
-    """One line for each effect, by the stage of the chain at which it acts, in the order of light."""
+def _print_list(by_name: Mapping[str, Effect]) -> None:
+    """Print one line for each effect, by the stage at which it acts, in the order of light."""
     from cboxlab.rendering.chain import STAGES
 
-    width = max(len(name) for name in known)
+    width = max(len(name) for name in by_name)
     for stage in STAGES:
-        for index, effect in enumerate(e for e in known.values() if e.stage == stage):
+        for index, effect in enumerate(e for e in by_name.values() if e.stage == stage):
             say(f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.short_title}")
-    say("One effect with its parameters: cbox effects ID")
+    say("To describe one effect with its parameters: cbox effects ID")
 
 
 def _write_new(path: Path, diagnosis: Path, json: Path | None) -> None:
+    """Write an effect from a diagnosis."""
     from cboxlab.rendering.fitted_fields import effect_of_diagnosis
 
     require_folder(path.parent)
@@ -102,4 +106,4 @@ def _write_new(path: Path, diagnosis: Path, json: Path | None) -> None:
     say(f"{path}: {effect.short_title}")
     if caution:
         say(caution)
-    say(f"Add it, its amplitude fitted: cbox add model.toml {path} --fit CAPTURE")
+    say(f"To add it with a fitted amplitude: cbox add model.toml {path} --fit CAPTURE")

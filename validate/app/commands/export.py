@@ -1,9 +1,9 @@
-"""``cbox export``: a box for other renderers."""
+"""``cbox export``: write a box for other renderers."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,34 +17,33 @@ from .console import (
     wavelengths,
 )
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["export"]
 
-#: Channels of an export and of a comparison.
+#: Default wavelengths of an export.
 _WAVELENGTHS = "400:700:20"
 
 
 def export(
     model: ModelArgument,
-    to: Annotated[Path, typer.Option(help="A new folder.", show_default=False)],
+    to: Annotated[Path, typer.Option(help="New folder of the export.", show_default=False)],
     *,
     camera: Annotated[
         Path | None,
-        typer.Option(help="In place of --size: a camera file (.json), or a capture folder (its camera and lamp)."),
+        typer.Option(help="Camera file (.json), or capture folder for its camera and lamp. It replaces --size."),
     ] = None,
-    size: Annotated[
-        int, typer.Option(help="Pixels per side, for the published camera.", min=2, max=LARGEST_SIZE)
-    ] = 128,
-    at: Annotated[str, typer.Option("--wavelengths", help="first:last:step in nm, or a list a,b,c.")] = _WAVELENGTHS,
+    size: Annotated[int, typer.Option(help="Pixels per side of the published camera.", min=2, max=LARGEST_SIZE)] = 128,
+    at: Annotated[
+        str, typer.Option("--wavelengths", help="Wavelengths in nm: first:last:step, or a list a,b,c.")
+    ] = _WAVELENGTHS,
     samples: Annotated[int, typer.Option(help="Samples per pixel and batch.", min=1)] = 64,
-    batches: Annotated[int, typer.Option(help="Independent runs, whose scatter gives the error.", min=2, max=64)] = 4,
-    subpixels: Annotated[int, typer.Option(help="Rays of the ray file per pixel and axis.", min=1, max=16)] = 4,
+    batches: Annotated[
+        int, typer.Option(help="Number of independent runs, whose scatter gives the standard error.", min=2, max=64)
+    ] = 4,
+    subpixels: Annotated[int, typer.Option(help="Rays per pixel and axis in the file of rays.", min=1, max=16)] = 4,
 ) -> None:
-    """Write a box for other renderers: neutral files, and files ready to run for each known renderer.
+    """Write a box for other renderers, as neutral files and as input files of known renderers.
 
-    `cbox renderers --collect` makes a cube of what a renderer wrote.
+    When a renderer has run, `cbox renderers --collect` makes a cube of its pictures.
     """
     from cboxlab.rendering.export import ExportSettings, renderer_catalogue, write_export
     from cboxlab.rendering.model import load_model
@@ -56,4 +55,4 @@ def export(
     warn_unless_compiled()
     with options(), bar("exporting"):
         write_export(to, exported_model(load_model(model), camera, size, settings))
-    say(f"Export: {to} ({settings.wavelength_nm.size} wavelengths; {', '.join(renderer_catalogue())})")
+    say(f"Export of {settings.wavelength_nm.size} wavelengths for {', '.join(renderer_catalogue())}: {to}")

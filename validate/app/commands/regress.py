@@ -34,30 +34,35 @@ def regress(
     baseline: Annotated[
         str,
         typer.Argument(
-            help="Spectral cube (.nc, .exr, .hdr) or picture in colour (.exr, .hdr), several joined by commas or a "
-            "folder of them (independent cubes of one picture), a command that writes them to {out}, a model file "
-            "(.toml) or cornell-box.",
+            help="Spectral cube (.nc, .exr, .hdr) or colour picture (.exr, .hdr). Independent cubes of one picture can "
+            "be joined by commas, or be a folder. It may also be a command that writes them to {out}, a model file "
+            "(.toml), or cornell-box.",
             show_default=False,
         ),
     ],
-    candidate: Annotated[str, typer.Argument(help="The same, of the changed renderer.", show_default=False)],
+    candidate: Annotated[str, typer.Argument(help="The same for the changed renderer.", show_default=False)],
     *,
     json: JsonOption = None,
     junit: Annotated[Path | None, typer.Option(help="Write the verdict as JUnit XML.")] = None,
     model: Annotated[
         str | None,
-        typer.Option(help="Model file or packaged scene that the cubes show, for surfaces and for naming a change."),
+        typer.Option(
+            help="Model file or packaged scene that the cubes show. It gives the surfaces, and helps to name a change."
+        ),
     ] = None,
     camera: Annotated[
         Path | None,
         typer.Option(
-            help="A camera file (.json), or a capture folder (its camera and lamp); default the published camera."
+            help="Camera file (.json), or capture folder for its camera and lamp. The default is the published camera."
         ),
     ] = None,
     false_alarms: Annotated[float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)] = 1e-3,
     declare: DeclarePairOption = None,
 ) -> None:
-    """Test whether a rendering algorithm changed its result. Exit code 0 same, 1 different, 2 bad input."""
+    """Test whether a rendering algorithm changed its result.
+
+    The exit code is 0 for the same light, 1 for different light, and 2 for bad input.
+    """
     from ...api import write_manifest
     from ...compare_renders.regress import SIDES, github_lines, input_files, regress_inputs, write_junit
 
@@ -83,7 +88,7 @@ def regress(
 
 
 def _print(outcome: Outcome) -> None:
-    from ...compare_renders.regress import as_percent, told_change
+    from ...compare_renders.regress import UNKNOWN, as_percent, told_change
 
     whole = outcome.whole
     size = as_percent(whole.difference, "the baseline", unit="%")
@@ -102,8 +107,12 @@ def _print(outcome: Outcome) -> None:
             table.add_row(f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
         print_table(table)
         for index, named in enumerate(outcome.named[:3]):
-            start = "Named" if index == 0 else "or   "
+            start = "Cause" if named.change == UNKNOWN else "Named" if named.fits else "Most like"
+            start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
             say(f"{start}: {told_change(named)}, probability {named.probability:.2f}")
+        if outcome.fits is not None and outcome.left_chi2_per_number == outcome.left_chi2_per_number:
+            fit = "it fits" if outcome.fits else "it does not fit"
+            say(f"The best name leaves a χ² per number of {outcome.left_chi2_per_number:.2f} (noise: about 1): {fit}.")
     if outcome.outliers:
         say(
             f"• {outcome.outliers} outlying pixels (fireflies) are not included in the means; they contain "

@@ -25,24 +25,23 @@ if TYPE_CHECKING:
 
 __all__ = ["simulate"]
 
-#: Placeholder in --out and --preview for the name of each cube's file.
+#: Placeholder in --out and --preview for the name of each cube.
 NAME = "{name}"
 
-
-# Share of saturated pixels that is told.
-_MUCH_SATURATED = 0.5
+#: Share of saturated pixels above which a note is printed.
+_MANY_SATURATED = 0.5
 
 
 def simulate(
     cubes: Annotated[
         list[Path],
-        typer.Argument(metavar="CUBE...", help="Spectral cubes: .nc, .exr or .hdr.", show_default=False),
+        typer.Argument(metavar="CUBE...", help="Spectral cubes (.nc, .exr, .hdr).", show_default=False),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            help="Raw frame: .tif (16-bit counts) or .dng; without ending, a capture folder with darks and flats. "
-            "{name} is replaced by the cube's name, for several cubes.",
+            help="Raw frame: .tif (16-bit counts) or .dng. A name without ending gives a capture folder with darks and "
+            "flats. For several cubes, put {name} where the name of each cube belongs.",
             show_default=False,
         ),
     ],
@@ -50,22 +49,20 @@ def simulate(
     camera: Annotated[
         str,
         typer.Option(
-            help="dcs200, dcs420, pxl1300l, nikon-d5100, sigma-sd-merrill, sony-a7r2, or a camera file (TOML)."
+            help="Camera: dcs200, dcs420, pxl1300l, nikon-d5100, sigma-sd-merrill, sony-a7r2, or a camera file (TOML)."
         ),
     ] = "dcs200",
-    exposure: Annotated[str, typer.Option(help="Seconds (0.5 or 1/30), or auto.")] = "auto",
+    exposure: Annotated[str, typer.Option(help="Exposure time in seconds (0.5 or 1/30), or auto.")] = "auto",
     f_number: Annotated[
-        str | None, typer.Option("--f-number", help="Working f-number, instead of the camera's.")
+        str | None, typer.Option("--f-number", help="Working f-number. The default is the camera's.")
     ] = None,
-    channel: Annotated[
-        str | None, typer.Option(help="Filter, for a camera with several filters and no mosaic.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the noise; each further cube uses the next.", min=0)] = 0,
-    preview: Annotated[Path | None, typer.Option(help="A demosaiced picture (PNG).")] = None,
+    channel: Annotated[str | None, typer.Option(help="Filter of a camera with several filters and no mosaic.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the noise. Each further cube uses the next number.", min=0)] = 0,
+    preview: Annotated[Path | None, typer.Option(help="Also write a demosaiced picture (PNG).")] = None,
     declare: DeclareOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Simulate raw sensor output from spectral cubes."""
+    """Simulate the raw frames of a camera from spectral cubes."""
     from cboxlab.rendering.files import declared_for, files_of, open_cube, require_used, stated_in
     from cboxlab.rendering.sensor import load_camera
 
@@ -73,9 +70,9 @@ def simulate(
     if preview is not None:
         pictures = _targets(cubes, preview, (".png",))  # type: ignore[assignment]
     if channel is not None and not out.suffix:
-        raise InputError("--channel", f"'{channel}' with a capture folder", "none: a capture takes every channel")
+        raise InputError("--channel", f"'{channel}' with a capture folder", "no --channel: a capture has every channel")
     if preview is not None and not out.suffix:
-        raise InputError("--preview", "a picture of a capture folder", "one frame, --out .tif or .dng")
+        raise InputError("--preview", "a picture of a capture folder", "a raw frame: --out with .tif or .dng")
     sensor = load_camera(camera)
     if f_number is not None:
         sensor = sensor.at_f_number(positive_number(f_number, "--f-number"))
@@ -87,7 +84,7 @@ def simulate(
             with open_cube(path, declared) as cube:
                 require_used(declared, declared_for(cube), stated_in(cube))
                 try:
-                    told, record = _one(
+                    cube_lines, record = _simulate_one(
                         cube,
                         path.stem,
                         target,
@@ -101,7 +98,7 @@ def simulate(
                 except InputError as fault:
                     where = str(fault.where).replace("cube:", f"{path}:", 1)
                     raise InputError(where, fault.found, fault.expected, fault.hint) from None
-            lines += told
+            lines += cube_lines
             frames.append({"cube": path, **record})
             report.part((index + 1) / len(cubes))
     for line in lines:
@@ -110,10 +107,10 @@ def simulate(
 
 
 def _targets(cubes: list[Path], pattern: Path, endings: tuple[str, ...]) -> list[Path]:
-    """The output path of each cube. Raises InputError for another ending, and for equal paths."""
+    """Output path of each cube; InputError for another ending, and for equal paths."""
     if pattern.suffix.lower() not in endings:
-        known = " or ".join(ending or "none (a folder)" for ending in endings)
-        raise InputError(pattern, f"the ending '{pattern.suffix}'", known)
+        expected = " or ".join(ending or "none (a folder)" for ending in endings)
+        raise InputError(pattern, f"the ending '{pattern.suffix}'", expected)
     targets = [Path(str(pattern).replace(NAME, cube.stem)) for cube in cubes]
     if len(set(targets)) < len(targets):
         raise InputError(
@@ -124,7 +121,7 @@ def _targets(cubes: list[Path], pattern: Path, endings: tuple[str, ...]) -> list
     return targets
 
 
-def _one(
+def _simulate_one(
     cube: xr.Dataset,
     name: str,
     target: Path,
@@ -136,7 +133,7 @@ def _one(
     seed: int,
     inputs: list[Path],
 ) -> tuple[list[str], dict[str, Any]]:
-    """One cube's files, what to tell of them, and the same as a record."""
+    """Write the files of one cube; returns lines about them and their record."""
     from cboxlab.rendering.synthetic import write_cube_capture
     from cboxlab.utils.files import replacing_folder
 
@@ -144,19 +141,19 @@ def _one(
     from ...api import write_manifest
 
     if not target.suffix:
-        with replacing_folder(target) as whole:
-            write_cube_capture(whole, cube, camera, exposure_s, seed, name)
-            write_manifest(whole, [*whole.iterdir()], inputs, seed=seed)
-        return [f"Capture: {target} ({camera.name})"], {"capture": target, "camera": camera.name}
+        with replacing_folder(target) as folder:
+            write_cube_capture(folder, cube, camera, exposure_s, seed, name)
+            write_manifest(folder, [*folder.iterdir()], inputs, seed=seed)
+        return [f"Capture by {camera.name}: {target}"], {"capture": target, "camera": camera.name}
     frame = run(cube, camera, exposure_s=exposure_s, channel=channel, seed=seed)
     frame.write_counts(target)
     counts = f"{frame.counts.min()} to {frame.counts.max()} DN"
-    told = [f"Raw frame: {target} ({camera.name}, {frame.exposure_s:.4g} s, {counts})"]
+    lines = [f"Raw frame by {camera.name}, {frame.exposure_s:.4g} s, {counts}: {target}"]
     saturated = float((frame.counts >= camera.detector.full_scale_dn).mean())
-    if saturated > _MUCH_SATURATED:
-        told.append(f"• {saturated:.0%} of the pixels are saturated")
+    if saturated > _MANY_SATURATED:
+        lines.append(f"• {saturated:.0%} of the pixels are saturated. Use a shorter --exposure.")
     if picture is not None:
         frame.write_preview(picture)
-        told.append(f"Preview: {picture}")
+        lines.append(f"Preview: {picture}")
     write_manifest(target, [target], inputs, seed=seed)
-    return told, {"file": target, **frame.to_dict()}
+    return lines, {"file": target, **frame.to_dict()}

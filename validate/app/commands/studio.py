@@ -1,4 +1,4 @@
-"""``cbox studio``: the workbench in the browser."""
+"""``cbox studio``: workbench in the browser."""
 
 from __future__ import annotations
 
@@ -20,21 +20,34 @@ def studio(
     capture: Annotated[
         Path | None,
         typer.Argument(
-            help="A folder of the capture format, or of a saved study; others open from the page.", show_default=False
+            help="Folder of a capture or of a saved study. You can open others from the page.", show_default=False
         ),
     ] = None,
     *,
-    model: Annotated[Path | None, typer.Option(help="Model or scene file (TOML); default the capture's scene.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model or scene file (TOML). The default is the scene that the capture states.")
+    ] = None,
     folder: Annotated[
-        Path, typer.Option(help="Captures and models below it can be opened from the page, results saved.")
+        Path, typer.Option(help="Folder below which the page opens captures and models, and saves results.")
     ] = Path(),
-    host: Annotated[str, typer.Option(help="Address to listen at; other machines reach only others.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port; 0 for any free one.", min=0, max=65535)] = 0,
-    no_token: Annotated[bool, typer.Option("--no-token", help="Answer anyone who can reach the address.")] = False,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address, open no browser.")] = False,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to listen on. With the default, only this computer can connect."),
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on. 0 takes any free port.", min=0, max=65535)] = 0,
+    no_token: Annotated[
+        bool,
+        typer.Option(
+            "--no-token",
+            help="Answer without the secret in the address. Then anyone who reaches the address can use the page.",
+        ),
+    ] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
+    ] = False,
     no_cache: NoCacheOption = False,
 ) -> None:
-    """Compare, move effects and see the error follow, live in the browser."""
+    """Open the workbench in the browser: add effects to a model, move them, and watch the error."""
     from cboxlab.rendering.device import variant
 
     from ...predict import default_cache
@@ -47,15 +60,15 @@ def studio(
         hint = "Install them with: pip install 'cboxlab[studio]'"
         raise InputError("cbox studio", f"no package {error.name}", "starlette and uvicorn", hint) from None
     if not folder.is_dir():
-        raise InputError("--folder", f"'{folder}'", "a folder that is there")
+        raise InputError("--folder", f"'{folder}'", "an existing folder")
     if capture is not None and not ((capture / "capture.toml").exists() or (capture / "study.json").exists()):
-        raise InputError(capture, "no capture.toml and no study.json", "a capture's folder, or a saved study's")
+        raise InputError(capture, "no capture.toml and no study.json", "the folder of a capture or of a saved study")
     variant.require_compiled("cbox studio")
     bench = Workbench(folder.resolve(), None if no_cache else default_cache())
     serve(
         bench,
         None if capture is None else lambda progress: bench.open(capture, model, progress),
-        lambda address: say(f"The workbench: {address}\nCtrl-C ends it."),
+        lambda address: say(f"Workbench: {address}\nPress Ctrl-C to end it."),
         host=host,
         port=port,
         token=not no_token,

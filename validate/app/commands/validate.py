@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,9 +20,6 @@ from .console import (
     warn_unless_compiled,
 )
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["validate"]
 
 
@@ -31,7 +28,7 @@ def validate(
     *,
     model: Annotated[
         Path | None,
-        typer.Option(help="Model or scene file (TOML); default the capture's scene."),
+        typer.Option(help="Model or scene file (TOML). The default is the scene that the capture states."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for report.html, metrics.json and maps.")] = Path("validation"),
     render: RenderOption = None,
@@ -39,20 +36,20 @@ def validate(
     declare: DeclareOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Calibrate a capture, render the model, compare and write a report."""
+    """Calibrate a capture, render a model through its camera, compare both, and write a report."""
     from ...api import validate as run
     from ...api import write_manifest
     from ...predict import default_cache
 
     require_folder(out)
     declared = declared_files(declare)
-    (chosen, (loaded,)), cache = load_inputs(model, [capture]), None if no_cache else default_cache()
+    (checked, (loaded,)), cache = load_inputs(model, [capture]), None if no_cache else default_cache()
     warn_unless_compiled()
     with options(render="--render"), bar("calibrating") as report:
-        result = run(loaded, model=chosen, render=render, cache=cache, declared=declared, progress=report)
+        result = run(loaded, model=checked, render=render, cache=cache, declared=declared, progress=report)
         report.stage("writing the report")
-        inputs = [path for path in (capture, model, render, *chosen.files) if path is not None]
-        write_manifest(out, result.write(out), inputs, seed=chosen.render.seed)
+        inputs = [path for path in (capture, model, render, *checked.files) if path is not None]
+        write_manifest(out, result.write(out), inputs, seed=checked.render.seed)
     print_result(result.lines(), result.tables())
     give_json(json, result.to_dict())
     say(f"Report: {out / 'report.html'}")

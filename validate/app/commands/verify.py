@@ -1,10 +1,10 @@
-"""``cbox verify``: results and inputs held against their manifest."""
+"""``cbox verify``: compare results and inputs with their manifest."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -14,9 +14,6 @@ from .console import (
     say,
 )
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["verify"]
 
 
@@ -24,23 +21,24 @@ def verify(
     results: Annotated[
         Path,
         typer.Argument(
-            help="A folder of results, a cube, a raw frame, or what regress wrote with --json or --junit.",
+            help="Folder of results, cube, raw frame, or file that `cbox regress` wrote with --json or --junit.",
             show_default=False,
         ),
     ],
     *,
     json: JsonOption = None,
 ) -> None:
-    """Check that results, and the inputs they were made from, are those of their manifest.
+    """Check whether results and their inputs are unchanged since a command wrote the results.
 
-    Exit code 0 unchanged, 1 something changed or is gone, 2 no manifest.
+    The manifest next to the results lists both. The exit code is 0 if nothing changed, 1 if a file changed or is gone,
+    and 2 without a manifest.
     """
     from ...api import verify as run
 
-    found = run(results)
-    for line in found.lines():
+    verification = run(results)
+    for line in verification.lines():
         say(line)
-    give_json(json, {"sound": found.sound, **asdict(found)})
-    if not found.sound:
+    give_json(json, {"sound": verification.sound, **asdict(verification)})
+    if not verification.sound:
         raise typer.Exit(1)
-    say(f"{results}: {found.outputs} results and {found.inputs} inputs are unchanged.")
+    say(f"{results}: {verification.outputs} results and {verification.inputs} inputs are unchanged.")

@@ -1,9 +1,9 @@
-"""The workbench in the browser: a study under the hand, on this machine alone unless told otherwise.
+"""Workbench in the browser for a study, on this computer only by default.
 
-A small Starlette application around the one viewer. Panel, Solara and NiceGUI would each bring a widget layer of their
-own and two to four times as many packages (Bokeh; ipywidgets and React; Vue and Quasar), while what takes work here,
-the viewer and live pictures, would have to be fitted into them. Starlette and uvicorn are two packages; the page is
-plain HTML and JavaScript, which the tests drive as it is.
+It is a Starlette application around the viewer of the reports. Panel, Solara and NiceGUI would each add a widget layer
+and two to four times as many packages (Bokeh; ipywidgets and React; Vue and Quasar). The viewer and the live pictures
+would still have to be fitted into them. Starlette and uvicorn are two packages. The page is plain HTML and JavaScript,
+which the tests drive directly.
 """
 
 from .app import build_app

@@ -1,4 +1,4 @@
-"""The web application of the workbench: who may ask, what can be asked, what comes back."""
+"""Web application of the workbench: access, requests and answers."""
 
 from __future__ import annotations
 
@@ -21,17 +21,22 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ...report.viewer import viewer_data, viewer_script, viewer_style
 from .jobs import Jobs
-from .places import known_places
+from .places import list_inputs
 from .wire import catalogue_record, study_record, view
 from .workbench import Workbench
 
 __all__ = ["build_app"]
 
-_LARGEST_BODY = 1 << 16
+#: Largest body of a request, bytes: a step or a job has a few hundred.
+_MAX_BODY = 1 << 16
 
-#: Seconds without a step of the user after which light transport is rendered in the background.
+#: Time without a step of the user after which light transport is rendered in the background, s.
 _IDLE_S = 1.5
 
+#: Interval of comments that keep the stream of events open, s.
+_KEEP_ALIVE_S = 15.0
+
+#: Headers of every answer: nothing is cached, and the page loads nothing from other hosts.
 _HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -41,23 +46,35 @@ _HEADERS = {
 }
 
 
-def _own(name: str) -> Callable[[], str]:
+def _page_file(name: str) -> Callable[[], str]:
+    """Function that reads a file of the page."""
     return lambda: (resources.files(__package__) / "page" / name).read_text(encoding="utf-8")
 
 
-#: The page's files: media type and content.
+#: Files of the page: media type and function that returns the content.
 _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
-    "index.html": ("text/html", _own("index.html")),
-    "studio.js": ("text/javascript", _own("studio.js")),
-    "controls.js": ("text/javascript", _own("controls.js")),
-    "studio.css": ("text/css", _own("studio.css")),
+    "index.html": ("text/html", _page_file("index.html")),
+    "studio.js": ("text/javascript", _page_file("studio.js")),
+    "controls.js": ("text/javascript", _page_file("controls.js")),
+    "studio.css": ("text/css", _page_file("studio.css")),
     "viewer.js": ("text/javascript", viewer_script),
     "viewer.css": ("text/css", viewer_style),
 }
 
 
+#: Body of the answer to a request from another page or for another host name.
+_FOREIGN = (
+    "Refused: the request comes from another page, or is for another host name. Open the address that cbox printed.\n"
+)
+#: Body of the answer to a request for an unknown file.
+_UNKNOWN = "The workbench has no file of this name. Open the address that cbox printed.\n"
+
+
 class _Guard:
-    """Refuses requests for another host (a foreign page whose name resolves to this machine) or from another page."""
+    """Refusal of requests for another host name, and from other pages.
+
+    The host name of a foreign page may resolve to this computer.
+    """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str] | None) -> None:
         self._app, self._hosts = app, hosts
@@ -69,53 +86,57 @@ class _Guard:
             name = host.rsplit(":", 1)[0] if not host.endswith("]") else host
             foreign = self._hosts is not None and name not in self._hosts
             if foreign or (origin is not None and origin.partition("://")[2] != host):
-                await PlainTextResponse("not from here\n", 403)(scope, receive, send)
+                await PlainTextResponse(_FOREIGN, 403)(scope, receive, send)
                 return
         await self._app(scope, receive, send)
 
 
 class _Handlers:
+    """Answers to the requests of the page."""
+
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
 
     async def file(self, request: Request) -> Response:
-        """One of the page's files; nothing else of the disk is ever read for a name in a request."""
+        """One of the page's files; no other file is read for a name in a request."""
         path = request.path_params
         name = f"{path['name']}.{path['kind']}" if path else "index.html"
         if name not in _PAGE:
-            return PlainTextResponse("not here\n", 404)
-        kind, made = _PAGE[name]
-        return Response(made(), media_type=kind, headers=_HEADERS)
+            return PlainTextResponse(_UNKNOWN, 404)
+        kind, content = _PAGE[name]
+        return Response(content(), media_type=kind, headers=_HEADERS)
 
     async def state(self, request: Request) -> Response:
-        """What is known, and what runs; without waiting for a computation."""
+        """State of the study and of the running computation, without waiting for it."""
         record = {"open": self.bench.is_open}
         if not self.jobs.busy:
             record = await self.jobs.quick(lambda: study_record(self.bench))
-        return JSONResponse({**record, "job": self.jobs.told, "error": self.jobs.error}, headers=_HEADERS)
+        return JSONResponse({**record, "job": self.jobs.progress, "error": self.jobs.error}, headers=_HEADERS)
 
     async def picture(self, request: Request) -> Response:
-        """All that the viewer needs of the capture shown."""
-
+        """Data of the viewer for the capture in view."""
         data = await self.jobs.quick(lambda: viewer_data(self.bench.prediction.base.validation))
         return JSONResponse(data, headers=_HEADERS)
 
     async def view(self, request: Request) -> Response:
+        """Study and predicted pictures."""
         return await self._viewed(lambda: None)
 
     async def effects(self, request: Request) -> Response:
+        """Catalogue of effects."""
         return JSONResponse(await self.jobs.quick(lambda: catalogue_record(self.bench)), headers=_HEADERS)
 
     async def places(self, request: Request) -> Response:
-        found = await asyncio.to_thread(known_places, self.bench.root)
-        return JSONResponse(found, headers=_HEADERS)
+        """Captures, studies and models that can be opened."""
+        names = await asyncio.to_thread(list_inputs, self.bench.root)
+        return JSONResponse(names, headers=_HEADERS)
 
     async def step(self, request: Request) -> Response:
-        """A short step: the study as it is after it."""
+        """Do a short step; the answer is the study after it."""
         name, body, bench = request.path_params["name"], await _body(request), self.bench
-        which = _whole(body, "which")
+        which = _index(body, "which")
         steps: Mapping[str, Callable[[], None]] = {
             "add": lambda: bench.add(_text(body, "effect"), _values(body)),
             "change": lambda: bench.change(which, _values(body), bool(body.get("commit"))),
@@ -123,26 +144,28 @@ class _Handlers:
             "undo": bench.undo,
             "redo": bench.redo,
             "adopt": bench.adopt,
-            "show": lambda: bench.show(_whole(body, "capture"), bool(body.get("refit", True))),
+            "show": lambda: bench.show(_index(body, "capture"), bool(body.get("refit", True))),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
         return await self._viewed(steps[name])
 
     async def _viewed(self, step: Callable[[], None]) -> Response:
-        def made() -> bytes:
+        """Study and predicted pictures after a step."""
+
+        def run() -> bytes:
             step()
             return view(self.bench)
 
-        content = await self.jobs.quick(made)
+        content = await self.jobs.quick(run)
         self._render_later()
         return Response(content, media_type="application/octet-stream", headers=_HEADERS)
 
     async def job(self, request: Request) -> Response:
-        """Begin a long computation; its progress and end come as events."""
+        """Start a long computation; its progress and end are sent as events."""
         name, body, bench = request.path_params["name"], await _body(request), self.bench
         which, report = body.get("which", []), bool(body.get("report"))
-        if not isinstance(which, list) or not all(isinstance(one, int) for one in which):
+        if not isinstance(which, list) or not all(isinstance(index, int) for index in which):
             raise InputError("which", repr(which), "a list of indices of effects")
 
         def save(progress: Progress) -> None:
@@ -162,43 +185,45 @@ class _Handlers:
         return JSONResponse({"job": name}, 202, headers=_HEADERS)
 
     async def cancel(self, request: Request) -> Response:
+        """Stop the computation; with ``background`` only one that the user did not start."""
         body = await _body(request)
         if not (body.get("background") and self.jobs.busy):
             await self.jobs.cancel()
         return JSONResponse({}, headers=_HEADERS)
 
     async def events(self, request: Request) -> Response:
+        """Stream of events: progress, end, changed."""
         queue = self.jobs.listen()
 
         async def lines() -> AsyncIterator[str]:
             try:
-                yield ": here\n\n"
+                yield ": open\n\n"
                 while True:
                     try:
-                        event = await asyncio.wait_for(queue.get(), 15.0)
+                        event = await asyncio.wait_for(queue.get(), _KEEP_ALIVE_S)
                         yield f"data: {json.dumps(event, allow_nan=False)}\n\n"
                     except TimeoutError:
-                        yield ": still here\n\n"
+                        yield ": open\n\n"
             finally:
                 self.jobs.forget(queue)
 
         return StreamingResponse(lines(), media_type="text/event-stream", headers=_HEADERS)
 
     async def changed(self) -> None:
-        """Tell the page that a long computation has changed the study."""
+        """Send the event that a long computation has changed the study."""
         saved, self._saved = self._saved, []
-        self.jobs.tell({"event": "changed", "saved": saved})
+        self.jobs.send({"event": "changed", "saved": saved})
         self._render_later()
 
     def _render_later(self) -> None:
-        """Render light transport once the user has been still for a while."""
+        """Render light transport after a time without a step of the user."""
         if self._later is not None:
             self._later.cancel()
         self._later = asyncio.create_task(self._render_idle())
 
     async def _render_idle(self) -> None:
         await asyncio.sleep(self.idle_s)
-        if self.bench.improvable and self.jobs.heard and self.jobs.told is None:
+        if self.bench.improvable and self.jobs.has_listeners and self.jobs.progress is None:
             await self.jobs.start("render", self.bench.render, self.changed, background=True)
 
 
@@ -210,10 +235,25 @@ def build_app(
     idle_s: float = _IDLE_S,
     begin: Callable[[Progress], None] | None = None,
 ) -> Starlette:
-    """The application under the path /token/ ("" for /).
+    """Web application of a workbench.
 
-    hosts : names of this machine that a request may be for, None for any. idle_s : seconds without a step of the user
-    after which light transport is rendered in the background. begin : a computation to begin with.
+    Parameters
+    ----------
+    bench
+        The workbench.
+    token
+        Secret of the page's path, /token/; "" for the path /.
+    hosts
+        Host names that a request may be for; None for any.
+    idle_s
+        Time without a step of the user after which light transport is rendered in the background, s.
+    begin
+        Computation to start with; None for none.
+
+    Returns
+    -------
+    Starlette
+        The application.
     """
     jobs = Jobs()
     handlers = _Handlers(bench, jobs, idle_s)
@@ -241,25 +281,26 @@ def build_app(
     return Starlette(
         routes=[Mount(f"/{token}", routes=routes)] if token else routes,
         middleware=[Middleware(_Guard, hosts=hosts)],
-        exception_handlers={InputError: _told},
+        exception_handlers={InputError: _refusal},
         lifespan=lifespan,
     )
 
 
-async def _told(request: Request, error: Exception) -> Response:
+async def _refusal(request: Request, error: Exception) -> Response:
+    """Answer to a request with faulty input."""
     return JSONResponse({"error": str(error)}, 400, headers=_HEADERS)
 
 
 async def _body(request: Request) -> dict[str, Any]:
-    """The request's JSON object. Raises InputError for anything else."""
+    """JSON object of a request; InputError for anything else."""
     expected = "a JSON object"
     if request.headers.get("content-type", "").partition(";")[0] != "application/json":
-        raise InputError("the request", "no application/json", expected)
+        raise InputError("the request", "a body that is not application/json", expected)
     text = b""
     async for part in request.stream():
         text += part
-        if len(text) > _LARGEST_BODY:
-            raise InputError("the request", "too long a body", f"{_LARGEST_BODY} bytes at most")
+        if len(text) > _MAX_BODY:
+            raise InputError("the request", "a body that is too long", f"at most {_MAX_BODY} bytes")
     try:
         content = json.loads(text or b"{}")
     except (ValueError, RecursionError):
@@ -270,13 +311,15 @@ async def _body(request: Request) -> dict[str, Any]:
 
 
 def _text(body: Mapping[str, Any], key: str) -> str:
+    """Text of a key, without outer spaces; InputError if it is missing."""
     value = body.get(key)
     if not isinstance(value, str) or not value.strip():
         raise InputError(key, "nothing" if not value else repr(value), "a name")
     return value.strip()
 
 
-def _whole(body: Mapping[str, Any], key: str) -> int:
+def _index(body: Mapping[str, Any], key: str) -> int:
+    """Index of a key, 0 if it is missing."""
     value = body.get(key, 0)
     if not isinstance(value, int):
         raise InputError(key, repr(value), "an index from 0")
@@ -284,7 +327,7 @@ def _whole(body: Mapping[str, Any], key: str) -> int:
 
 
 def _values(body: Mapping[str, Any]) -> dict[str, Any]:
-    """An effect's values; infinity, which JSON lacks, comes as "inf"."""
+    """Values of an effect; "inf" stands for infinity, which JSON lacks."""
     values = body.get("values", {})
     if not isinstance(values, dict):
         raise InputError("values", repr(values), "a value for each parameter")

@@ -1,4 +1,4 @@
-"""Folders and files that the page may name: those below one folder, and what was named when the program began."""
+"""Folders and files that the page may open: those below one folder."""
 
 from __future__ import annotations
 
@@ -10,16 +10,37 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
 
-__all__ = ["chosen_place", "known_places"]
+__all__ = ["list_inputs", "path_of_name"]
 
-#: How deep and how many are listed.
-_DEPTH, _MOST = 3, 200
+#: Levels of folders that are listed below the root.
+_MAX_DEPTH = 3
+#: Largest number of captures, studies or models that are listed.
+_MAX_LISTED = 200
 
 
-def chosen_place(root: Path, name: str | Path, what: str, *, new: bool = False) -> Path:
-    """A folder or file by what the page names. A ``Path`` is the program's own and taken as it is.
+def path_of_name(root: Path, name: str | Path, what: str, *, new: bool = False) -> Path:
+    """Path of a folder or file that the page names.
 
-    new : whether it may be missing. Raises InputError for a name that leaves ``root``, or is not there.
+    Parameters
+    ----------
+    root
+        Folder below which the page may open and save files.
+    name
+        Name, relative to ``root`` or absolute. A ``Path`` comes from the program and is returned unchecked.
+    what
+        Kind of the file or folder, for messages: "capture", "model" or "folder".
+    new
+        Whether it may be missing.
+
+    Returns
+    -------
+    Path
+        The checked path.
+
+    Raises
+    ------
+    InputError
+        If the name leaves ``root``, or does not exist.
     """
     if isinstance(name, Path):
         return name
@@ -37,28 +58,41 @@ def chosen_place(root: Path, name: str | Path, what: str, *, new: bool = False) 
     return path
 
 
-def known_places(root: Path) -> dict[str, list[str]]:
-    """Captures, studies and models below a folder, relative to it, and the packaged scenes."""
-    found: dict[str, list[str]] = {"captures": [], "studies": [], "models": [*packaged_scenes()]}
+def list_inputs(root: Path) -> dict[str, list[str]]:
+    """Captures, studies and models below a folder, and the packaged scenes.
+
+    Parameters
+    ----------
+    root
+        The folder.
+
+    Returns
+    -------
+    dict
+        Lists ``captures``, ``studies`` and ``models`` of paths relative to the folder.
+    """
+    names: dict[str, list[str]] = {"captures": [], "studies": [], "models": [*packaged_scenes()]}
     for path in _files(root):
         name = path.parent.relative_to(root).as_posix()
         if path.name == "capture.toml":
-            found["captures"].append(name)
+            names["captures"].append(name)
         elif path.name == "study.json":
-            found["studies"].append(name)
+            names["studies"].append(name)
         elif path.suffix == ".toml" and _is_model(path):
-            found["models"].append(path.relative_to(root).as_posix())
-    return {key: values[:_MOST] for key, values in found.items()}
+            names["models"].append(path.relative_to(root).as_posix())
+    return {key: values[:_MAX_LISTED] for key, values in names.items()}
 
 
 def _files(root: Path) -> Iterator[Path]:
-    for folder, below, names in os.walk(root):
+    """Scene, model, capture and study files below a folder, without hidden folders."""
+    for folder, below, file_names in os.walk(root):
         depth = len(Path(folder).relative_to(root).parts)
-        below[:] = sorted(name for name in below if not name.startswith(".")) if depth < _DEPTH else []
-        yield from (Path(folder) / name for name in sorted(names) if name.endswith((".toml", "study.json")))
+        below[:] = sorted(name for name in below if not name.startswith(".")) if depth < _MAX_DEPTH else []
+        yield from (Path(folder) / name for name in sorted(file_names) if name.endswith((".toml", "study.json")))
 
 
 def _is_model(path: Path) -> bool:
+    """Whether a file states the format of models; False if it cannot be read."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             return "model/1" in file.read(200)

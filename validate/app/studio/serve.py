@@ -1,4 +1,4 @@
-"""Starts the workbench's server and the browser."""
+"""Start of the workbench's server and of the browser."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ from .workbench import Workbench
 
 __all__ = ["serve"]
 
+#: Host names of this computer.
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+#: Addresses that stand for all addresses of this computer.
 _EVERYWHERE = ("0.0.0.0", "::")
 
 
 def serve(
     bench: Workbench,
     begin: Callable[[Progress], None] | None,
-    told: Callable[[str], object],
+    announce: Callable[[str], object],
     *,
     host: str = "127.0.0.1",
     port: int = 0,
@@ -34,11 +36,27 @@ def serve(
 ) -> None:
     """Serve the workbench until it is interrupted.
 
-    begin : a computation to begin with. told : called with the page's address. host : 127.0.0.1, so that no other
-    machine reaches it, unless told otherwise. port : 0 for any free one. token : whether the address holds a secret,
-    without which nothing is answered. browser : whether to open the page.
+    Parameters
+    ----------
+    bench
+        The workbench.
+    begin
+        Computation to start with; None for none.
+    announce
+        Function that receives the page's address.
+    host
+        Address to listen on. Only this computer can connect to the default.
+    port
+        Port; 0 for any free port.
+    token
+        Whether the page's address contains a secret, without which requests are refused.
+    browser
+        Whether to open the page in the browser.
 
-    Raises InputError for an address or port that cannot be had.
+    Raises
+    ------
+    InputError
+        If the address or port is not available.
     """
     secret = secrets.token_urlsafe(16) if token else ""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -49,13 +67,13 @@ def serve(
     except (OSError, OverflowError) as error:
         listening.close()
         raise InputError(
-            "studio", f"{host}, port {port} ({error})", "an address of this machine, a free port"
+            "studio", f"{host}, port {port} ({error})", "an address of this computer and a free port"
         ) from None
     name = f"[{host}]" if ":" in host else host
     hosts = None if host in _EVERYWHERE else frozenset({name, *_LOOPBACK})
-    shown = "127.0.0.1" if host in _EVERYWHERE else name
-    address = f"http://{shown}:{listening.getsockname()[1]}/{secret + '/' if secret else ''}"
-    told(address)
+    reachable = "127.0.0.1" if host in _EVERYWHERE else name
+    address = f"http://{reachable}:{listening.getsockname()[1]}/{secret + '/' if secret else ''}"
+    announce(address)
     settings = uvicorn.Config(
         build_app(bench, secret, hosts, begin=begin),
         log_level="warning",

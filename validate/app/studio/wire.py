@@ -1,4 +1,4 @@
-"""What the page is sent: the study in JSON, pictures as 32-bit numbers behind it."""
+"""Records for the page: the study in JSON, followed by pictures as 32-bit numbers."""
 
 from __future__ import annotations
 
@@ -17,26 +17,49 @@ from .workbench import Workbench
 
 __all__ = ["catalogue_record", "study_record", "view"]
 
-_MOST_RANKED = 8
+#: Largest number of ranked effects in the record of a diagnosis.
+_MAX_RANKED = 8
 
-#: A slider reaches so many small steps of its parameter from null: light of the room may be as bright as the lamp, and
-#: is looked for at a millionth of that.
+#: Reach of a slider from the null value, in small steps of its parameter. Light of the room may be as bright as the
+#: lamp, and is detected at a millionth of that.
 _REACH = 2000
 
 
 def catalogue_record(bench: Workbench) -> list[dict[str, Any]]:
-    """All effects, with the names of the capture and scene at hand among their choices."""
+    """Records of all effects, with the names of the open capture and scene among their choices.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+
+    Returns
+    -------
+    list of dict
+        One record for each effect: id, stage, summary, confirm, parameters.
+    """
     return [_effect_record(effect, bench) for effect in catalogue().values()]
 
 
 def study_record(bench: Workbench) -> dict[str, Any]:
-    """Captures, effects with their parameters, figures of the prediction, what was diagnosed."""
+    """Record of the study: captures, effects, figures of the prediction, diagnosis.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+
+    Returns
+    -------
+    dict
+        Ready for JSON; only ``open`` and ``root`` before a capture is open.
+    """
     if not bench.is_open:
         return {"open": False, "root": str(bench.root)}
-    study, shown = bench.study, bench.shown
+    study, present = bench.study, bench.shown
     prediction = bench.prediction
     fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
-    moved = prepared.expected_camera(shown.effects).motion_px(fit.camera, prepared.scene.corners_mm)
+    moved = prepared.expected_camera(present.effects).motion_px(fit.camera, prepared.scene.corners_mm)
     return {
         "open": True,
         "root": str(bench.root),
@@ -48,18 +71,32 @@ def study_record(bench: Workbench) -> dict[str, Any]:
         "improvable": bench.improvable,
         "can_undo": study.history.can_undo,
         "can_redo": study.history.can_redo,
-        "effects": [_applied_record(effect, bench) for effect in shown.effects],
+        "effects": [_applied_record(effect, bench) for effect in present.effects],
         "chi2_per_dof": _number(prediction.chi2.per_dof),
         "chi2_of_captures": [_number(p.chi2.per_dof) for p in bench.predictions],
         "lamp_scale": fit.lamp_scale,
         "camera_moved_px": _number(moved),
-        "diagnosis": None if bench.found is None else _diagnosis_record(bench.found),
+        "diagnosis": None if bench.diagnosis is None else _diagnosis_record(bench.diagnosis),
     }
 
 
 def view(bench: Workbench) -> bytes:
-    """The study's record (its length in 4 bytes, little-endian, then JSON, padded with spaces to a multiple of 4), then
-    the predicted signals and their sigma, (band, y, x) each, bands in the order of their wavelengths."""
+    """Record of the study and its pictures in bytes.
+
+    The first 4 bytes are the length of the record, little-endian. The record follows as JSON, padded with spaces to a
+    multiple of 4. Then follow the predicted signals and their standard deviations, (band, y, x) each, as 32-bit
+    little-endian numbers, bands in the order of their wavelengths.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+
+    Returns
+    -------
+    bytes
+        Only the record before a capture is open.
+    """
     record = json.dumps(study_record(bench), allow_nan=False).encode()
     record += b" " * (-len(record) % 4)
     parts = [struct.pack("<I", len(record)), record]
@@ -89,7 +126,11 @@ def _effect_record(effect: Effect, bench: Workbench) -> dict[str, Any]:
 
 
 def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
-    """coordinate : lowest, null and highest of the slider, in the coordinate of ``scale``; further bounds are typed."""
+    """Record of a parameter: choices, or bounds, null value and slider.
+
+    ``coordinate`` holds the slider's lowest, null and highest value, in the coordinate of ``scale``. Values beyond the
+    slider can be typed.
+    """
     if p.choices:
         names = {}
         if bench.is_open:
@@ -114,8 +155,8 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
     }
 
 
-def _diagnosis_record(found: DiagnosisResult) -> dict[str, Any]:
-    diagnosis = found.diagnosis
+def _diagnosis_record(result: DiagnosisResult) -> dict[str, Any]:
+    diagnosis = result.diagnosis
     return {
         "sentences": finding_sentences(diagnosis),
         "adequate": diagnosis.adequate,
@@ -128,13 +169,13 @@ def _diagnosis_record(found: DiagnosisResult) -> dict[str, Any]:
                 "chi2_per_dof": _number(entry.chi2_per_dof),
                 "probability": entry.probability,
             }
-            for entry in diagnosis.ranking[:_MOST_RANKED]
+            for entry in diagnosis.ranking[:_MAX_RANKED]
         ],
     }
 
 
 def _number(value: float | None) -> float | str | None:
-    """JSON knows neither infinity nor NaN: "inf" and null."""
+    """Number for JSON, which lacks infinity and NaN: "inf" and None."""
     if value is None or math.isnan(value):
         return None
     return value if math.isfinite(value) else ("inf" if value > 0 else "-inf")

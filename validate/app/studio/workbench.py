@@ -1,4 +1,4 @@
-"""What the workbench does: a study with its history, a trial while a slider moves, a diagnosis. No web in here."""
+"""Workbench: a study, a trial while a slider moves, and a diagnosis. It knows no web server."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cboxlab.utils.progress import Progress, share
 
 from ...api import DiagnosisResult, Study, as_model
 from ...study import Prediction, same_effects
-from .places import chosen_place
+from .places import path_of_name
 
 __all__ = ["Workbench"]
 
@@ -23,9 +23,18 @@ _APPROXIMATED = stages_between("scene", "transport")
 
 
 class Workbench:
-    """root : the folder in which captures and models are opened and results saved. cache : see ``Study.open``.
+    """State of the workbench: a study, the capture in view, and a diagnosis.
 
-    noise, seed : of the render in place of the model's.
+    Parameters
+    ----------
+    root
+        Folder below which captures and models are opened and results are saved.
+    cache
+        Folder that keeps renderings; None keeps nothing.
+    noise
+        Noise of the rendering, in place of the model's.
+    seed
+        Seed of the rendering, in place of the model's.
     """
 
     def __init__(
@@ -35,34 +44,38 @@ class Workbench:
         self._noise, self._seed = noise, seed
         self._study: Study | None = None
         self._trial: Study | None = None
-        self.capture, self.refit = 0, True
-        self.found: DiagnosisResult | None = None
+        #: Index of the capture in view.
+        self.capture = 0
+        #: Whether camera and lamp are fitted at every step.
+        self.refit = True
+        #: Last diagnosis; None before one.
+        self.diagnosis: DiagnosisResult | None = None
 
     @property
     def study(self) -> Study:
-        """The study at hand. Raises InputError before one was opened."""
+        """The open study; InputError before one is open."""
         if self._study is None:
-            raise InputError("the workbench", "no capture", "an open capture", "Open one")
+            raise InputError("the workbench", "no capture", "an open capture", "Open one.")
         return self._study
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a study."""
+        """Whether a study is open."""
         return self._study is not None
 
     @property
     def shown(self) -> Study:
-        """The study as it is shown: the trial while a slider moves."""
+        """The study in view: the trial while a slider moves."""
         return self._trial or self.study
 
     @property
     def prediction(self) -> Prediction:
-        """Of the capture that is shown."""
+        """Prediction of the capture in view."""
         return self.predictions[self.capture]
 
     @property
     def predictions(self) -> tuple[Prediction, ...]:
-        """Of all captures: drafts, where light transport is predicted, until it is rendered."""
+        """Prediction of each capture; a draft if light transport is predicted."""
         return self._predicted(self.shown)
 
     def _predicted(self, study: Study) -> tuple[Prediction, ...]:
@@ -70,56 +83,109 @@ class Workbench:
 
     @property
     def improvable(self) -> bool:
-        """Whether light transport is predicted that could be rendered."""
+        """Whether light transport is predicted, so that rendering would improve the picture."""
         if self._study is None:
             return False
         present = self._study.history.present
-        kept = [
+        approximated = [
             [effect for effect in effects if effect.stage in _APPROXIMATED]
             for effects in (present.effects, present.rendered_with)
         ]
-        return not same_effects(*kept)
+        return not same_effects(*approximated)
 
     def open(self, capture: str | Path, model: str | Path | None, progress: Progress) -> None:
-        """Open a capture with a model, or a saved study (a folder with study.json); calibrate and render.
+        """Open a capture with a model, or a saved study; calibrate and render.
 
-        A capture that is open already is not calibrated again. Raises InputError.
+        A capture that is open already is not calibrated again.
+
+        Parameters
+        ----------
+        capture
+            Folder of a capture, or of a saved study (with study.json).
+        model
+            Model or scene file, or the name of a packaged scene. None for the box that the capture states.
+        progress
+            Receiver of stages and of the completed share.
+
+        Raises
+        ------
+        InputError
+            If an input is faulty or outside the root folder.
         """
-        folder = chosen_place(self.root, capture, "capture")
+        folder = path_of_name(self.root, capture, "capture")
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
             self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
             return
         loaded = load_capture(folder)
-        chosen = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
+        start = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
         if self._study is not None and [c.folder.resolve() for c in self._study.captures] == [folder.resolve()]:
-            self._begin(self._study.with_model(chosen, progress))
+            self._begin(self._study.with_model(start, progress))
         else:
-            self._begin(Study.open(loaded, model=chosen, cache=self.cache, progress=progress))
+            self._begin(Study.open(loaded, model=start, cache=self.cache, progress=progress))
 
     def open_model(self, model: str | Path, progress: Progress) -> None:
-        """Take another model for the captures that are open."""
-        chosen = as_model(self._model(model), self.study.captures, noise=self._noise, seed=self._seed)
-        self._begin(self.study.with_model(chosen, progress))
+        """Open another model for the same captures.
+
+        Parameters
+        ----------
+        model
+            Model or scene file, or the name of a packaged scene.
+        progress
+            Receiver of stages and of the completed share.
+
+        Raises
+        ------
+        InputError
+            If the model is faulty or outside the root folder, or if no capture is open.
+        """
+        start = as_model(self._model(model), self.study.captures, noise=self._noise, seed=self._seed)
+        self._begin(self.study.with_model(start, progress))
 
     def _model(self, name: str | Path | None) -> Any:
         if name is None or not str(name).endswith(".toml"):
             return None if not name else load_model(str(name))
-        return load_model(chosen_place(self.root, name, "model"))
+        return load_model(path_of_name(self.root, name, "model"))
 
     def _begin(self, study: Study) -> None:
+        """Set a study of other inputs, without a diagnosis."""
         self._take(study)
-        self.capture, self.found = 0, None
+        self.capture, self.diagnosis = 0, None
 
     def _take(self, study: Study) -> None:
-        self._predicted(study)  # what cannot be predicted is refused, and the study stays as it was
+        """Set the study, if it can be predicted; otherwise InputError, and the old study stays."""
+        self._predicted(study)
         self._study, self._trial = study, None
 
     def add(self, effect: str, values: Mapping[str, str | float]) -> None:
-        """Add an effect. Raises InputError as ``Study.add``."""
+        """Add an effect.
+
+        Parameters
+        ----------
+        effect, values
+            As of ``Study.add``.
+
+        Raises
+        ------
+        InputError
+            As of ``Study.add``.
+        """
         self._take(self.study.add(effect, **values))
 
     def change(self, which: int, values: Mapping[str, str | float], commit: bool) -> None:
-        """Move an effect's parameters; without ``commit`` as a trial, which leaves no state behind."""
+        """Change an effect's parameters.
+
+        Parameters
+        ----------
+        which, values
+            As of ``Study.change``.
+        commit
+            Whether it is a step that can be undone; otherwise a trial, which the next step replaces.
+
+        Raises
+        ------
+        InputError
+            As of ``Study.change``.
+        """
         moved = self.study.change(which, **values)
         if commit:
             self._take(moved)
@@ -128,60 +194,119 @@ class Workbench:
             self._trial = moved
 
     def remove(self, which: int) -> None:
-        """Take an effect out."""
+        """Remove an effect.
+
+        Parameters
+        ----------
+        which
+            Index of the effect, from 0.
+        """
         self._take(self.study.remove(which))
 
     def undo(self) -> None:
-        """One state back."""
+        """Go one state back."""
         self._take(self.study.undo())
 
     def redo(self) -> None:
-        """One state forward."""
+        """Go one state forward."""
         self._take(self.study.redo())
 
     def show(self, capture: int, refit: bool) -> None:
-        """Show another of the captures, or hold camera and lamp where they were fitted."""
+        """Choose the capture in view, and whether camera and lamp are fitted.
+
+        Parameters
+        ----------
+        capture
+            Index of the capture, from 0.
+        refit
+            Whether camera and lamp are fitted at every step. Otherwise they stay as they were fitted to the picture.
+
+        Raises
+        ------
+        InputError
+            For an index without a capture.
+        """
         if not 0 <= capture < len(self.study.captures):
             raise InputError("capture", str(capture), f"0 to {len(self.study.captures) - 1}")
         self.capture, self.refit = capture, refit
         self._take(self.study)
 
     def fit(self, which: list[int], progress: Progress) -> None:
-        """Fit these effects, all where the list is empty."""
+        """Fit effects.
+
+        Parameters
+        ----------
+        which
+            Indices of effects, from 0; all effects if empty.
+        progress
+            Receiver of stages and of the completed share.
+        """
         self._take(self.study.fit(*which, progress=progress))
 
     def render(self, progress: Progress) -> None:
-        """Render the picture with the effects as they are."""
+        """Render the pictures with the present effects.
+
+        Parameters
+        ----------
+        progress
+            Receiver of stages and of the completed share.
+        """
         study = self.study.render(progress)
         self._predicted(study)
         self._study, self._trial = study, None
 
     def diagnose(self, progress: Progress) -> None:
-        """Find what the model lacks, on top of its effects."""
+        """Diagnose the capture in view, starting from the model with its effects.
+
+        Parameters
+        ----------
+        progress
+            Receiver of stages and of the completed share.
+        """
         self.render(share(progress, 0.0, 0.3))
-        self.found = self.study.diagnose(self.capture, share(progress, 0.3, 1.0))
+        self.diagnosis = self.study.diagnose(self.capture, share(progress, 0.3, 1.0))
 
     def adopt(self) -> None:
-        """Take the effects that the diagnosis found."""
-        if self.found is None:
-            raise InputError("the workbench", "no diagnosis", "one that has ended", "Run it")
-        self._take(self.study.with_effects(self.found.diagnosis.model.effects))
+        """Replace the effects with those of the diagnosis."""
+        if self.diagnosis is None:
+            raise InputError("the workbench", "no diagnosis", "a finished diagnosis", "Run it first.")
+        self._take(self.study.with_effects(self.diagnosis.diagnosis.model.effects))
 
     def save(self, folder: str, report: bool, progress: Progress) -> list[str]:
-        """Write study.json and model.toml, and with ``report`` report.html, metrics.json and maps.
+        """Write study.json and model.toml, and on request report.html, metrics.json and maps.
 
-        Returns the files' paths. A diagnosis that started from the present effects or led to them is written beside it.
+        A diagnosis that started from the present effects or led to them is written with a report, in the folder
+        diagnosis.
+
+        Parameters
+        ----------
+        folder
+            Folder below the root folder; it is created if it is missing.
+        report
+            Whether to render the pictures and write the report.
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        list of str
+            Paths of the files.
+
+        Raises
+        ------
+        InputError
+            If the folder is outside the root folder.
         """
-        place = chosen_place(self.root, folder, "folder", new=True)
-        written = [*self.study.write(place)]
+        target = path_of_name(self.root, folder, "folder", new=True)
+        written = [*self.study.write(target)]
         if report:
             self.render(progress)
-            written = [*self.study.write(place), *self.study.write_report(place, self.capture)]
-            if self.found is not None and self._found_of(self.found):
-                written += self.found.write(place / "diagnosis")
+            written = [*self.study.write(target), *self.study.write_report(target, self.capture)]
+            if self.diagnosis is not None and self._concerns_study(self.diagnosis):
+                written += self.diagnosis.write(target / "diagnosis")
         return [str(path) for path in written]
 
-    def _found_of(self, found: DiagnosisResult) -> bool:
+    def _concerns_study(self, result: DiagnosisResult) -> bool:
         """Whether a diagnosis started from the present effects, or led to them."""
-        ends = found.validation.model.effects, found.diagnosis.model.effects
+        ends = result.validation.model.effects, result.diagnosis.model.effects
         return any(same_effects(effects, self.study.effects) for effects in ends)

@@ -1,8 +1,8 @@
-"""What all commands share in the terminal: output and its loudness, stages of a computation, JSON, options."""
+"""Terminal of all commands: output, stages of a computation, JSON, common options."""
 
 from .command_line import JsonOption, command_line
 from .output import STANDARD_OUTPUT, console, data_table, errors, give_json, print_result, print_table, say, this_run
-from .stages import Stages, told_time, watch_stages
+from .stages import Stages, time_text, watch_stages
 
 __all__ = [
     "STANDARD_OUTPUT",
@@ -17,6 +17,6 @@ __all__ = [
     "print_table",
     "say",
     "this_run",
-    "told_time",
+    "time_text",
     "watch_stages",
 ]

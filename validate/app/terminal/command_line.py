@@ -1,4 +1,4 @@
-"""The command line from its commands: options that all of them take, help as plain text, names of the shell."""
+"""Command line of a list of commands, with common options, plain help and shell completion."""
 
 from __future__ import annotations
 
@@ -15,34 +15,47 @@ from .output import STANDARD_OUTPUT, show_results_apart, this_run
 
 __all__ = ["JsonOption", "command_line"]
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only; results are in their files.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only. Results are in their files.")]
 Verbose = Annotated[
     bool,
-    typer.Option("--verbose", "-v", help="Say what each stage took; print the trace of a program fault."),
+    typer.Option("--verbose", "-v", help="Print the duration of each stage, and the trace of a program error."),
 ]
 
 
 def _keep_standard_output_clear(path: Path | None) -> Path | None:
+    """Print messages to standard error if JSON goes to standard output."""
     if path == STANDARD_OUTPUT:
         show_results_apart()
     return path
 
 
-#: Of every command that finds something: ``give_json`` writes it.
+#: Option of every command with results, which ``give_json`` writes.
 JsonOption = Annotated[
     Path | None,
     typer.Option(
         "--json",
-        help="Write what was found as JSON to this file; - for standard output.",
+        help="Write the results as JSON to this file. With -, they go to standard output.",
         callback=_keep_standard_output_clear,
     ),
 ]
 
 
 def command_line(help_text: str, commands: Iterable[Callable[..., Any]]) -> typer.Typer:
-    """An application of these commands, each with ``--quiet`` and ``--verbose``; ``--version`` and completion.
+    """Application of commands, with ``--quiet``, ``--verbose``, ``--version`` and completion.
 
-    Help is printed as plain text: rich markup would swallow what stands in square brackets, such as tables of a file.
+    Help is plain text: rich markup would remove text in square brackets, such as the names of tables in a file.
+
+    Parameters
+    ----------
+    help_text
+        Help of the program.
+    commands
+        Functions whose docstrings and annotations are the help of the commands.
+
+    Returns
+    -------
+    typer.Typer
+        The application.
     """
     app = typer.Typer(
         help=help_text,
@@ -57,8 +70,8 @@ def command_line(help_text: str, commands: Iterable[Callable[..., Any]]) -> type
     return app
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"cbox {version('cboxlab')}")
         raise typer.Exit
 
@@ -73,8 +86,8 @@ def _root(
 
 
 def _with_common_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The command with the options ``--quiet`` and ``--verbose``, which set ``this_run``."""
-    own = inspect.signature(command, eval_str=True)
+    """Command with the options ``--quiet`` and ``--verbose``, which set ``this_run``."""
+    command_signature = inspect.signature(command, eval_str=True)
     common = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
         for name, kind in (("quiet", Quiet), ("verbose", Verbose))
@@ -87,7 +100,7 @@ def _with_common_options(command: Callable[..., Any]) -> Callable[..., Any]:
             this_run.be_quiet()
         return command(*arguments, **keywords)
 
-    signature = own.replace(parameters=[*own.parameters.values(), *common])
+    signature = command_signature.replace(parameters=[*command_signature.parameters.values(), *common])
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
     return run

@@ -1,4 +1,4 @@
-"""Results go to standard output, progress and messages to standard error; how much of both is printed."""
+"""Output of commands: results to standard output, progress and messages to standard error."""
 
 from __future__ import annotations
 
@@ -39,19 +39,20 @@ __all__ = [
 
 
 class _Output(Console):
-    """Standard output; a command goes on, without printing, when the reader of its output has gone (``| head``)."""
+    """Standard output; if its reader ends (``| head``), a command continues without printing."""
 
     def on_broken_pipe(self) -> None:
+        """Print nothing more."""
         self.quiet = True
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-#: Without markup and emoji codes, since the output contains names given by users.
+#: Standard output, without markup and emoji codes, since the output contains names given by users.
 console = _Output(markup=False, emoji=False)
-#: Progress and messages go to standard error, so that standard output contains only results.
+#: Standard error, for progress and messages, so that standard output contains only results.
 errors = Console(stderr=True, markup=False, emoji=False)
 
-#: For terminals and pipes that cannot hold these signs (an ASCII or Latin-1 locale).
+#: Replacements of signs that an encoding lacks, such as ASCII or Latin-1.
 _SPELLED = {
     "²": "^2",
     "³": "^3",
@@ -76,7 +77,7 @@ _SPELLED = {
 
 
 def _spelled(error: UnicodeError) -> tuple[str, int]:
-    """The handler of signs that an encoding lacks: spelled out, without accents, or a question mark."""
+    """Replacement of signs that an encoding lacks, and position after them."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = error.object[error.start : error.end]
@@ -92,18 +93,23 @@ STANDARD_OUTPUT = Path("-")
 
 @dataclass
 class Run:
-    """The command that is run, and how much it prints.
+    """The running command and the amount that it prints."""
 
-    command : as typed. quiet : nothing but errors. verbose : also what each stage took, and
-    the trace of a fault of the program.
-    """
-
+    #: Whether only errors are printed.
     quiet: bool = False
+    #: Whether the duration of each stage and the trace of a program error are printed.
     verbose: bool = False
+    #: Command as typed.
     command: str = "cbox"
 
     def begin(self, arguments: Sequence[str]) -> None:
-        """The state before any option is read: results to standard output, neither quiet nor verbose."""
+        """Reset to the state before any option is read: neither quiet nor verbose.
+
+        Parameters
+        ----------
+        arguments
+            Arguments of the command.
+        """
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="cboxlab-spelled")
@@ -111,26 +117,45 @@ class Run:
         self.quiet = self.verbose = console.quiet = console.stderr = False
 
     def be_quiet(self) -> None:
-        """Print no results and no progress; errors are printed all the same."""
+        """Print errors only."""
         self.quiet = console.quiet = True
 
 
-#: Of this process: one command is run at a time.
+#: Run of this process, which runs one command at a time.
 this_run = Run()
 
 
 def show_results_apart() -> None:
-    """Print results to standard error, where standard output is to hold JSON alone."""
+    """Print results to standard error, so that standard output contains only JSON."""
     console.stderr = True
 
 
 def say(text: str) -> None:
-    """Print one line of plain text, without wrapping and without markup."""
+    """Print one line of plain text, without wrapping and without markup.
+
+    Parameters
+    ----------
+    text
+        The line.
+    """
     console.print(Text(text), soft_wrap=True)
 
 
 def data_table(title: str, *header: str) -> Table:
-    """A table whose first column is text, which may be wrapped, and whose others are numbers. See ``print_table``."""
+    """Empty table for ``print_table``.
+
+    Parameters
+    ----------
+    title
+        Title above the table.
+    *header
+        Headers of the columns. The first column is text, which may be wrapped; the others are numbers.
+
+    Returns
+    -------
+    Table
+        Table without rows.
+    """
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for index, name in enumerate(header):
         table.add_column(name, justify="right" if index else "left", no_wrap=index > 0, overflow="fold")
@@ -138,7 +163,13 @@ def data_table(title: str, *header: str) -> Table:
 
 
 def print_table(table: Table) -> None:
-    """Print a table; numbers that do not fit side by side in parts below each other, each with the first column."""
+    """Print a table; columns that do not fit follow below, each part with the first column.
+
+    Parameters
+    ----------
+    table
+        A table of ``data_table``.
+    """
     first, *others = table.columns
     room = console.width - min(_width(first), console.width // 3)
     parts: list[list[Column]] = [[first]]
@@ -147,12 +178,12 @@ def print_table(table: Table) -> None:
             parts.append([first])
         parts[-1].append(column)
     for index, part in enumerate(parts):
-        shown = data_table("" if index else str(table.title), *(str(column.header) for column in part))
-        for own, column in zip(shown.columns, part, strict=True):
-            own.no_wrap = column.no_wrap
+        part_table = data_table("" if index else str(table.title), *(str(column.header) for column in part))
+        for copy, column in zip(part_table.columns, part, strict=True):
+            copy.no_wrap = column.no_wrap
         for row in zip(*(column.cells for column in part), strict=True):
-            shown.add_row(*row)
-        console.print(shown)
+            part_table.add_row(*row)
+        console.print(part_table)
 
 
 def print_result(lines: Iterable[str], tables: Iterable[TextTable]) -> None:
@@ -177,16 +208,21 @@ def print_result(lines: Iterable[str], tables: Iterable[TextTable]) -> None:
 
 
 def _width(column: Column) -> int:
-    """Signs that a column takes, with the space beside it; of one that may be wrapped its longest word's."""
+    """Number of signs of a column with its margin; of a wrapped column, of its longest word."""
     cells = [str(cell) for cell in (column.header, *column.cells)]
-    words = cells if column.no_wrap else [word for cell in cells for word in cell.split()]
-    return 2 + max(map(cell_len, words), default=0)
+    parts = cells if column.no_wrap else [word for cell in cells for word in cell.split()]
+    return 2 + max(map(cell_len, parts), default=0)
 
 
 def give_json(path: Path | None, record: Mapping[str, Any]) -> None:
-    """Write what was found as JSON: to a file, complete or not at all; to standard output for "-"; nowhere for None.
+    """Write results as JSON.
 
-    record : numbers, strings, lists, dicts and paths; a number that is not finite becomes null.
+    Parameters
+    ----------
+    path
+        File, which is written completely or not at all; "-" for standard output; None writes nothing.
+    record
+        Numbers, strings, lists, dicts and paths. A number that is not finite becomes null.
     """
     if path is None:
         return
@@ -200,6 +236,7 @@ def give_json(path: Path | None, record: Mapping[str, Any]) -> None:
 
 
 def _plain(value: Any) -> Any:
+    """Value for JSON."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""The stages of a computation in the terminal: one bar for the whole, or plain lines where there is no terminal."""
+"""Stages of a computation: one progress bar, or plain lines without a terminal."""
 
 from __future__ import annotations
 
@@ -11,35 +11,55 @@ from rich.progress import Progress as ProgressBar
 
 from .output import errors, this_run
 
-__all__ = ["ProgressBar", "Stages", "told_time", "watch_stages"]
+__all__ = ["ProgressBar", "Stages", "time_text", "watch_stages"]
 
-#: Without a terminal a stage that takes longer than this, s, is told of again and again.
-_REMIND_S = 30.0
-#: No time left is stated before this share is done and this time, s, is gone: it would be a guess.
-_SMALLEST_SHARE, _SHORTEST_S = 0.05, 2.0
-#: Stages shorter than this, s, have no line of their own.
-_BRIEF_S = 0.5
+#: Interval of lines about a long stage where there is no terminal, s.
+REMINDER_S = 30.0
+#: Completed share below which no remaining time is stated: it would be a guess.
+MIN_SHARE = 0.05
+#: Elapsed time below which no remaining time is stated, s.
+MIN_ELAPSED_S = 2.0
+#: Shortest stage that gets a line, s.
+MIN_STAGE_S = 0.5
 
 
-def told_time(seconds: float) -> str:
-    """A time as people say it: 0.4 s, 12 s, 1 min 05 s, 2 h 03 min."""
+def time_text(seconds: float) -> str:
+    """Duration as text.
+
+    Parameters
+    ----------
+    seconds
+        Duration, s.
+
+    Returns
+    -------
+    str
+        "0.4 s", "12 s", "1 min 05 s" or "2 h 03 min".
+    """
     if seconds < 9.95:
         return f"{seconds:.1f} s"
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    rounded = round(seconds)
+    if rounded < 60:
+        return f"{rounded} s"
+    if rounded < 3600:
+        return f"{rounded // 60} min {rounded % 60:02d} s"
+    return f"{rounded // 3600} h {rounded % 3600 // 60:02d} min"
 
 
 class Stages:
-    """Follows a computation by its name of stages and its share done, and says how long it may still take.
+    """Stage, completed share and remaining time of a computation.
 
-    The time left is that of the whole, from the time gone and the share done. Where a computation finds that more is
-    to be done, the share falls, and the time left grows with it.
+    The remaining time follows from elapsed time and completed share. If a computation finds more work, the share falls
+    and the remaining time grows.
 
-    line : takes a line about a stage that is over, or that has lasted long. clock : seconds.
+    Parameters
+    ----------
+    title
+        Name of the stage until the first report.
+    line
+        Receiver of a line about each completed stage, and about a long one while it lasts.
+    clock
+        Function that returns the time, s.
     """
 
     def __init__(self, title: str, line: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
@@ -47,43 +67,73 @@ class Stages:
         self._begun = self._stage_begun = self._reminded = clock()
         self.stage, self.done = title, 0.0
 
-    def tell(self, stage: str, done: float) -> None:
-        """A report of the computation: the stage's name ("" before the first) and the share done, 0 to 1."""
+    def report(self, stage: str, done: float) -> None:
+        """Receive a report of the computation.
+
+        Parameters
+        ----------
+        stage
+            Name of the stage; "" keeps the present one.
+        done
+            Completed share, 0 to 1.
+        """
         now = self._clock()
         if stage and stage != self.stage:
             self.end_stage()
             self.stage, self._stage_begun, self._reminded = stage, now, now
         self.done = min(max(done, 0.0), 1.0)
-        if now - self._reminded >= _REMIND_S and self.done < 1:
+        if now - self._reminded >= REMINDER_S and self.done < 1:
             self._reminded = now
-            self._line(f"{self.stage}: {self.done:.0%} of the whole, {self.times()}")
+            self._line(f"{self.stage}: {self.done:.0%} of the computation, {self.times()}")
 
     def end_stage(self) -> None:
-        """The stage is over: a line says what it took."""
-        taken = self._clock() - self._stage_begun
-        if taken >= _BRIEF_S:
-            self._line(f"{self.stage}: {told_time(taken)}")
+        """End the stage, with a line that states its duration."""
+        duration = self._clock() - self._stage_begun
+        if duration >= MIN_STAGE_S:
+            self._line(f"{self.stage}: {time_text(duration)}")
 
-    def left_s(self) -> float | None:
-        """Time left, s; None where nothing can be said yet."""
-        gone = self._clock() - self._begun
-        if self.done < _SMALLEST_SHARE or gone < _SHORTEST_S:
+    def remaining_s(self) -> float | None:
+        """Remaining time.
+
+        Returns
+        -------
+        float or None
+            Time, s; None while it would be a guess.
+        """
+        elapsed = self._clock() - self._begun
+        if self.done < MIN_SHARE or elapsed < MIN_ELAPSED_S:
             return None
-        return gone * (1 - self.done) / self.done
+        return elapsed * (1 - self.done) / self.done
 
     def times(self) -> str:
-        """Time gone and time left, in words."""
-        left = self.left_s()
-        gone = f"{told_time(self._clock() - self._begun)} gone"
-        return gone if left is None else f"{gone}, about {told_time(left)} left"
+        """Elapsed and remaining time.
+
+        Returns
+        -------
+        str
+            "30 s elapsed, about 1 min 30 s left"; without the second part while it would be a guess.
+        """
+        remaining = self.remaining_s()
+        elapsed = f"{time_text(self._clock() - self._begun)} elapsed"
+        return elapsed if remaining is None else f"{elapsed}, about {time_text(remaining)} left"
 
 
 @contextmanager
 def watch_stages(title: str) -> Iterator[Callable[[str, float], None]]:
-    """What a ``ProgressReporter`` reports to while a computation runs. title : the stage's name until one is reported.
+    """Show the stages of a computation while it runs.
 
-    With a terminal one bar shows the stage, the share of the whole, the time gone and left. Without one, or where the
-    user asks for more, a line is printed when a stage is over. Nothing is printed where the user wants it quiet.
+    In a terminal one bar shows the stage, the completed share, elapsed and remaining time. Without a terminal, or with
+    ``--verbose``, each completed stage gets a line. With ``--quiet`` nothing is printed.
+
+    Parameters
+    ----------
+    title
+        Name of the stage until the first report.
+
+    Yields
+    ------
+    Callable
+        Receiver of reports (stage, completed share), for a ``ProgressReporter``.
     """
     terminal = errors.is_terminal and not this_run.quiet
     plain = not this_run.quiet and (not terminal or this_run.verbose)
@@ -94,12 +144,12 @@ def watch_stages(title: str) -> Iterator[Callable[[str, float], None]]:
         TaskProgressColumn(),
         TextColumn("{task.fields[times]}"),
     )
-    with ProgressBar(*columns, console=errors, transient=True, disable=not terminal) as shown:
-        task = shown.add_task(title, total=1.0, times="")
+    with ProgressBar(*columns, console=errors, transient=True, disable=not terminal) as progress_bar:
+        task = progress_bar.add_task(title, total=1.0, times="")
 
         def report(stage: str, done: float) -> None:
-            stages.tell(stage, done)
-            shown.update(task, description=stages.stage, completed=stages.done, times=stages.times())
+            stages.report(stage, done)
+            progress_bar.update(task, description=stages.stage, completed=stages.done, times=stages.times())
 
         yield report
         stages.end_stage()

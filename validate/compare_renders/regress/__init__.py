@@ -2,7 +2,17 @@
 
 from .grids import Common
 from .inputs import SIDES, View, assert_same_light, input_files, regress_inputs, regress_pictures
-from .outcome import NamedChange, Outcome, as_percent, github_lines, summary, told_change, write_junit
+from .outcome import (
+    UNKNOWN,
+    NamedChange,
+    Outcome,
+    as_percent,
+    github_lines,
+    name_line,
+    summary,
+    told_change,
+    write_junit,
+)
 from .pooled import SYSTEMATIC, PooledMean
 from .sides import Side, SurfaceMap, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
 from .strata import strata_of
@@ -12,6 +22,7 @@ __all__ = [
     "FALSE_ALARMS",
     "SIDES",
     "SYSTEMATIC",
+    "UNKNOWN",
     "Common",
     "NamedChange",
     "Outcome",
@@ -27,6 +38,7 @@ __all__ = [
     "github_lines",
     "in_common_quantity",
     "input_files",
+    "name_line",
     "read_side",
     "regress_inputs",
     "regress_pictures",

@@ -48,8 +48,15 @@ class Fit:
 
     #: Amplitude of each template.
     amplitudes: NDArray[np.float64]
-    #: Huber's sum of squares of the residuals; infinite for a change that is not finite.
-    chi2: float
+    #: Huber's sum of squares of the residuals of cells; infinite for a change that is not finite.
+    cells_chi2: float
+    #: The same of single pixels.
+    pixels_chi2: float = 0.0
+
+    @property
+    def chi2(self) -> float:
+        """Huber's sum of squares of all residuals."""
+        return self.cells_chi2 + self.pixels_chi2
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +136,7 @@ class Evidence:
         """
         goal = self.target if fixed is None else self.target - self.features(fixed)
         if not templates:
-            return Fit(np.zeros(0), self._chi2(goal) if np.isfinite(goal).all() else np.inf)
+            return self._fit(np.zeros(0), goal) if np.isfinite(goal).all() else Fit(np.zeros(0), np.inf)
         columns = np.stack([self.features(template) for template in templates], axis=1)
         if not np.isfinite(columns).all():  # a change that overflows
             return Fit(np.zeros(columns.shape[1]), np.inf)
@@ -139,12 +146,13 @@ class Evidence:
             weight = np.ones(size.size) if step == 0 else np.minimum(1.0, _HUBER_SIGMAS / np.maximum(size, 1e-12))
             root = np.sqrt(weight)
             amplitudes = np.asarray(np.linalg.lstsq(columns * root[:, None], goal * root, rcond=1e-9)[0], float)
-        return Fit(amplitudes, self._chi2(goal - columns @ amplitudes))
+        return self._fit(amplitudes, goal - columns @ amplitudes)
 
-    def _chi2(self, residual: NDArray[np.float64]) -> float:
-        """Chi-square of residuals (n,)."""
+    def _fit(self, amplitudes: NDArray[np.float64], residual: NDArray[np.float64]) -> Fit:
+        """Fit with residuals (n,)."""
         cells = self.level.size
-        return huber(residual[:cells]) + huber(np.clip(residual[cells:], -_MAX_PIXEL_SIGMAS, _MAX_PIXEL_SIGMAS))
+        pixels = np.clip(residual[cells:], -_MAX_PIXEL_SIGMAS, _MAX_PIXEL_SIGMAS)
+        return Fit(amplitudes, huber(residual[:cells]), huber(pixels))
 
 
 def huber(residual: NDArray[np.float64]) -> float:

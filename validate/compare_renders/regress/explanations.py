@@ -55,10 +55,15 @@ class Explanation(OwnMappings):
     change: str
     #: Parameters by name.
     parameters: Mapping[str, Any]
-    #: Chi-square of the remainder.
-    chi2: float
+    #: Fit whose remainder counts.
+    fit: Fit
     #: Number of parameters that were fitted or selected.
     free: int
+
+    @property
+    def chi2(self) -> float:
+        """Chi-square of the remainder."""
+        return self.fit.chi2
 
 
 def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
@@ -113,13 +118,13 @@ def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
         factor = float(evidence.candidate[inside].sum() / base[inside].sum())
     meaning = _meaning(factor)
     remark = {} if meaning is None else {"meaning": meaning}
-    yield Explanation("lamp-scale", {"factor": factor, **remark}, fit.chi2, 1)
+    yield Explanation("lamp-scale", {"factor": factor, **remark}, fit, 1)
     if evidence.groups > 1:
         masks = [evidence.group == g for g in range(evidence.groups)]
         fit = evidence.fit([base * mask for mask in masks])
         factors = {group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)}
         if min(factors.values()) >= 0:
-            yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit.chi2, len(masks))
+            yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit, len(masks))
 
 
 def _meaning(factor: float) -> str | None:
@@ -157,7 +162,7 @@ def _values(evidence: Evidence) -> Iterator[Explanation]:
     if not mean > 0:
         return
     fit = evidence.fit([np.full_like(base, mean)])
-    yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit.chi2, 1)
+    yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit, 1)
     most = float(evidence.candidate.max())
     if 0 < most < float(base.max()):
 
@@ -165,7 +170,7 @@ def _values(evidence: Evidence) -> Iterator[Explanation]:
             return exact(evidence, np.minimum(base, level)).chi2
 
         best = minimize_scalar(cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12})
-        yield Explanation("clipped", {"largest": float(best.x)}, float(best.fun), 1)
+        yield Explanation("clipped", {"largest": float(best.x)}, exact(evidence, np.minimum(base, best.x)), 1)
     yield from _power(evidence, np.maximum(base / mean, 1e-9), mean)
 
 
@@ -178,12 +183,12 @@ def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterat
     factor, best = float(np.exp(level)), None
     for _ in range(_STEPS):
         picture = factor * mean * base**exponent
-        chi2 = exact(evidence, picture).chi2
-        if best is None or chi2 < best.chi2:
+        fit = exact(evidence, picture)
+        if best is None or fit.chi2 < best.chi2:
             screen = [e for e in _SCREEN_EXPONENTS if abs(exponent / e - 1) < _EXPONENT_TOLERANCE]
             remark = {"meaning": "values encoded for a screen, or decoded once too often?"} if screen else {}
             parameters = {"exponent": float(exponent), "factor_at_mean": factor, **remark}
-            best = Explanation("power", parameters, chi2, 2)
+            best = Explanation("power", parameters, fit, 2)
         step = evidence.fit([picture, picture * np.log(base)], picture - evidence.baseline).amplitudes
         factor *= float(np.clip(1 + step[0], 0.5, 2.0))
         exponent = float(np.clip(exponent + step[1], 0.05, 20.0))
@@ -197,10 +202,10 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     if side.in_colour:
         for (space, corners), order in product(COLOUR_SPACES.items(), permutations(range(3))):
             matrix = primaries_matrix(corners)
-            chi2 = exact(evidence, base @ (matrix @ np.linalg.inv(matrix)[list(order)]).T).chi2
+            fit = exact(evidence, base @ (matrix @ np.linalg.inv(matrix)[list(order)]).T)
             names = "".join("RGB"[i] for i in order)
             if names != "RGB":
-                yield Explanation("bands-exchanged", {"order": names, "colour_space": space}, chi2, 1)
+                yield Explanation("bands-exchanged", {"order": names, "colour_space": space}, fit, 1)
         return
     inside = evidence.cell >= 0
     if not inside.any():
@@ -214,8 +219,8 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     rows, order = linear_sum_assignment(cost)
     others = int(np.count_nonzero(rows != order))
     if others:
-        bands = [side.bands[i] for i in order]
-        yield Explanation("bands-exchanged", {"order": bands}, exact(evidence, base[..., order]).chi2, others)
+        labels = [side.bands[i] for i in order]
+        yield Explanation("bands-exchanged", {"order": labels}, exact(evidence, base[..., order]), others)
 
 
 def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explanation]:
@@ -223,7 +228,7 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
     base = evidence.baseline
     if wavelength_nm.size < _MIN_WAVELENGTHS:
         return
-    yield Explanation("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]).chi2, 1)
+    yield Explanation("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]), 1)
     step = float(np.median(np.diff(wavelength_nm)))
     spectrum = CubicSpline(wavelength_nm, base, axis=-1)
     slope = spectrum.derivative()
@@ -231,7 +236,7 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
     shapes = [np.ones(wavelength_nm.size), (wavelength_nm - middle) / half]
     for count in (1, 2):
         off = np.zeros(count)
-        best = (np.inf, off)
+        best = (exact(evidence, spectrum(wavelength_nm)), off)
         for _ in range(_STEPS):
             at = np.clip(
                 wavelength_nm + off @ np.array(shapes[:count]),
@@ -240,9 +245,9 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
             )
             picture, rise = spectrum(at), slope(at)
             fit = evidence.fit([rise * shape for shape in shapes[:count]], picture - base)
-            chi2 = exact(evidence, picture).chi2
-            if chi2 < best[0]:
-                best = chi2, off
+            moved = exact(evidence, picture)
+            if moved.chi2 < best[0].chi2:
+                best = moved, off
             off = np.clip(off + fit.amplitudes, -1.5 * step, 1.5 * step)
         parameters = {"shift_nm": float(best[1][0])}
         if count == 2:

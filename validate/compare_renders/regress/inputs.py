@@ -23,7 +23,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ...predict import transported
 from .naming import named_changes
-from .outcome import NamedChange, Outcome, as_percent, told_change
+from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, told_change
 from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
 from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
@@ -220,7 +220,9 @@ def assert_same_light(
         f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}"
         for row in outcome.deciding[:_MAX_LISTED_POOLS]
     ]
-    lines += [f"  named: {told_change(n)} ({n.probability:.2f})" for n in outcome.named[:_MAX_LISTED_CHANGES]]
+    for change in outcome.named[:_MAX_LISTED_CHANGES]:
+        label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
+        lines.append(f"  {label}: {told_change(change)} ({change.probability:.2f})")
     raise AssertionError("\n".join(lines))
 
 

@@ -1,76 +1,174 @@
-"""Which change explains a difference: all explanations, weighed against each other and against none of them.
+"""Naming of a change: explanations weighed against each other and an unknown cause.
 
 Each explanation costs half the logarithm of the number of data for each parameter (Schwarz 1978). Where even the
-best leaves more than noise, log-likelihoods are divided by what it leaves per number: a shape that is not quite
-right makes all less certain. `unknown` stands for an explanation of most of the difference that was not thought of.
+best leaves more than noise, log-likelihoods are divided by its remainder per number: a shape that is not quite right
+makes all less certain. `unknown` stands for an explanation of most of the difference that is not in the list. Smooth
+functions over the picture or over surfaces describe it; they compete with the names, and name nothing.
+
+The goodness of fit then rules the probability of every name. An explanation that leaves more than noise and the known
+error of computed shapes is wrong or incomplete, however bad its competitors are.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
-from .outcome import NamedChange
-from .transport_explanations import coats, from_scene
+from .outcome import UNKNOWN, NamedChange
+from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
 from .verdict import Comparison
 from .view_explanations import from_view
 
 __all__ = ["named_changes"]
 
-#: `unknown` explains this part of the excess.
+#: Part of the excess that `unknown` explains.
 _UNKNOWN_PART = 0.7
-#: Numbers of explanations that make looking for a coat needless.
-_FEW = 2
-#: Explanations less probable are not listed.
-_LEAST = 1e-4
+#: Parameters that `unknown` costs.
+_UNKNOWN_PARAMETERS = 2
+#: Most parameters of an explanation that makes looking for a coat needless: those of many imitate one.
+_FEW_PARAMETERS = 2
+#: Part of the excess that makes looking for a coat needless where it is explained.
+_ENOUGH = 0.97
+#: Least probability of an explanation that is listed.
+_MIN_PROBABILITY = 1e-4
+#: Standard deviations of chi-square above its mean that noise explains.
+_NOISE_SIGMAS = 2.5
+#: Relative error of the noise of cells: chi-square of right names is 0.8 to 1.1 per cell with stated errors.
+_NOISE_ERROR = 0.25
+#: Part of a change's chi-square that the error of computed shapes leaves in cells: a tenth of the change itself.
+_SHAPE_ERROR = 0.01
+#: The same of interpolated pictures, in cells and in single pixels: 0.09 for half a pixel at 48 x 48 pixels.
+_SHAPE_ERROR_MOVED = 0.2
+#: The same of interpolated spectra, in cells: 0.03 for half a step of 40 nm.
+_SHAPE_ERROR_SPECTRUM = 0.06
+#: Changes of interpolated pictures.
+_MOVED = ("shift", "view", "distortion")
+#: The same in single pixels: where an edge lies inside of a pixel is known to some hundredths.
+_EDGE_ERROR = 0.1
+#: Exponent of the cap on names: a misfit of a half leaves 0.94, of 1 a half, of 2 leaves 0.06.
+_CAP_EXPONENT = 4
 
 
 def named_changes(
-    found: Comparison, variants: Variants | None, progress: Progress = NO_PROGRESS
+    comparison: Comparison, variants: Variants | None, progress: Progress = NO_PROGRESS
 ) -> tuple[NamedChange, ...]:
-    """Best first; at least one, `unknown` where nothing fits. variants : of the scene, None where it is not known."""
-    evidence = build_evidence(found)
-    tried = [*from_pictures(evidence, found.common.baseline), *from_view(evidence)]
+    """Explanations of the difference of two pictures.
+
+    Parameters
+    ----------
+    comparison
+        Sides, parts, noise and outliers of a verdict.
+    variants
+        Rendering of the scene; None where the scene is unknown.
+    progress
+        Receiver of the finished part.
+
+    Returns
+    -------
+    tuple of NamedChange
+        Most probable first, with `unknown` among them unless its probability is negligible. The best name is always
+        among them.
+    """
+    evidence = build_evidence(comparison)
+    explanations = [*from_pictures(evidence, comparison.common.baseline), *from_view(evidence)]
+    unknown = list(_over_picture(evidence))
     if variants is not None:
-        tried += from_scene(evidence, variants)
+        explanations += from_scene(evidence, variants)
         progress.part(0.6)
-        # explanations with many numbers imitate a coat
-        if min(t.chi2 for t in tried if t.free <= _FEW) > _target(evidence):
-            tried += coats(evidence, variants)
-    return _weighed(evidence, tried)
+        if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
+            explanations += coats(evidence, variants)
+        fit, free = smooth_over_surfaces(evidence, variants)
+        unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
+    return _weighed(evidence, explanations, unknown)
+
+
+def _over_picture(evidence: Evidence) -> Iterator[Explanation]:
+    """Descriptions of an unknown cause: second-order polynomials of the picture's coordinates."""
+    base = evidence.baseline
+    rows, columns = (np.linspace(-1, 1, size) for size in base.shape[:2])
+    y, x = np.meshgrid(rows, columns, indexing="ij")
+    shapes = ([x, y], [x * x + y * y], [x, y, x * x, x * y, y * y])
+    for polynomials in shapes:
+        fit = evidence.fit([base, *(base * shape[..., None] for shape in polynomials)])
+        yield Explanation(UNKNOWN, {"description": "smooth over the picture"}, fit, 1 + len(polynomials))
 
 
 def _excess(evidence: Evidence) -> tuple[float, float]:
-    """Chi-square without any change, and what of it noise does not explain."""
+    """Chi-square without any change, and the part of it that noise does not explain."""
     none = evidence.fit([]).chi2
-    return none, max(none - evidence.numbers - 2.5 * np.sqrt(2 * evidence.numbers), 0.0)
+    return none, max(none - evidence.numbers - _NOISE_SIGMAS * np.sqrt(2 * evidence.numbers), 0.0)
 
 
 def _target(evidence: Evidence) -> float:
     """Chi-square below which no further explanation is looked for."""
     none, excess = _excess(evidence)
-    return max(none - 0.97 * excess, 0.0) if excess else 0.0
+    return max(none - _ENOUGH * excess, 0.0) if excess else 0.0
 
 
-def _weighed(evidence: Evidence, tried: list[Explanation]) -> tuple[NamedChange, ...]:
+def _misfit(evidence: Evidence, explanation: Explanation) -> float:
+    """Remainder of a fit over that of noise and of the error of shapes; at most 1 where it fits.
+
+    Cells and single pixels are tested separately, since generous floors of many pixels at edges would hide cells.
+    """
+    none, fit = evidence.fit([]), explanation.fit
+    in_cells, in_pixels = _SHAPE_ERROR, _EDGE_ERROR
+    if explanation.change in _MOVED:
+        in_cells = in_pixels = _SHAPE_ERROR_MOVED
+    elif explanation.change == "wavelengths":
+        in_cells = _SHAPE_ERROR_SPECTRUM
+    cells = evidence.level.size
+    pixels = evidence.numbers - cells
+    parts = [
+        (cells, none.cells_chi2, fit.cells_chi2, in_cells),
+        (pixels, none.pixels_chi2, fit.pixels_chi2, in_pixels),
+    ]
+    ratios = [0.0]
+    for count, before, after, error in parts:
+        allowed = _NOISE_ERROR * count + _NOISE_SIGMAS * np.sqrt(2 * count) + error * max(before - count, 0.0)
+        if count:
+            ratios.append((after - count) / allowed)
+    return float(max(ratios))
+
+
+def _weighed(
+    evidence: Evidence, explanations: list[Explanation], unknown: list[Explanation]
+) -> tuple[NamedChange, ...]:
+    """Explanations with probabilities. unknown : descriptions of an unknown cause."""
     none, excess = _excess(evidence)
     cost = np.log(evidence.numbers)
-    unknown = Explanation("unknown", {}, none - _UNKNOWN_PART * excess, 2)
-    everything = [*tried, unknown]
-    chi2 = np.array([e.chi2 for e in everything])
+    unknown_chi2 = none - _UNKNOWN_PART * excess
+    candidates = [*explanations, *unknown]
+    chi2 = np.array([*(e.chi2 for e in candidates), unknown_chi2])
+    free = np.array([*(e.free for e in candidates), _UNKNOWN_PARAMETERS])
     softness = max(1.0, float(chi2.min()) / evidence.numbers)
-    score = -0.5 * chi2 / softness - 0.5 * cost * np.array([e.free for e in everything])
+    score = -0.5 * chi2 / softness - 0.5 * cost * free
+    score[len(explanations) : -1] -= np.log(max(len(unknown), 1))  # descriptions share the prior of one explanation
     weight = np.exp(score - score.max())
     weight /= weight.sum()
-    named = []
-    for change in dict.fromkeys(e.change for e in everything):
-        own = [i for i, e in enumerate(everything) if e.change == change]
-        best = max(own, key=lambda i: weight[i])
-        share = float(weight[own].sum())
-        if share >= _LEAST:
-            found = everything[best]
-            named.append(NamedChange(change, found.parameters, share, found.chi2 / evidence.numbers))
-    return tuple(sorted(named, key=lambda n: -n.probability))
+    best = {}
+    for change in dict.fromkeys(e.change for e in explanations):
+        same = [i for i, e in enumerate(explanations) if e.change == change]
+        best[change] = max(same, key=lambda i: score[i]), float(weight[same].sum())
+    first = max(best, key=lambda change: score[best[change][0]])
+    cap = 1 / (1 + _misfit(evidence, explanations[best[first][0]]) ** _CAP_EXPONENT)
+    total = sum(share for _, share in best.values())
+    factor = min(1.0, cap / total) if total else 1.0
+    changes = []
+    for change, (index, share) in best.items():
+        if factor * share >= _MIN_PROBABILITY or change == first:
+            explanation = explanations[index]
+            fits = _misfit(evidence, explanation) <= 1
+            remainder = explanation.chi2 / evidence.numbers
+            changes.append(NamedChange(change, explanation.parameters, factor * share, remainder, fits))
+    share = 1 - factor * total
+    if share >= _MIN_PROBABILITY:
+        described = candidates[len(explanations) + int(np.argmax(score[len(explanations) : -1]))]
+        fits = _misfit(evidence, described) <= 1
+        remainder = (described.chi2 if fits else unknown_chi2) / evidence.numbers
+        changes.append(NamedChange(UNKNOWN, described.parameters if fits else {}, share, remainder, fits))
+    return tuple(sorted(changes, key=lambda n: -n.probability))

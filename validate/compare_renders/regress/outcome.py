@@ -17,7 +17,20 @@ from scipy.stats import t
 
 from .pooled import PooledMean
 
-__all__ = ["NamedChange", "Outcome", "as_percent", "github_lines", "summary", "told_change", "write_junit"]
+__all__ = [
+    "UNKNOWN",
+    "NamedChange",
+    "Outcome",
+    "as_percent",
+    "github_lines",
+    "name_line",
+    "summary",
+    "told_change",
+    "write_junit",
+]
+
+#: Identifier of a change that no explanation of the list fits.
+UNKNOWN = "unknown"
 
 #: Remaining part of the light below which it is stated itself, not as a difference in per cent.
 _LITTLE_LIGHT = 1e-3
@@ -39,6 +52,8 @@ class NamedChange(OwnMappings):
     probability: float
     #: Chi-square of the remainder per number.
     chi2: float = float("nan")
+    #: Whether it leaves no more than noise and the known error of computed shapes.
+    fits: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +104,21 @@ class Outcome(OwnMappings):
         mean = self.whole
         return abs(mean.difference) + float(t.isf(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
 
+    @property
+    def best_name(self) -> NamedChange | None:
+        """Most probable explanation but `unknown`; None where there is none."""
+        return next((change for change in self.named if change.change != UNKNOWN), None)
+
+    @property
+    def left_chi2_per_number(self) -> float:
+        """Chi-square per number that the best name leaves; noise gives about 1. NaN without a name."""
+        return float("nan") if self.best_name is None else self.best_name.chi2
+
+    @property
+    def fits(self) -> bool | None:
+        """Whether the best name leaves no more than noise and error of shapes; None without one."""
+        return None if self.best_name is None else self.best_name.fits
+
     def of_kind(self, kind: str) -> tuple[PooledMean, ...]:
         """Tests of one kind of pool.
 
@@ -128,6 +158,8 @@ class Outcome(OwnMappings):
             "named": [
                 {"change": n.change, "parameters": n.parameters, "probability": n.probability} for n in self.named
             ],
+            "left_chi2_per_number": self.left_chi2_per_number,
+            "fits": self.fits,
             "surfaces": {row.name: _record(row) for row in self.of_kind("surface")},
             "bands": {row.name: _record(row) for row in self.of_kind("band")},
             "strata": {row.name: _record(row) for row in self.of_kind("stratum")},
@@ -209,6 +241,31 @@ def told_change(change: NamedChange) -> str:
     return f"{change.change} ({values})" if values else change.change
 
 
+def name_line(outcome: Outcome) -> str:
+    """Name of the change in words: "named" where it fits, otherwise "most like".
+
+    Parameters
+    ----------
+    outcome
+        Outcome of two different pictures, with explanations.
+
+    Returns
+    -------
+    str
+        The words; empty without explanations.
+    """
+    if not outcome.named:
+        return ""
+    first, name = outcome.named[0], outcome.best_name
+    if first.fits and first.change != UNKNOWN:
+        return f"named {told_change(first)}"
+    if name is None:
+        return f"cause {told_change(first)}"
+    cause = f"cause {told_change(first)}, " if first.change == UNKNOWN else ""
+    remainder = "" if name.fits else f", which leaves {name.chi2:.2g} times the noise"
+    return f"{cause}most like {told_change(name)}{remainder}"
+
+
 def _written(value: Any, digits: int) -> str:
     """Parameter as text, numbers with some digits."""
     if isinstance(value, Mapping):
@@ -288,7 +345,7 @@ def summary(outcome: Outcome) -> str:
             f"same: mean light agrees within {outcome.equivalence_95:.3%} at 95 %; "
             f"{outcome.would_have_seen:.3%} would have been seen"
         )
-    cause = f", named {told_change(outcome.named[0])}" if outcome.named else ""
+    cause = f", {name_line(outcome)}" if outcome.named else ""
     return f"different: mean light {as_percent(mean.difference, 'the baseline', unit='%')} +- {mean.sigma:.3%}{cause}"
 
 

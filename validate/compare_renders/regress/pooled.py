@@ -425,14 +425,14 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     quiet = median_filter(half, 3, mode="nearest")
     span = maximum_filter(half, 3) - minimum_filter(half, 3)
     sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)
-    down, right = np.gradient(half)
+    down, right = (np.asarray(slope) for slope in np.gradient(half))
     curved = -_laplacian(half)
     inside = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
     at_edges = strata.used & inside & (strata.edges | strata.lamp)
     weight = np.where(at_edges, 1 / np.maximum(span**2 + _CLEAR_STEP_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
     residual = total - scale * half
-    common = 0 * total if pooling.shared is None else pooling.shared.sum(axis=-1)
+    common = np.asarray(0 * total if pooling.shared is None else pooling.shared.sum(axis=-1))
     y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
     x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
     patterns: tuple[tuple[str, Any, str, float], ...] = (
@@ -446,7 +446,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     for name, slope, unit, sharpness in patterns:
         used = at_edges & (np.abs(slope) > sharpness * span)
         # neither light that brightens all pixels alike is a pattern, nor the error of ``scale``, which they share
-        w, s, light = weight[used], slope[used], half[used]
+        w, s, light = weight[used], np.asarray(slope)[used], half[used]
         s = s - light * (w * s * light).sum() / max(float((w * light**2).sum()), 1e-300)
         terms, norms = w * s * residual[used], w * s**2
         root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[used]))

@@ -11,11 +11,11 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from .evidence import Evidence
+from .evidence import Evidence, Fit
 from .explanations import Explanation, group_name
 from .variants import Variants, build_variants, with_lamp_size
 
-__all__ = ["coats", "from_scene"]
+__all__ = ["coats", "from_scene", "smooth_over_surfaces"]
 
 #: Numbers of reflections after which paths may end: later ones carry too little light of the box.
 _DEPTHS = range(1, 13)
@@ -75,8 +75,8 @@ def _change(evidence: Evidence, variants: Variants, picture: NDArray) -> NDArray
 def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Iterator[Explanation]:
     """Paths that end after some reflections, or by a roulette whose loss is not compensated."""
     for number, picture in zip(_DEPTHS, depths, strict=True):
-        chi2 = evidence.fit([], _change(evidence, variants, picture)).chi2
-        yield Explanation("path-depth", {"max_bounces": number}, chi2, 1)
+        fit = evidence.fit([], _change(evidence, variants, picture))
+        yield Explanation("path-depth", {"max_bounces": number}, fit, 1)
     orders = [b - a for a, b in zip(depths, [*depths[1:], variants.picture], strict=True)]
     for spared in _SPARED:
         for survival in _SURVIVALS:
@@ -84,8 +84,8 @@ def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Ite
             for reflections, light in enumerate(orders, start=2):
                 remaining = remaining + light * survival ** max(reflections - spared, 0)
             picture = np.where(variants.light.seen_lamps > 0, variants.picture, remaining)
-            chi2 = evidence.fit([], _change(evidence, variants, picture)).chi2
-            yield Explanation("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, chi2, 2)
+            fit = evidence.fit([], _change(evidence, variants, picture))
+            yield Explanation("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, fit, 2)
 
 
 def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
@@ -111,19 +111,19 @@ def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
         step = _change(evidence, variants, picture(1 + _PAINT_STEP)) / _PAINT_STEP
         fit = evidence.fit([step])
         factor = float(np.clip(1 + fit.amplitudes[0], _MIN_PAINT_FACTOR, most))
-        chi2 = fit.chi2
+        best = fit
         if abs(factor - 1) > 2 * _PAINT_STEP:
             for _ in range(2):
                 now = _change(evidence, variants, picture(factor))
                 fit = evidence.fit([step], now)
-                chi2 = min(chi2, evidence.fit([], now).chi2)
+                best = min(best, evidence.fit([], now), key=lambda f: f.chi2)
                 factor = float(np.clip(factor + fit.amplitudes[0], _MIN_PAINT_FACTOR, most))
-        yield Explanation("paint", {kind: name, "factor": factor}, chi2, 1)
+        yield Explanation("paint", {kind: name, "factor": factor}, best, 1)
         if kind == "material" and evidence.groups > 1:
             masks = [evidence.group == g for g in range(evidence.groups)]
             fit = evidence.fit([step * mask for mask in masks])
             factors = {group_name(variants.side, m): 1 + float(a) for m, a in zip(masks, fit.amplitudes, strict=True)}
-            yield Explanation("paint", {kind: name, "factor_by_nm": factors}, fit.chi2, len(masks))
+            yield Explanation("paint", {kind: name, "factor_by_nm": factors}, fit, len(masks))
 
 
 def _swapped(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
@@ -139,14 +139,14 @@ def _swapped(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             patches[variants.patch_surface == index] = table[number[material]]
             fragments[light.transport.surface == index] = table[number[material]]
         change = _change(evidence, variants, variants.with_paints(patches, fragments))
-        yield Explanation("swapped-walls", {"surfaces": [a.name, b.name]}, evidence.fit([], change).chi2, 1)
+        yield Explanation("swapped-walls", {"surfaces": [a.name, b.name]}, evidence.fit([], change), 1)
 
 
 def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[Explanation]:
-    """Light reflected more than once is smoothed over each surface, or wrong by a smooth function on each."""
+    """Light reflected more than once smoothed over each surface, and times a factor."""
     surfaces = variants.surface_map().index
     indirect = np.maximum(variants.picture - direct, 0)
-    whole = evidence.baseline * (variants.ratio(variants.picture + indirect) - 1)
+    doubled = evidence.baseline * (variants.ratio(variants.picture + indirect) - 1)
     for width in _CACHE_WIDTHS:
         smooth = np.zeros_like(indirect)
         for index in np.unique(surfaces[surfaces >= 0]):
@@ -157,20 +157,44 @@ def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[
                 smooth[band] += np.where(mask, gaussian_filter(picture * mask, sigma) / share, 0.0)
         change = np.where(surfaces >= 0, smooth - indirect, 0.0)
         template = _change(evidence, variants, variants.picture + change)
-        fit = evidence.fit([template, whole])
+        fit = evidence.fit([template, doubled])
         smoothed, factor = float(fit.amplitudes[0]), 1 + float(fit.amplitudes[1])
         parameters = {"width_of_picture": width, "smoothed": smoothed, "indirect_factor": factor}
-        yield Explanation("ambient-cache", parameters, fit.chi2, 3)
+        yield Explanation("ambient-cache", parameters, fit, 3)
+
+
+def smooth_over_surfaces(evidence: Evidence, variants: Variants) -> tuple[Fit, int]:
+    """Fit of changes of indirect light that are smooth over each surface, whatever their cause.
+
+    Second-order polynomials of the picture's coordinates, one on each surface, fit many changes. They describe a change
+    that has no name, and name none.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+    variants
+        Rendering of the scene.
+
+    Returns
+    -------
+    fit
+        The fit.
+    free
+        Number of free amplitudes, six for each surface.
+    """
+    surfaces = variants.surface_map().index
+    indirect = np.maximum(variants.picture - variants.light.change(max_bounces=1).picture(), 0)
+    change = evidence.baseline * (variants.ratio(variants.picture + indirect) - 1)
     rows, columns = (np.linspace(-1, 1, size) for size in surfaces.shape)
     y, x = np.meshgrid(rows, columns, indexing="ij")
     shapes = [np.ones_like(x), x, y, x * x, x * y, y * y]
     templates = [
-        whole * ((surfaces == index) * shape)[..., None]
+        change * ((surfaces == index) * shape)[..., None]
         for index in np.unique(surfaces[surfaces >= 0])
         for shape in shapes
     ]
-    fit = evidence.fit(templates)
-    yield Explanation("ambient-cache", {"smooth_functions": len(templates)}, fit.chi2, len(templates))
+    return evidence.fit(templates), len(templates)
 
 
 def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
@@ -190,7 +214,7 @@ def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             "radiance_factor": 1 + float(fit.amplitudes[1]),
         }
         if abs(fit.amplitudes[0]) <= _MAX_LAMP_CHANGE and parameters["radiance_factor"] > 0:
-            fitted.append(Explanation("lamp-size", parameters, fit.chi2, 2))
+            fitted.append(Explanation("lamp-size", parameters, fit, 2))
     yield from sorted(fitted, key=lambda e: e.chi2)[:1]
 
 
@@ -215,7 +239,7 @@ def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[Explanation
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.where(unmoved * lamp > 0, variants.at(moved) * light / (unmoved * lamp), 1.0)
             fit = evidence.fit([], evidence.baseline * (ratio - 1))
-            yield Explanation("wavelengths", {name: sign * half}, fit.chi2, 1)
+            yield Explanation("wavelengths", {name: sign * half}, fit, 1)
 
 
 def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
@@ -261,4 +285,4 @@ def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
                 "diffuse_factor": factor,
             }
             if specular > 0:
-                yield Explanation("gloss", parameters, fit.chi2, 3)
+                yield Explanation("gloss", parameters, fit, 3)

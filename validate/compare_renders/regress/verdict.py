@@ -81,7 +81,10 @@ def compared_sides(
     strata = strata_of(b.radiance.sum(axis=-1), surfaces or b.surfaces or a.surfaces)
     difference = a.radiance - b.radiance
     coarse = [side.rounding for side in (a, b) if side.rounding is not None]
-    rounding, shared = sum((part**2 for part in coarse[1:]), coarse[0] ** 2) if coarse else (0.0, None)
+    rounding: NDArray[np.float64] | float = 0.0
+    shared: NDArray[np.float64] | None = None
+    if coarse:
+        rounding, shared = np.sum([part**2 for part in coarse], axis=0)
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
     cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *errors), strata.lamp)
     del difference

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
-from .evidence import Evidence
+from .evidence import Evidence, Fit
 from .explanations import Explanation, exact
 
 __all__ = ["from_view"]
@@ -60,7 +60,7 @@ def _mirrored(evidence: Evidence) -> Iterator[Explanation]:
         "vertical": base[::-1],
         "both": base[::-1, ::-1],
     }.items():
-        yield Explanation("mirrored", {"axis": axis}, exact(evidence, picture).chi2, 1)
+        yield Explanation("mirrored", {"axis": axis}, exact(evidence, picture), 1)
 
 
 def moved(picture: NDArray[np.float64], by_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -125,11 +125,11 @@ def _displaced(evidence: Evidence) -> Iterator[Explanation]:
     shift = [np.array([unit, zero]), np.array([zero, unit])]
     zoom, turn, cubic = np.array([x, y]) / half, np.array([-y, x]) / half, r2 * np.array([x, y]) / half
     reach = range(-_MAX_SHIFT_PX, _MAX_SHIFT_PX + 1)
-    (dx, dy), chi2 = _fitted(evidence, shift, [(dx, dy) for dx in reach for dy in reach])
-    yield Explanation("shift", {"dx_px": float(dx), "dy_px": float(dy)}, chi2, 6)
+    (dx, dy), fit = _fitted(evidence, shift, [(dx, dy) for dx in reach for dy in reach])
+    yield Explanation("shift", {"dx_px": float(dx), "dy_px": float(dy)}, fit, 6)
     by_px = half * _STARTS
     starts = [(0, 0, 0, 0), *((0, 0, s, 0) for s in by_px), *((0, 0, 0, t) for t in by_px)]
-    (dx, dy, s, t), chi2 = _fitted(evidence, [*shift, zoom, turn], starts)
+    (dx, dy, s, t), fit = _fitted(evidence, [*shift, zoom, turn], starts)
     back = complex(1 - s / half, t / half)  # from the candidate to the baseline, about the centre
     parameters = {
         "magnification": 1 / abs(back),
@@ -138,16 +138,16 @@ def _displaced(evidence: Evidence) -> Iterator[Explanation]:
         "dy_px": float(dy),
     }
     if max(abs(s), abs(t)) > _ACCURACY_PX:
-        yield Explanation("view", parameters, chi2, 8)
-    (*_, cubic_px), chi2 = _fitted(evidence, [*shift, cubic], [(0, 0, c) for c in by_px])
+        yield Explanation("view", parameters, fit, 8)
+    (*_, cubic_px), fit = _fitted(evidence, [*shift, cubic], [(0, 0, c) for c in by_px])
     if abs(cubic_px) > _ACCURACY_PX / 2:  # twice as much or more in the corners
-        yield Explanation("distortion", {"outwards_px_at_half_width": float(cubic_px)}, chi2, 7)
+        yield Explanation("distortion", {"outwards_px_at_half_width": float(cubic_px)}, fit, 7)
 
 
 def _fitted(
     evidence: Evidence, fields: Sequence[NDArray[np.float64]], starts: Sequence[Sequence[float]]
-) -> tuple[NDArray[np.float64], float]:
-    """Amplitudes of fields of displacement (2, y, x) px, and chi-square.
+) -> tuple[NDArray[np.float64], Fit]:
+    """Amplitudes of fields of displacement (2, y, x) px, and the fit that they leave.
 
     The fit goes from the best start along the slopes of the moved picture (Gauss and Newton).
     """
@@ -168,13 +168,13 @@ def _fitted(
     # light that enters the picture at its border is unknown
     width = min(_MAX_BORDER_PX, max(1, int(np.ceil(np.abs(by(sizes)).max()))))
     borders = [base * (distance < width)[..., None] for distance in _distances(evidence).values()]
-    best, chi2 = sizes, np.inf
+    best, fit = sizes, Fit(np.zeros(0), np.inf)
     for _ in range(_STEPS):
         picture = moved(base, by(sizes))
-        step_chi2 = evidence.fit(borders, picture - base).chi2
-        if step_chi2 >= chi2:
+        step_fit = evidence.fit(borders, picture - base)
+        if step_fit.chi2 >= fit.chi2:
             break
-        best, chi2 = sizes, step_chi2
+        best, fit = sizes, step_fit
         slopes = [
             (moved(base, by(sizes + step)) - moved(base, by(sizes - step))) / (2 * _SLOPE_PX)
             for step in _SLOPE_PX * np.eye(len(sizes))
@@ -183,7 +183,7 @@ def _fitted(
         if np.abs(step).max() < _ACCURACY_PX / 10:
             break
         sizes = sizes + np.clip(step, -1, 1)
-    return best, chi2
+    return best, fit
 
 
 def _coarse(picture: NDArray[np.float64], every: int) -> NDArray[np.float64]:
@@ -203,7 +203,7 @@ def _filter(evidence: Evidence) -> Explanation:
     once = _curvature(evidence.baseline)
     fit = evidence.fit([once, _curvature(once)])
     blur = 2 * float(fit.amplitudes[0])
-    return Explanation("pixel-filter", {"added_variance_px2": blur}, fit.chi2, 2)
+    return Explanation("pixel-filter", {"added_variance_px2": blur}, fit, 2)
 
 
 def _border(evidence: Evidence) -> Iterator[Explanation]:
@@ -213,7 +213,7 @@ def _border(evidence: Evidence) -> Iterator[Explanation]:
         templates = [evidence.baseline * (distance < ring)[..., None] for distance in distances.values()]
         fit = evidence.fit(templates)
         factors = {f"{name}_factor": 1 + float(a) for name, a in zip(distances, fit.amplitudes, strict=True)}
-        yield Explanation("border", {"width_px": ring, **factors}, fit.chi2, 5)
+        yield Explanation("border", {"width_px": ring, **factors}, fit, 5)
 
 
 def _distances(evidence: Evidence) -> dict[str, NDArray[np.int64]]:

@@ -1,6 +1,6 @@
 """Other renderers on one box: runs of those installed, and their differences from ours."""
 
-from .closed_form_scenes import CLOSED_FORM_SCENES, Measured, measure_closed_forms
+from .closed_form_scenes import CLOSED_FORM_SCENES, Measured, closed_form_table, measure_closed_forms
 from .comparing import ComparedRenderers, compare_renderers
 from .exporting import exported_model
 from .judging import Judged, judge, reference_cube, write_bias_map
@@ -12,6 +12,7 @@ __all__ = [
     "Judged",
     "Measured",
     "Run",
+    "closed_form_table",
     "compare_renderers",
     "exported_model",
     "judge",

@@ -5,7 +5,7 @@ docs/references.md derives each value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -17,6 +17,7 @@ from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.progress import NO_PROGRESS, Progress
+from cboxlab.utils.table import Table
 from numpy.typing import ArrayLike, NDArray
 
 from .closed_forms import (
@@ -28,7 +29,7 @@ from .closed_forms import (
 )
 from .enclosure import FACES, cube_radiosity
 
-__all__ = ["CLOSED_FORM_SCENES", "ClosedFormScene", "Measured", "measure_closed_forms"]
+__all__ = ["CLOSED_FORM_SCENES", "ClosedFormScene", "Measured", "closed_form_table", "measure_closed_forms"]
 
 #: Edge of the cubes and squares, mm: any value, since all closed forms are ratios of lengths.
 _EDGE_MM = 1000.0
@@ -96,6 +97,33 @@ class Measured:
             Value by name of the field.
         """
         return dict(vars(self))
+
+
+def closed_form_table(measured: Sequence[Measured]) -> Table:
+    """Table of the errors of integrators.
+
+    Parameters
+    ----------
+    measured
+        Results of ``measure_closed_forms``.
+
+    Returns
+    -------
+    Table
+        Expected mean, and difference from it with its standard deviation.
+    """
+    rows = tuple(
+        (
+            row.name,
+            row.integrator,
+            f"{row.expected:.6g}",
+            f"{100 * row.difference:+.4f}",
+            f"{100 * row.sigma:.4f}",
+        )
+        for row in measured
+    )
+    columns = ("reference", "integrator", "expected", "difference, %", "± %")
+    return Table("Our integrators against closed forms", columns, rows, text_columns=(0, 1))
 
 
 def measure_closed_forms(

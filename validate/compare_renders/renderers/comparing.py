@@ -16,6 +16,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined
 from cboxlab.utils.files import origin, replacing, temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
+from cboxlab.utils.table import Table
 
 from .judging import REFERENCE_SAMPLES, Judged, judge, noise_of, reference_cube, write_bias_map
 from .running import missing, run_renderer
@@ -36,6 +37,50 @@ class ComparedRenderers:
     #: Name, variance (see ``Judged``), CPU seconds and elapsed seconds of each renderer, ours first.
     costs: tuple[tuple[str, float, float, float], ...]
 
+    def lines(self) -> list[str]:
+        """Finding on each renderer, then those that were left out.
+
+        Returns
+        -------
+        list of str
+            The sentences.
+        """
+        names = ", ".join(judged.renderer for judged in self.judged)
+        lines = [f"Compared with our reference: {names or 'no renderer'}"]
+        for judged in self.judged:
+            lines.append(f"{judged.renderer}: {judged.sentence}")
+            if judged.remark:
+                lines.append(f"• {judged.renderer} and our reference render a different scene here: {judged.remark}")
+        return [*lines, *(f"• {sentence}" for sentence in self.left_out)]
+
+    def tables(self) -> list[Table]:
+        """Differences by surface and by wavelength, noise and time.
+
+        Returns
+        -------
+        list of Table
+            Three tables; none if no renderer ran.
+        """
+        if not self.judged:
+            return []
+        names = [judged.renderer for judged in self.judged]
+        surfaces = tuple(
+            (name, *(_percent(*judged.surfaces[name]) for judged in self.judged)) for name in self.judged[0].surfaces
+        )
+        bands = tuple(
+            (f"{nm:g}", *(_band_percent(judged, index) for judged in self.judged))
+            for index, nm in enumerate(self.judged[0].wavelength_nm)
+        )
+        costs = tuple(
+            (name, f"{100 * variance**0.5:.3g}", f"{cpu_s:.1f}", f"{wall_s:.1f}", f"{variance * cpu_s:.3g}")
+            for name, variance, cpu_s, wall_s in self.costs
+        )
+        return [
+            Table("Difference from our reference by surface, % ± standard deviation", ("surface", *names), surfaces),
+            Table("Difference by wavelength, % ± standard deviation", ("nm", *names), bands),
+            Table("Noise and time", ("renderer", "error, %", "CPU s", "elapsed s", "variance × CPU s"), costs),
+        ]
+
     def to_dict(self) -> dict[str, Any]:
         """All figures.
 
@@ -51,6 +96,19 @@ class ComparedRenderers:
             "failed": [str(error) for error in self.failed],
             "costs": {name: dict(zip(keys, values, strict=True)) for name, *values in self.costs},
         }
+
+
+def _percent(difference: float, sigma: float) -> str:
+    """Relative difference and its standard deviation, in per cent."""
+    return f"{100 * difference:+.2f} ± {100 * sigma:.2f}"
+
+
+def _band_percent(judged: Judged, index: int) -> str:
+    """Relative difference of one wavelength."""
+    for row in judged.outcome.of_kind("band"):
+        if row.name == f"{judged.wavelength_nm[index]:.10g}":
+            return _percent(row.difference, row.sigma)
+    return "no light"
 
 
 def compare_renderers(

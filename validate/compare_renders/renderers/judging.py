@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from ...report import STYLE
-from ..regress import Outcome, View, regress_pictures, side_of
+from ..regress import UNKNOWN, Outcome, View, regress_pictures, side_of
 from .running import Run
 
 __all__ = ["REFERENCE_SAMPLES", "Judged", "judge", "noise_of", "reference_cube", "write_bias_map"]
@@ -84,7 +84,9 @@ class Judged(OwnMappings):
             return f"different: {size}"
         values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in cause.parameters.items())
         change = f"{cause.change}{f' ({values})' if values else ''}"
-        return f"different: {size}; cause: {change}, probability {cause.probability:.2f}"
+        if cause.change == UNKNOWN or cause.fits:
+            return f"different: {size}; cause: {change}, probability {cause.probability:.2f}"
+        return f"different: {size}; most like: {change}, probability {cause.probability:.2f}"
 
     def to_dict(self) -> dict[str, Any]:
         """All figures, with the outcome of the regression.

@@ -1,6 +1,6 @@
-"""One viewer of measured and rendered pictures, in plain JavaScript, for the report, the workbench and notebooks.
+"""Viewer of measured and rendered pictures, for the report, the workbench and notebooks.
 
-Its interface in the browser stands at the head of ``static/viewer.js``.
+It is plain JavaScript. Its interface in the browser is documented at the head of ``static/viewer.js``.
 """
 
 from .fragment import viewer_fragment, viewer_script, viewer_style

@@ -1,4 +1,4 @@
-"""The viewer's script, style and data as text: for a page that stands alone, or for a server to hand out."""
+"""Script, style and data of the viewer as text, for a self-contained page or a server."""
 
 from __future__ import annotations
 
@@ -12,30 +12,55 @@ __all__ = ["viewer_fragment", "viewer_script", "viewer_style"]
 
 _STATIC = Path(__file__).parent / "static"
 
-#: In the order in which they use each other.
+#: Files of the script, each after those that it uses.
 _PARTS = ("arrays.js", "colour.js", "layers.js", "pixel.js", "viewer.js")
 
 
 @cache
 def viewer_script() -> str:
-    """JavaScript that defines ``CBoxViewer``."""
+    """JavaScript that defines ``CBoxViewer``.
+
+    Returns
+    -------
+    str
+        One script in strict mode.
+    """
     body = "\n".join((_STATIC / name).read_text(encoding="utf-8") for name in _PARTS)
     return f'(function () {{\n"use strict";\n{body}\nglobalThis.CBoxViewer = CBoxViewer;\n}})();\n'
 
 
 @cache
 def viewer_style() -> str:
-    """The viewer's CSS; every rule is for the viewer alone."""
+    """CSS of the viewer; no rule applies to other elements.
+
+    Returns
+    -------
+    str
+        The style sheet.
+    """
     return (_STATIC / "viewer.css").read_text(encoding="utf-8")
 
 
 def viewer_fragment(
     data: Mapping[str, Any], identifier: str = "viewer", options: Mapping[str, Any] | None = None
 ) -> str:
-    """HTML (well-formed XML too) of a viewer with its script, style and data: a page or a notebook's cell.
+    """HTML of a viewer with its script, style and data, for a page or a notebook's cell.
 
-    data : see ``viewer_data``. identifier : of the element, unique in the page; the viewer is then
-    ``document.getElementById(identifier).viewer``. options : the state to begin with.
+    In the page, the viewer is ``document.getElementById(identifier).viewer``.
+
+    Parameters
+    ----------
+    data
+        Data of the viewer, see ``viewer_data``.
+    identifier
+        Identifier of the element, unique in the page.
+    options
+        First state of the viewer.
+
+    Returns
+    -------
+    str
+        HTML that is also well-formed XML.
     """
     call = f"new CBoxViewer(element, {_json(data)}, {_json(options or {})})"
     return (

@@ -1,4 +1,4 @@
-"""What a render knows of a pixel's light: its spectrum, its parts by number of reflections, the bands' responses."""
+"""Light of a rendered pixel: spectrum and shares by reflections; responses of bands."""
 
 from __future__ import annotations
 
@@ -13,34 +13,62 @@ from ...compare import Predicted, Validation
 
 __all__ = ["filter_curves", "light_parts", "pixel_spectra"]
 
-#: Share of the spectra's sum of squares that the basis may leave out, and the largest number of its spectra.
-_LEFT_OUT, _MOST_SPECTRA = 1e-8, 8
+#: Share of the spectra's sum of squares that the basis may lack.
+_MAX_LACK = 1e-8
+
+#: Most spectra of the basis.
+_MAX_RANK = 8
 
 
 def pixel_spectra(
     image: RenderedImage, lamp_scale: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
-    """Wavelengths (w,) nm, basis (k, w) and coefficients (k, y, x): their product is the radiance of every pixel in
-    W m^-2 sr^-1 nm^-1, the lamp at its fitted power.
+    """Spectra of all pixels in a basis of few spectra.
 
-    The basis is that of the principal components, which leave out 1e-8 of the sum of squares where eight suffice.
+    Coefficients times basis is the radiance of every pixel, W m^-2 sr^-1 nm^-1. The basis holds principal components,
+    which lack 1e-8 of the sum of squares, or more where eight do not suffice.
+
+    Parameters
+    ----------
+    image
+        The rendered image.
+    lamp_scale
+        Fitted factor on the lamp's power.
+
+    Returns
+    -------
+    NDArray
+        (w,) wavelengths, nm.
+    NDArray
+        (k, w) basis.
+    NDArray
+        (k, y, x) coefficients.
     """
     mean = image.coefficients.mean(axis=0, dtype=np.float64)
     flat = mean.reshape(-1, mean.shape[-1])
     values, vectors = np.linalg.eigh(flat.T @ flat)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     _, sizes, rows = np.linalg.svd(root @ image.spectra, full_matrices=False)
-    left = 1 - np.cumsum(sizes**2) / max(float(np.sum(sizes**2)), 1e-300)
-    rank = min(int(np.argmax(left <= _LEFT_OUT)) + 1, _MOST_SPECTRA, len(rows))
+    lack = 1 - np.cumsum(sizes**2) / max(float(np.sum(sizes**2)), 1e-300)
+    rank = min(int(np.argmax(lack <= _MAX_LACK)) + 1, _MAX_RANK, len(rows))
     basis = rows[:rank]
     coefficients = lamp_scale * mean @ (image.spectra @ basis.T)
     return image.wavelength_nm, basis, np.moveaxis(coefficients, -1, 0).astype(np.float32)
 
 
 def light_parts(validation: Validation) -> dict[str, NDArray[np.float32]] | None:
-    """Shares (y, x) of each pixel's luminance by number of reflections, which sum to 1; NaN without light and at the
-    lamp. None where the render does not separate them (another renderer's picture, a scene that is not Lambertian, no
-    compiled variant).
+    """Shares of each pixel's luminance by number of reflections.
+
+    Parameters
+    ----------
+    validation
+        The validation.
+
+    Returns
+    -------
+    dict or None
+        (y, x) shares by name, which sum to 1; NaN without light and at the lamp. None where the rendering does not
+        separate them: an external rendering, a scene that is not Lambertian, no compiled variant.
     """
     prepared = validation.prepared
     if not isinstance(validation.rendered, Predicted) or not prepared.gathered:
@@ -57,6 +85,19 @@ def light_parts(validation: Validation) -> dict[str, NDArray[np.float32]] | None
 
 
 def filter_curves(responses: Sequence[BandResponse]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Wavelengths (w,) nm, and the response (band, w) of every band relative to its largest value."""
+    """Responses of the bands, each relative to its largest value.
+
+    Parameters
+    ----------
+    responses
+        Responses of the bands.
+
+    Returns
+    -------
+    NDArray
+        (w,) wavelengths, nm.
+    NDArray
+        (band, w) responses, largest 1.
+    """
     curves = np.stack([r.response / max(float(r.response.max()), 1e-300) for r in responses])
     return responses[0].wavelength_nm, curves

@@ -1,4 +1,4 @@
-"""Arrays and names of a comparison as the viewer takes them: plain values, ready for JSON."""
+"""Data of a comparison for the viewer: plain values, ready for JSON."""
 
 from __future__ import annotations
 
@@ -17,40 +17,58 @@ from .light import filter_curves, light_parts, pixel_spectra
 
 __all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]
 
-#: Up to so many numbers an array keeps 32 bits; more are stored in 16 bits, so that a report stays small.
-_EXACT_NUMBERS = 1 << 19
+#: Most numbers of an array that is stored in 32 bits; larger arrays have 16 bits, so that a report stays small.
+_MAX_EXACT_NUMBERS = 1 << 19
 
-#: Pictures of more numbers (pixels times bands) than this are shown as means of square blocks.
-_MOST_NUMBERS = 1 << 21
+#: Most numbers (pixels times bands) of a picture at full size; larger ones are shown as means of square blocks.
+_MAX_NUMBERS = 1 << 21
 
-#: Steps in which many numbers are stored: signals and their sigma as a part of the median sigma, spectra and shares
-#: of light as a part of the largest.
-_SIGNAL_STEP, _SIGMA_STEP, _LIGHT_STEP = 1 / 32, 1 / 128, 1 / 4096
+#: Step in which signals of large arrays are stored, over the median sigma.
+_SIGNAL_STEP = 1 / 32
 
-_STOPS = 33
+#: Step in which sigmas of large arrays are stored, over the median sigma.
+_SIGMA_STEP = 1 / 128
+
+#: Step in which spectra and shares of light of large arrays are stored, over the largest value.
+_LIGHT_STEP = 1 / 4096
+
+#: Colour stops of a scale; the viewer interpolates between them.
+_NUM_STOPS = 33
 
 
 def encoded(values: ArrayLike, step: float = 0.0) -> dict[str, Any]:
-    """An array for the viewer: deflated bytes as base64 text, with shape and type.
+    """Array for the viewer: deflated bytes as base64 text, with shape and type.
 
-    Integers are stored as they are (u1, i2); other numbers in 32 bits, or, where there are more than half a million,
-    in 16 bits with a scale for each entry of the first axis: in steps of ``step``, or of 1 / 65534 of that entry's
-    range where that is larger.
+    Integers are stored as they are (u1, i2), other numbers in 32 bits. Arrays of more than half a million numbers have
+    16 bits, with a scale for each entry of the first axis. The step is then ``step``, or 1 / 65534 of the entry's range
+    where that is larger.
+
+    Parameters
+    ----------
+    values
+        The array; NaN where there is no value.
+    step
+        Step of large arrays, in the unit of the values.
+
+    Returns
+    -------
+    dict
+        Plain values, see arrays.js.
     """
     array = np.asarray(values)
     if array.dtype == np.uint8 or array.dtype == np.int16:
         return _stored(array, {np.dtype(np.uint8): "u1", np.dtype(np.int16): "i2"}[array.dtype])
     array = array.astype(np.float32)
-    if array.size <= _EXACT_NUMBERS:
+    if array.size <= _MAX_EXACT_NUMBERS:
         return _stored(array, "f4")
     flat = array.reshape(len(array), -1).astype(np.float64)
-    known = np.isfinite(flat)
-    low = np.where(known, flat, np.inf).min(axis=1)
-    high = np.where(known, flat, -np.inf).max(axis=1)
-    low, high = np.where(known.any(axis=1), low, 0.0), np.where(known.any(axis=1), high, 0.0)
+    finite = np.isfinite(flat)
+    low = np.where(finite, flat, np.inf).min(axis=1)
+    high = np.where(finite, flat, -np.inf).max(axis=1)
+    low, high = np.where(finite.any(axis=1), low, 0.0), np.where(finite.any(axis=1), high, 0.0)
     step_each = np.maximum((high - low) / 65534, max(step, 1e-30))
-    steps = np.round((np.where(known, flat, low[:, None]) - low[:, None]) / step_each[:, None])
-    stored = np.where(known, steps, 65535).astype(np.uint16).reshape(array.shape)
+    steps = np.round((np.where(finite, flat, low[:, None]) - low[:, None]) / step_each[:, None])
+    stored = np.where(finite, steps, 65535).astype(np.uint16).reshape(array.shape)
     return {**_stored(stored, "u2"), "scale": step_each.tolist(), "offset": low.tolist()}
 
 
@@ -68,12 +86,12 @@ def _stored(array: NDArray, kind: str) -> dict[str, Any]:
 
 
 def _block(c: Comparison) -> int:
-    """Side of the blocks that are shown as one pixel; 1 for pictures that are not too large."""
-    return int(np.ceil(np.sqrt(c.maps["measured"].size / _MOST_NUMBERS)))
+    """Side of the blocks that are shown as one pixel, px; 1 for pictures that are not too large."""
+    return int(np.ceil(np.sqrt(c.maps["measured"].size / _MAX_NUMBERS)))
 
 
 def _means(values: ArrayLike, block: int) -> NDArray[np.float64]:
-    """Means (..., y, x) over blocks; what does not fill a block is left out."""
+    """Means (..., y, x) over blocks; incomplete blocks are left out."""
     array = np.asarray(values, float)
     if block == 1:
         return array
@@ -83,15 +101,16 @@ def _means(values: ArrayLike, block: int) -> NDArray[np.float64]:
 
 
 def _signals(c: Comparison, order: NDArray[np.int64], names: Sequence[str]) -> dict[str, Any]:
+    """Maps of a comparison by name, encoded."""
     block, median = _block(c), float(np.nanmedian(c.maps["sigma"].values))
-    found = {}
+    signals = {}
     for name in names:
         values = c.maps[name].values[order]
         if name == "sigma":
-            found[name] = encoded(np.sqrt(_means(values**2, block)) / block, median * _SIGMA_STEP / block)
+            signals[name] = encoded(np.sqrt(_means(values**2, block)) / block, median * _SIGMA_STEP / block)
         else:
-            found[name] = encoded(_means(values, block), median * _SIGNAL_STEP / block)
-    return found
+            signals[name] = encoded(_means(values, block), median * _SIGNAL_STEP / block)
+    return signals
 
 
 def _every(values: NDArray, block: int) -> NDArray[np.int16]:
@@ -113,10 +132,21 @@ def _order(c: Comparison, centres_nm: Sequence[float] | None) -> NDArray[np.int6
 
 
 def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
-    """The data of a comparison alone, its bands in the order of their wavelengths.
+    """Data of a comparison alone, its bands in the order of their wavelengths.
 
-    centres_nm : (band,) of the comparison's bands, in its own order; None where not known. A picture of more than two
-    million numbers is reduced by means of square blocks, which the viewer says.
+    A picture of more than two million numbers is reduced to means of square blocks, and the viewer says so.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    centres_nm
+        (band,) centres of the bands in the comparison's order, nm; None if not known.
+
+    Returns
+    -------
+    dict
+        Plain values, documented in viewer.js.
     """
     order = _order(c, centres_nm)
     nm: list[float | None] = [None] * len(order) if centres_nm is None else [float(centres_nm[i]) for i in order]
@@ -125,7 +155,7 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
     reasons = [r for r in Mask if r.name]
 
     def stops(name: str) -> list[str]:
-        return [matplotlib.colors.to_hex(v) for v in matplotlib.colormaps[name](np.linspace(0, 1, _STOPS))]
+        return [matplotlib.colors.to_hex(v) for v in matplotlib.colormaps[name](np.linspace(0, 1, _NUM_STOPS))]
 
     return {
         "width": maps.sizes["x"] // block,
@@ -161,15 +191,38 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
 
 
 def changed_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
-    """What another prediction of the same capture changes, for ``viewer.update``: rendered and sigma."""
+    """Rendered signals and sigma of another prediction, for ``viewer.update``.
+
+    Parameters
+    ----------
+    c
+        Comparison with the other prediction.
+    centres_nm
+        (band,) centres of the bands in the comparison's order, nm; None if not known.
+
+    Returns
+    -------
+    dict
+        Plain values.
+    """
     return _signals(c, _order(c, centres_nm), ("rendered", "sigma"))
 
 
 def viewer_data(validation: Validation, maps: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
-    """The data of a validation: the comparison, the rendered spectrum and the light by reflections of every pixel.
+    """Data of a validation: comparison, rendered spectra, light by number of reflections.
 
-    maps : further layers, each {id, name, unit, perBand, values}; values (band, y, x) in the capture's order of bands
-    where perBand, otherwise (y, x).
+    Parameters
+    ----------
+    validation
+        The validation.
+    maps
+        Further layers {id, name, unit, perBand, values}. The values are (band, y, x) in the capture's order of bands
+        where perBand is true, otherwise (y, x).
+
+    Returns
+    -------
+    dict
+        Plain values, documented in viewer.js.
     """
     c = validation.comparison
     centres = band_centres(validation.prepared.responses)
@@ -193,8 +246,8 @@ def viewer_data(validation: Validation, maps: Sequence[Mapping[str, Any]] = ()) 
     if (parts := light_parts(validation)) is not None:
         shares = _means(np.stack(list(parts.values())), block)
         data["light"] = {"names": list(parts), "share": encoded(shares, _LIGHT_STEP)}
-    for one in maps:
-        values = np.asarray(one["values"])
-        chosen = values[order] if one.get("perBand") else values
-        data["maps"].append({**one, "values": encoded(_means(chosen, block), _SIGNAL_STEP)})
+    for layer in maps:
+        values = np.asarray(layer["values"])
+        ordered = values[order] if layer.get("perBand") else values
+        data["maps"].append({**layer, "values": encoded(_means(ordered, block), _SIGNAL_STEP)})
     return data

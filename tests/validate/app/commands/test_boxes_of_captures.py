@@ -25,7 +25,7 @@ def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsy
     assert model.scene.origin.reference == "cornell-box"
     assert [loaded.folder for loaded in captures] == [DEMO_CAPTURE, capture]
     told = capsys.readouterr().err
-    expected = f'{manifest}: scene is "my-box", the model "cornell-box". Give the box with --model.\n'
+    expected = f'{manifest}: scene is "my-box", but the model is "cornell-box". Give the box with --model.\n'
     assert told == ("" if given else expected)
 
 

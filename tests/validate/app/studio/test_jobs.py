@@ -28,6 +28,6 @@ def test_the_time_gone_is_told_between_reports(monkeypatch):
 
     told, last, silent = asyncio.run(asyncio.wait_for(listen(), 60))
     assert {(event["event"], event["job"], event["done"]) for event in told} == {("progress", "rendering", 0.0)}
-    assert all("gone" in event["times"] for event in told)
+    assert all("elapsed" in event["times"] for event in told)
     assert (last["event"], last["error"]) == ("end", "")
     assert silent

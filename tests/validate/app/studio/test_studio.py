@@ -299,7 +299,7 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
     stages = page.run("[...stage_seen].join('; ')")
     assert "trying every effect" in stages and "choosing among effects" in stages
     times = page.run("[...times_seen]")
-    assert len(times) > 3 and all(" gone" in told for told in times)
+    assert len(times) > 3 and all(" elapsed" in told for told in times)
     press(page, "adopt")
     page.until("page.controls.length === 1")
     assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before

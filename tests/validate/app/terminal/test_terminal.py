@@ -12,7 +12,7 @@ from cboxlab.validation.app.terminal import (
     data_table,
     give_json,
     print_table,
-    told_time,
+    time_text,
 )
 from cboxlab.validation.app.terminal.stages import Stages
 
@@ -33,7 +33,7 @@ def followed(reports, title="starting"):
     stages = Stages(title, lines.append, clock)
     for seconds, stage, done in reports:
         clock.now = 100.0 + seconds
-        stages.tell(stage, done)
+        stages.report(stage, done)
     return stages, lines
 
 
@@ -45,24 +45,24 @@ def test_a_stage_that_is_over_is_a_line_with_its_time():
 
 def test_time_left_follows_from_time_gone_and_share_done():
     stages, _ = followed([(0, "rendering", 0.0), (30, "rendering", 0.25)])
-    assert stages.left_s() == pytest.approx(90)
-    assert stages.times() == "30 s gone, about 1 min 30 s left"
+    assert stages.remaining_s() == pytest.approx(90)
+    assert stages.times() == "30 s elapsed, about 1 min 30 s left"
 
 
 def test_time_left_grows_when_more_work_turns_up():
     reports = [(0, "rendering", 0.0), (30, "rendering", 0.5), (30, "rendering", 0.25)]
-    assert followed(reports)[0].left_s() == pytest.approx(90)
+    assert followed(reports)[0].remaining_s() == pytest.approx(90)
 
 
 @pytest.mark.parametrize("report", [(60, "rendering", 0.01), (1, "rendering", 0.5)])
 def test_no_time_left_is_stated_where_it_would_be_a_guess(report):
     stages, _ = followed([report])
-    assert stages.left_s() is None and "left" not in stages.times()
+    assert stages.remaining_s() is None and "left" not in stages.times()
 
 
 def test_a_long_stage_is_told_of_while_it_lasts():
     _, lines = followed([(0, "rendering", 0.0), (20, "rendering", 0.1), (40, "rendering", 0.2)])
-    assert lines == ["rendering: 20% of the whole, 40 s gone, about 2 min 40 s left"]
+    assert lines == ["rendering: 20% of the computation, 40 s elapsed, about 2 min 40 s left"]
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_a_long_stage_is_told_of_while_it_lasts():
     [(0.42, "0.4 s"), (9.96, "10 s"), (59.6, "1 min 00 s"), (3601, "1 h 00 min"), (7380, "2 h 03 min")],
 )
 def test_times_as_people_say_them(seconds, text):
-    assert told_time(seconds) == text
+    assert time_text(seconds) == text
 
 
 def test_help_keeps_what_stands_in_square_brackets(cbox):

@@ -1,4 +1,4 @@
-/* One effect's controls: a slider, a number and its bounds for each parameter. No requests in here. */
+/* One effect's controls: a slider, a number and its bounds for each parameter. It sends no requests. */
 "use strict";
 
 /** An element with attributes and children. */
@@ -26,10 +26,10 @@ function fromCoordinate(parameter, coordinate) {
 }
 
 /**
- * A slider's place, -1000 to 1000, of a value. Places are fine near the value that does nothing: the distance from there
- * grows with the cube of the slider's. Without such a value they are even.
+ * A slider's position, -1000 to 1000, of a value. Positions are fine near the null value: the distance from it grows
+ * with the cube of the slider's position. Without a null value they are even.
  */
-function placeOf(parameter, value) {
+function positionOf(parameter, value) {
   const [low, null_, high] = parameter.coordinate;
   const c = Math.min(Math.max(toCoordinate(parameter, value), low), high);
   if (null_ === null) return Math.round(1000 * ((2 * (c - low)) / (high - low) - 1));
@@ -37,24 +37,24 @@ function placeOf(parameter, value) {
   return span === 0 ? 0 : Math.round(1000 * Math.sign(c - null_) * Math.cbrt(Math.abs(c - null_) / span));
 }
 
-function valueAt(parameter, place) {
+function valueAt(parameter, position) {
   const [low, null_, high] = parameter.coordinate;
-  const t = place / 1000;
+  const t = position / 1000;
   if (null_ === null) return fromCoordinate(parameter, low + ((t + 1) / 2) * (high - low));
   if (t === 0) return parameter.null;
   const value = fromCoordinate(parameter, null_ + (t > 0 ? high - null_ : null_ - low) * t ** 3);
   return typeof value === "number" ? +value.toPrecision(4) : value;
 }
 
-/** Least and most place of a slider: without room on one side of null there is none. */
-function places(parameter) {
+/** Least and largest position of a slider; one of them is 0 if the null value is a bound. */
+function positions(parameter) {
   const [low, null_, high] = parameter.coordinate;
   return null_ === null ? [-1000, 1000] : [null_ > low ? -1000 : 0, high > null_ ? 1000 : 0];
 }
 
 /**
- * The controls of a parameter. moved(value, commit): called while the slider moves, and once more when it rests.
- * begun(): called when a hand is laid on the slider.
+ * The controls of a parameter. moved(value, commit): called while the slider moves, and once when it stops.
+ * begun(): called when the user presses the slider.
  */
 function parameterControls(parameter, id, moved, begun) {
   if (parameter.choices.length) {
@@ -63,7 +63,7 @@ function parameterControls(parameter, id, moved, begun) {
     const label = make("label", { for: id }, parameter.name.replaceAll("_", " "));
     return { element: make("div", { class: "parameter" }, [label, list]), show: (value) => { list.value = value; } };
   }
-  const [least, most] = places(parameter);
+  const [least, most] = positions(parameter);
   const step = 10;
   const slider = make("input", { type: "range", id, min: least, max: most, step: "any" });
   const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.name + ", number" });
@@ -71,7 +71,7 @@ function parameterControls(parameter, id, moved, begun) {
   const label = make("label", { for: id }, name.replaceAll("_", " ") + (parameter.unit ? ", " + parameter.unit : ""));
   const bounds = make("div", { class: "bounds" });
   const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];
-  if (parameter.null !== null) known.push(`does nothing at ${numberText(parameter.null)}`);
+  if (parameter.null !== null) known.push(`no effect at ${numberText(parameter.null)}`);
   const at = (value) => {
     number.value = numberText(value);
     slider.setAttribute("aria-valuetext", `${numberText(value)} ${parameter.unit}`.trim());
@@ -97,7 +97,7 @@ function parameterControls(parameter, id, moved, begun) {
   });
   const show = (value, sigma) => {
     at(value);
-    slider.value = placeOf(parameter, value);
+    slider.value = positionOf(parameter, value);
     const fitted = sigma === undefined ? [] : [`fitted ± ${numberText(+sigma.toPrecision(2))}`];
     bounds.textContent = [...fitted, ...known].join("; ");
   };

@@ -1,4 +1,4 @@
-/* The workbench's page: asks the server for each step, shows what comes back. */
+/* The workbench's page: requests each step from the server, shows the answer. */
 "use strict";
 
 const $ = (id) => document.getElementById(id);
@@ -6,15 +6,15 @@ const $ = (id) => document.getElementById(id);
 const page = {
   viewer: null, // the CBoxViewer, or null before a capture is open
   shape: null, // width and height of the picture, as text
-  record: null, // the study as last told
+  record: null, // the study as last received
   controls: [], // one per effect
   catalogue: [],
-  pending: [], // moves that wait for the answer to the one before
+  pending: [], // moves that wait for the answer to the previous one
   asking: false,
-  opened: {}, // chi-square of each capture as it was opened; not known to a page that is loaded later
+  opened: {}, // chi-square of each capture when it was opened; empty in a page that is loaded later
 };
 
-async function asked(path, body) {
+async function request(path, body) {
   const options = body === undefined ? {} : {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
   };
@@ -22,19 +22,19 @@ async function asked(path, body) {
   try {
     answer = await fetch("api/" + path, options);
   } catch {
-    throw new Error("The program has ended: start it again.");
+    throw new Error("The program does not answer. Start `cbox studio` again.");
   }
   if (!answer.ok) {
     const text = await answer.text();
-    let told = text;
-    try { told = JSON.parse(text).error; } catch { /* plain text */ }
-    throw new Error(told);
+    let message = text;
+    try { message = JSON.parse(text).error; } catch { /* plain text */ }
+    throw new Error(message);
   }
   return answer;
 }
 
-/** Run a step of the user's; what goes wrong is told in one line. */
-async function told(step) {
+/** Run a step of the user; show an error in one line. */
+async function attempt(step) {
   $("mistake").textContent = "";
   $("saved").textContent = "";
   try {
@@ -54,14 +54,14 @@ function parsed(buffer) {
   return { record, rendered: numbers.subarray(0, half), sigma: numbers.subarray(half) };
 }
 
-async function took(answer) {
+async function receive(answer) {
   const { record, rendered, sigma } = parsed(await answer.arrayBuffer());
   show(record);
   if (page.viewer && rendered.length) await page.viewer.update({ rendered, sigma });
 }
 
 async function step(name, body = {}) {
-  await took(await asked("step/" + name, body));
+  await receive(await request("step/" + name, body));
 }
 
 function show(record) {
@@ -74,17 +74,17 @@ function show(record) {
     $("figures").textContent = "";
     openPanel("open", true);
     enable(false);
-    return void told(fillPlaces);
+    return void attempt(fillInputs);
   }
   $("title").textContent = `${record.captures[record.capture]} against ${record.model}`;
   const how = record.rendered ? "rendered" : record.improvable ? "predicted, to be rendered" : "predicted";
   const all = record.captures.length > 1 ? ` (all: ${record.chi2_of_captures.map((v) => numberText(v)).join(", ")})` : "";
   const chi2 = numberText(+record.chi2_per_dof.toPrecision(4));
   if (!record.can_undo) page.opened = { ...page.opened, [record.capture]: chi2 };
-  const opened = record.can_undo && page.opened[record.capture] ? `; ${page.opened[record.capture]} as opened` : "";
+  const opened = record.can_undo && page.opened[record.capture] ? `; ${page.opened[record.capture]} when opened` : "";
   $("save-root").textContent = `below ${record.root}`;
   $("figures").replaceChildren(
-    "χ² per degree of freedom ", make("strong", { id: "chi2" }, chi2), ` (1: noise alone${opened})`,
+    "χ² per degree of freedom ", make("strong", { id: "chi2" }, chi2), ` (noise alone: 1${opened})`,
     `${all}, lamp × ${record.lamp_scale.toFixed(4)}, camera moved ${numberText(+record.camera_moved_px.toPrecision(2))} px; `,
     make("span", { id: "how" }, how));
   $("refit").checked = record.refit;
@@ -96,24 +96,24 @@ function show(record) {
   enable(!page.job);
 }
 
-function showEffects(record, anew) {
+function showEffects(record, rebuild) {
   $("no-effects").hidden = record.effects.length > 0;
-  if (!anew) {
-    if (page.pending.length) return; // newer values are under the hand
+  if (!rebuild) {
+    if (page.pending.length) return; // the user has newer values
     record.effects.forEach((effect, i) => page.controls[i].show(effect));
     return;
   }
   page.controls = record.effects.map((effect, index) => effectControls(effect, index, {
     moved: (name, value, commit) => move({ which: index, values: { [name]: value }, commit }),
-    begun: () => asked("cancel", { background: true }).catch(() => null),
-    fit: () => told(() => asked("job/fit", { which: [index] })),
-    remove: () => told(() => step("remove", { which: index })),
+    begun: () => request("cancel", { background: true }).catch(() => null),
+    fit: () => attempt(() => request("job/fit", { which: [index] })),
+    remove: () => attempt(() => step("remove", { which: index })),
   }));
   $("effects").replaceChildren(...page.controls.map((one) => one.element));
   if (page.job) enable(false);
 }
 
-/** Ask for a move; while an answer is on its way only the newest move of each number waits. */
+/** Request a move; until the answer comes, only the newest move of each number waits. */
 async function move(body) {
   const key = (one) => `${one.which} ${Object.keys(one.values)}`;
   page.pending = [...page.pending.filter((one) => key(one) !== key(body)), body];
@@ -121,9 +121,9 @@ async function move(body) {
   page.asking = true;
   while (page.pending.length) {
     const next = page.pending.shift();
-    await told(async () => {
-      const answer = await asked("step/change", next);
-      if (!page.pending.length) await took(answer);
+    await attempt(async () => {
+      const answer = await request("step/change", next);
+      if (!page.pending.length) await receive(answer);
     });
   }
   page.asking = false;
@@ -132,11 +132,11 @@ async function move(body) {
 function showDiagnosis(found) {
   $("diagnosis").hidden = !found;
   if (!found) return;
-  const adopt = make("button", { id: "adopt" }, "Take the effects found");
-  adopt.addEventListener("click", () => told(() => step("adopt")));
+  const adopt = make("button", { id: "adopt" }, "Use these effects");
+  adopt.addEventListener("click", () => attempt(() => step("adopt")));
   const ranking = found.ranking.map((entry) => {
     const add = make("button", { "aria-label": "Add " + entry.id }, "Add");
-    add.addEventListener("click", () => told(() => step("add", { effect: entry.id, values: entry.values })));
+    add.addEventListener("click", () => attempt(() => step("add", { effect: entry.id, values: entry.values })));
     const text = `${entry.id}: ${entry.text}; χ² ${numberText(entry.chi2_per_dof && +entry.chi2_per_dof.toPrecision(3))}, ` +
       `probability ${(100 * entry.probability).toFixed(1)} % `;
     return make("li", {}, [text, add]);
@@ -144,10 +144,10 @@ function showDiagnosis(found) {
   const known = found.selected.some((id) => id !== "unknown");
   $("diagnosis").replaceChildren(make("h3", {}, "Diagnosis"),
     ...found.sentences.map((sentence) => make("p", {}, sentence)), ...(known ? [adopt] : []),
-    make("p", { class: "soft" }, "Each effect tried alone, best first:"), make("ol", {}, ranking));
+    make("p", { class: "soft" }, "Each effect fitted alone, best first:"), make("ol", {}, ranking));
 }
 
-/** While a computation runs only Cancel can be pressed. */
+/** While a computation runs, only Cancel is enabled. */
 function enable(on) {
   const within = "#side button, #side select, #side input, header button, .panel button";
   for (const element of document.querySelectorAll(within)) element.disabled = !on;
@@ -160,33 +160,33 @@ function enable(on) {
   for (const id of ["fit-all", "fit-chosen"]) $(id).disabled = record.effects.length === 0;
 }
 
-function showJob(told) {
-  const foreground = told && !told.background;
+function showJob(job) {
+  const foreground = job && !job.background;
   const before = page.job;
-  page.job = foreground ? told : null;
-  $("job").hidden = !told;
-  if (told) {
-    $("stage").textContent = `${told.background ? "in the background: " : ""}${told.job}${told.stage && told.stage !== told.job ? ": " + told.stage : ""}`;
-    $("progress").value = told.done;
-    $("times").textContent = told.times;
-    $("cancel").hidden = told.background;
+  page.job = foreground ? job : null;
+  $("job").hidden = !job;
+  if (job) {
+    $("stage").textContent = `${job.background ? "in the background: " : ""}${job.job}${job.stage && job.stage !== job.job ? ": " + job.stage : ""}`;
+    $("progress").value = job.done;
+    $("times").textContent = job.times;
+    $("cancel").hidden = job.background;
   }
   if (Boolean(before) !== Boolean(page.job)) enable(!page.job);
 }
 
-/** The picture of the capture shown, and the study, anew. */
+/** Load the study and the picture of the capture in view again. */
 async function reload() {
-  const state = await (await asked("state")).json();
+  const state = await (await request("state")).json();
   showJob(state.job);
   if (state.error) $("mistake").textContent = state.error;
   if (state.job && !state.job.background) return;
   if (!state.open) return show(state);
-  page.catalogue = await (await asked("effects")).json();
+  page.catalogue = await (await request("effects")).json();
   const chosen = $("new-effect").value;
   $("new-effect").replaceChildren(...page.catalogue.map((e) => make("option", { value: e.id }, `${e.id} (${e.stage})`)));
   if (chosen) $("new-effect").value = chosen;
   showSummary();
-  const picture = await (await asked("picture")).json();
+  const picture = await (await request("picture")).json();
   const view = page.viewer ? page.viewer.state : { mode: "side", a: "measured", b: "rendered", c: "residual" };
   const fits = page.viewer && page.shape === `${picture.width} ${picture.height}`;
   if (!fits) Object.assign(view, { x: picture.width / 2, y: picture.height / 2, zoom: 1, pixel: null });
@@ -195,7 +195,7 @@ async function reload() {
   $("picture").replaceChildren(place);
   page.viewer = new CBoxViewer(place, picture, view);
   await page.viewer.ready;
-  await took(await asked("view"));
+  await receive(await request("view"));
 }
 
 function showSummary() {
@@ -208,35 +208,35 @@ function openPanel(id, on) {
   $("show-" + id).setAttribute("aria-expanded", String(on));
 }
 
-async function fillPlaces() {
-  const found = await (await asked("places")).json();
+async function fillInputs() {
+  const found = await (await request("places")).json();
   const options = (names) => names.map((name) => make("option", { value: name }));
   $("captures").replaceChildren(...options([...found.captures, ...found.studies]));
   $("models").replaceChildren(...options(found.models));
 }
 
-const job = (name, body = {}) => told(async () => { await asked("job/" + name, body); });
+const job = (name, body = {}) => attempt(async () => { await request("job/" + name, body); });
 
-$("undo").addEventListener("click", () => told(() => step("undo")));
-$("redo").addEventListener("click", () => told(() => step("redo")));
+$("undo").addEventListener("click", () => attempt(() => step("undo")));
+$("redo").addEventListener("click", () => attempt(() => step("redo")));
 $("render").addEventListener("click", () => job("render"));
 $("diagnose").addEventListener("click", () => job("diagnose"));
-$("cancel").addEventListener("click", () => told(() => asked("cancel", {})));
-$("add").addEventListener("click", () => told(() => step("add", { effect: $("new-effect").value })));
+$("cancel").addEventListener("click", () => attempt(() => request("cancel", {})));
+$("add").addEventListener("click", () => attempt(() => step("add", { effect: $("new-effect").value })));
 $("fit-all").addEventListener("click", () => job("fit"));
-$("fit-chosen").addEventListener("click", () => told(async () => {
+$("fit-chosen").addEventListener("click", () => attempt(async () => {
   const which = page.controls.map((one, i) => (one.ticked() ? i : -1)).filter((i) => i >= 0);
-  if (!which.length) throw new Error("Tick the effects that are to be fitted.");
-  await asked("job/fit", { which });
+  if (!which.length) throw new Error("Tick the effects that you want to fit.");
+  await request("job/fit", { which });
 }));
 $("new-effect").addEventListener("change", showSummary);
 const chosen = () => ({ capture: Number($("capture").value), refit: $("refit").checked });
-$("refit").addEventListener("change", () => told(() => step("show", chosen())));
-$("capture").addEventListener("change", () => told(async () => { await step("show", chosen()); await reload(); }));
+$("refit").addEventListener("change", () => attempt(() => step("show", chosen())));
+$("capture").addEventListener("change", () => attempt(async () => { await step("show", chosen()); await reload(); }));
 for (const id of ["open", "save"])
-  $("show-" + id).addEventListener("click", () => told(async () => {
+  $("show-" + id).addEventListener("click", () => attempt(async () => {
     openPanel(id, $(id).hidden);
-    if (id === "open" && !$(id).hidden) await fillPlaces();
+    if (id === "open" && !$(id).hidden) await fillInputs();
   }));
 $("open").addEventListener("submit", (event) => {
   event.preventDefault();
@@ -263,12 +263,12 @@ events.onmessage = (message) => {
     showJob(null);
     if (!page.record) return void reload();
     if (event.error && event.error !== "cancelled") $("mistake").textContent = event.error;
-    else if (event.error && !event.background && page.record.open) $("saved").textContent = "Cancelled; the study is as it was.";
+    else if (event.error && !event.background && page.record.open) $("saved").textContent = "Cancelled. The study is unchanged.";
     return;
   }
   if (event.event === "changed") {
     openPanel("open", false);
-    told(async () => {
+    attempt(async () => {
       await reload();
       if (event.saved.length) {
         openPanel("save", false);
@@ -278,4 +278,4 @@ events.onmessage = (message) => {
   }
 };
 let opened = false;
-events.onopen = () => { if (!opened) { opened = true; told(reload); } };
+events.onopen = () => { if (!opened) { opened = true; attempt(reload); } };

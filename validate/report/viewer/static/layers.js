@@ -1,4 +1,4 @@
-/* What can be shown of a picture: layers, their values in every pixel, their scales and colours. */
+/* Layers of a picture: their values in every pixel, their scales and colours. */
 
 /** Named ends of the scales; they are the same for every capture. `null`: the largest value in the picture. */
 const SCALES = {
@@ -8,14 +8,14 @@ const SCALES = {
   own: { name: "largest value of this picture", sigma: null, colour: null, percent: null },
 };
 
-/** Colours of mask reasons, told apart in all common colour vision deficiencies, each with a hatch of its own. */
+/** Colours of mask reasons, distinct in all common colour vision deficiencies. */
 const REASON_COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2"];
 
 /** The layers in the order of the lists. kind: picture, difference (signed), size (from 0), reason. */
 const fixedLayers = (picture) => [
   { id: "measured", name: "Photograph", kind: "picture" },
-  { id: "rendered", name: "Render", kind: "picture" },
-  { id: "residual", name: "Difference in σ", kind: "difference", end: "sigma", unit: "σ", perBand: true },
+  { id: "rendered", name: "Rendering", kind: "picture" },
+  { id: "residual", name: "Photograph minus rendering, σ", kind: "difference", end: "sigma", unit: "σ", perBand: true },
   ...picture.colour_differences.map((difference) => ({
     id: difference.id, name: difference.title, kind: "size", end: "colour", unit: difference.unit, difference,
   })),

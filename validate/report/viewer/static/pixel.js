@@ -1,4 +1,4 @@
-/* What is known of one pixel: a record of numbers, and its panel with charts and tables. */
+/* Data of one pixel: a record of numbers, and its panel with charts and tables. */
 
 /** Number with `digits` significant digits and a minus sign; a dash where there is none. */
 function shown(value, digits = 4) {
@@ -12,7 +12,7 @@ function signed(value, places = 2) {
   return ((value > 0 ? "+" : "") + value.toFixed(places)).replace("-", "−");
 }
 
-/** Everything known of pixel (x, y): plain numbers and names, NaN where there is no value. */
+/** Data of pixel (x, y): plain numbers and names, NaN where there is no value. */
 function pixelRecord(picture, x, y) {
   const count = picture.width * picture.height;
   const i = y * picture.width + x;

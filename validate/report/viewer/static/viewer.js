@@ -6,7 +6,7 @@
  *   await viewer.update({rendered, sigma});   // new predictions, drawn at once; also measured, mask, light, spectrum, maps
  *   viewer.set({mode: "side", band: 2}); // change what is shown, see `state`
  *   viewer.select(x, y);                 // what a click does; viewer.select(null) closes the panel
- *   viewer.values(x, y);                 // everything known of a pixel, as plain numbers
+ *   viewer.values(x, y);                 // all data of a pixel, as plain numbers
  *   viewer.state;                        // a copy: mode "slider" | "flip" | "side", layers a, b (compared) and c (beside
  *                                        // them), band, exposure, scale "standard" | "fine" | "coarse" | "own",
  *                                        // zoom, x, y (centre, px), split (%), showing "a" | "b", pixel [x, y] or null
@@ -259,7 +259,7 @@ class CBoxViewer {
       const names = ids.map((id) => this._caption(id));
       figure.querySelector("figcaption").textContent = names.join(" | ");
       figure.querySelector("canvas").setAttribute("aria-label",
-        `${names.join(", and right of the line ")}. Arrow keys mark a pixel and tell its values.`);
+        `${names.join(", and right of the line ")}. Arrow keys mark a pixel and announce its values.`);
       const bars = ids.map((id) => this._bar(id)).filter(Boolean);
       figure.querySelector(".cbv-bars").replaceChildren(...bars);
     });
