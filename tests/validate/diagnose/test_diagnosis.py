@@ -99,7 +99,7 @@ def test_the_demo_tells_its_story_in_order(demo):
     assert steps == sorted(steps)
     for words in (
         "reprojection rms",
-        "Render of the model",
+        "Rendering of the model",
         "per degree of freedom",
         "of the excess χ²",
         "DCS-200",

@@ -35,6 +35,9 @@ from .verify import verify
 
 __all__ = ["app", "run"]
 
+#: Exit code of an interrupted command, as of a shell: 128 and the number of SIGINT.
+_INTERRUPTED = 130
+
 #: The command line.
 app = command_line(
     "Measure how far a physically based rendering is from photographs of a real Cornell box, where, and why.",
@@ -78,11 +81,15 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
     try:
         _require_letters(command)
         app(prog_name="cbox", args=command)
+    except SystemExit as ended:
+        if ended.code == _INTERRUPTED:  # Typer ends an interrupted command without a message
+            errors.print("interrupted")
+        raise
     except InputError as error:
         _fail(str(error))
     except Cancelled:
         errors.print("Stopped. No unfinished file is left.")
-        sys.exit(130)
+        sys.exit(_INTERRUPTED)
     except BrokenPipeError:  # the reader of the output has ended; results are in their files
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
@@ -92,7 +99,7 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
     except (KeyboardInterrupt, Exception) as error:
         if isinstance(error, KeyboardInterrupt) or pressed:
             errors.print("interrupted")
-            sys.exit(130)
+            sys.exit(_INTERRUPTED)
         _report_fault(error)
 
 

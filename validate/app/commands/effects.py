@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from cboxlab.utils.errors import InputError
-from rich.table import Table
+from cboxlab.utils.table import Table
 from rich.text import Text
 
 from .arguments import JsonOption, complete_effect
-from .console import bar, console, give_json, options, require_folder, say
+from .console import bar, console, give_json, options, print_result, require_folder, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -65,13 +65,7 @@ def effects(
     give_json(json, effect.to_dict())
     console.print(Text.assemble((effect.id, "bold"), f" (acts on: {effect.stage})"))
     say(f"{effect.summary}\n")
-    table = Table("parameter", "unit", "null value", "from", "to", "choices")
-    for p in effect.parameters:
-        numbers = ("", "", "", "")
-        if not p.choices:
-            numbers = (p.unit, "–" if p.null is None else f"{p.null:g}", f"{p.low:g}", f"{p.high:g}")
-        table.add_row(p.name, *numbers, ", ".join(p.choices))
-    console.print(table)
+    print_result([], [_parameter_table(effect)])
     say(f"To confirm it or rule it out: {effect.confirm}")
     for source in effect.sources:
         say(f"Source: {source}")
@@ -82,6 +76,18 @@ def effects(
         with bar("rendering"):
             values = write_effect_picture(picture, effect, pictured_light())
         say(f"Signature with {values}: {picture}")
+
+
+def _parameter_table(effect: Effect) -> Table:
+    """Units, null values and bounds of an effect's parameters; a dash if there is no null value."""
+    rows = []
+    for p in effect.parameters:
+        numbers = ("", "", "", "")
+        if not p.choices:
+            numbers = (p.unit, "–" if p.null is None else f"{p.null:g}", f"{p.low:g}", f"{p.high:g}")
+        rows.append((p.name, *numbers, ", ".join(p.choices)))
+    columns = ("parameter", "unit", "null value", "from", "to", "choices")
+    return Table("Parameters", columns, tuple(rows), text_columns=(0, 5))
 
 
 def _print_list(by_name: Mapping[str, Effect]) -> None:

@@ -30,7 +30,7 @@ def test_ctrl_c_in_the_terminal_cancels_and_the_second_interrupts(capsys):
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is before
-    assert capsys.readouterr().err.count("stopping") == 2
+    assert capsys.readouterr().err.count("Stopping") == 2
 
 
 def test_a_stopped_command_says_so_and_leaves_nothing(tmp_path, monkeypatch, capsys):
@@ -47,7 +47,7 @@ def test_a_stopped_command_says_so_and_leaves_nothing(tmp_path, monkeypatch, cap
     with pytest.raises(SystemExit) as caught:
         cli.main(["render", "cornell-box", "--out", str(tmp_path / "cube.nc"), *cube])
     assert caught.value.code == 130
-    assert "stopped" in capsys.readouterr().err
+    assert "Stopped" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] in ([], ["cube.nc.passes"])
 
 
