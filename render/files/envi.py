@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from cboxlab.utils.frozen import OwnMappings
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
@@ -65,7 +66,7 @@ _MAX_BANDS_NAMED = 6
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _Layout(OwnMappings):
     """Size, order and type of the samples in their file."""
 
     #: Number of samples by dimension y, x and wavelength.

@@ -165,30 +165,22 @@ class PathKernel:
             [dr.ones(mi.Float, self._lanes) for _ in range(self._bands)],
             [dr.zeros(mi.Float, self._lanes) for _ in range(self._bands)],
         )
-        *_, sums = dr.while_loop(state, lambda index, *_: index < self._total, self._step)
+        *_, sums = dr.while_loop(state, lambda index, *_: index < self._total, lambda *state: self._step(state))
         return sums
 
     def _camera_ray(self, index: mi.UInt32) -> mi.Ray3f:
         """Camera ray of each lane's path of this index."""
         return self._rays(*self._points.pixel(index))
 
-    def _step(
-        self,
-        index: mi.UInt32,
-        counters: tuple[mi.UInt32, mi.UInt32, mi.UInt32],
-        origin: mi.Point3f,
-        direction: mi.Vector3f,
-        reach: tuple[mi.Float, mi.Float],
-        throughput: list[mi.Float],
-        sums: list[mi.Float],
-    ) -> tuple:
+    def _step(self, state: tuple) -> tuple:
         """One path segment and the vertex at its end.
 
-        `counters` are the number of vertices of the path, the number of them that are no bounce, and the number of
-        the medium of the segment. `reach` is the density of the direction, 1/sr: 0 if the lamps have already been
-        sampled there. With it comes the distance travelled in this direction before the segment, through boundaries
-        that are no bounce, mm.
+        The state is (index, counters, origin, direction, reach, throughput, sums). `counters` are the number of
+        vertices of the path, the number of them that are no bounce, and the number of the medium of the segment.
+        `reach` is the density of the direction, 1/sr: 0 if the lamps have already been sampled there. With it comes the
+        distance travelled in this direction before the segment, through boundaries that are no bounce, mm.
         """
+        index, counters, origin, direction, reach, throughput, sums = state
         depth, passed, medium = counters
         density, travelled = reach
         seed = self._chance_seed + index * _PATH_SEED_STEP

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.rendering.files import Declared, declared_for, files_of, open_cube, read_cube, require_used, stated_in
+from cboxlab.rendering.files import Declared, declared_for, files_of, read_cube, require_used, stated_in
 from cboxlab.rendering.files.headers import in_nanometres, nanometres_per_unit, states_no_unit
 from cboxlab.utils.errors import InputError
 from helpers.envi_files import LIGHT, NM, RADIANCE, header_text, write
@@ -350,57 +350,6 @@ def test_an_ignored_number_of_64_bits_in_samples_of_32(tmp_path):
     cube = read(tmp_path, header_text(data_ignore_value="1.7976931348623157e308"), values)
     assert np.isnan(cube["radiance"].values[1, 2, 3])
     assert np.isnan(cube["radiance"]).sum() == 1
-
-
-# ---- bad bands
-
-
-@pytest.mark.parametrize(
-    ("bbl", "good"),
-    [
-        ("{0,1,1,1,1,0}", [1, 2, 3, 4]),
-        ("{ 1, 1, 0, 0, 1, 1, }", [0, 1, 4, 5]),
-        ("{1 1 1 1 1 0}", [0, 1, 2, 3, 4]),
-        ("{1,1,1,1,1,1}", [0, 1, 2, 3, 4, 5]),
-        ("{0.0,\n0.0,\n1.0,\n0.0,\n0.0,\n0.0}", [2]),
-        ("{1,0,1,0,1,0}", [0, 2, 4]),
-    ],
-)
-def test_bad_bands_are_left_out(tmp_path, bbl, good):
-    path = write(tmp_path / "cube", header_text(bbl=bbl))
-    cube = read_cube(path)
-    np.testing.assert_array_equal(cube["wavelength"], NM[good])
-    np.testing.assert_array_equal(cube["radiance"], LIGHT[..., good])
-    assert ("bad (bbl)" in cube.attrs.get("reading_notes", "")) == (len(good) < 6)
-    with open_cube(path) as mapped:
-        np.testing.assert_array_equal(mapped["radiance"], LIGHT[..., good])
-
-
-def test_a_bad_bands_values_and_wavelength_do_not_matter(tmp_path):
-    values = LIGHT.copy()
-    values[..., 0], values[..., 5] = np.nan, -1e6
-    stated = header_text(bbl="{0,1,1,1,1,0}", wavelength="{0, 450, 500, 550, 600, 600}", data_gain_values="{2}")
-    np.testing.assert_allclose(read(tmp_path, stated, values)["radiance"], 2 * values[..., 1:5])
-
-
-@pytest.mark.parametrize(
-    ("bbl", "words"), [("{0,0,0,0,0,0}", "no good band"), ("{1,1}", "2 values"), ("{x}", "finite")]
-)
-def test_lists_of_bad_bands_without_meaning_are_refused(tmp_path, bbl, words):
-    with pytest.raises(InputError, match=f"bbl.*{words}"):
-        read(tmp_path, header_text(bbl=bbl))
-
-
-def test_many_bad_bands_are_counted(tmp_path):
-    values = np.ones((2, 2, 20), np.float32)
-    stated = header_text(
-        samples=2,
-        lines=2,
-        bands=20,
-        wavelength="{" + ",".join(str(400 + 10 * i) for i in range(20)) + "}",
-        bbl="{" + ",".join("0" * 8 + "1" * 12) + "}",
-    )
-    assert "left out: 8 bands" in read(tmp_path, stated, values).attrs["reading_notes"]
 
 
 def test_units_of_radiance_are_asked_for(tmp_path):
