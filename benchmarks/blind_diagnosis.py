@@ -56,7 +56,7 @@ from cboxlab.validation.synthetic.model_capture import (
     write_model_capture,
 )
 from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
-from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, settled, varied_settings
+from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, varied_settings, with_block_offsets
 from made_causes import CAUSES
 from outside_effects import OUTSIDE
 from unknown_causes import run as run_unknown
@@ -212,7 +212,9 @@ def strengths(seed: int, box: str, instrument: str) -> Scale:
 def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> RenderedImage:
     """What a laboratory photographs when its box holds no effect."""
     place = laboratory(seed, box, instrument)
-    pilot = RenderJob(settled(place.scene, seed), place.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces)
+    pilot = RenderJob(
+        with_block_offsets(place.scene, seed), place.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces
+    )
     return render_to_precision(pilot, _PICTURE_ERROR)
 
 
@@ -222,7 +224,7 @@ def write_capture(path: Path, case: Case, effects: Sequence[AppliedEffect], max_
     place = laboratory(*where)
     inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
     if all(e.stage in _AFTER_THE_PICTURE for e in inside):
-        image, box = picture(*where, max_bounces), settled(place.scene, case.laboratory)
+        image, box = picture(*where, max_bounces), with_block_offsets(place.scene, case.laboratory)
         photograph_image(path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed)
         return
     model = replace(place.model, effects=inside, render=RenderSettings(seed=case.seed))
@@ -233,7 +235,7 @@ def write_capture(path: Path, case: Case, effects: Sequence[AppliedEffect], max_
         place.settings,
         case.seed,
         relative_error=_PICTURE_ERROR,
-        box=lambda scene: settled(scene, case.laboratory),
+        box=lambda scene: with_block_offsets(scene, case.laboratory),
     )
 
 
@@ -296,7 +298,7 @@ def _parameters_right(
 ) -> list[bool]:
     """For every number of an effect that was found, whether it is close to the truth or within its stated error.
 
-    A block that was moved stands where it had settled, and as much further as it was moved.
+    A block that was moved stands where it had with_block_offsets, and as much further as it was moved.
     """
     last, right = diagnosis.path[-1], []
     for truth in effects:

@@ -34,7 +34,7 @@ from cboxlab.validation.synthetic.model_capture import (
     photographed_light,
     photographed_scene,
 )
-from cboxlab.validation.synthetic.varied import settled, varied_settings
+from cboxlab.validation.synthetic.varied import varied_settings, with_block_offsets
 from made_causes import CAUSES, SIZE_PX, Made, Stack, Truth
 
 #: Relative error of a picture, and of one that adds a tenth of itself or less.
@@ -48,7 +48,7 @@ _PLACE = 0.1
 @cache
 def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scene]:
     """A camera, the rest of a laboratory, and its box."""
-    return perturbed_camera(SIZE_PX, seed), varied_settings(seed), settled(photographed_scene(Model()), seed)
+    return perturbed_camera(SIZE_PX, seed), varied_settings(seed), with_block_offsets(photographed_scene(Model()), seed)
 
 
 def _image(scene: Scene, camera: Camera, seed: int, error: float = _PICTURE_ERROR) -> RenderedImage:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, suggestion
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 from .shapes import turned_about_vertical
@@ -73,7 +73,7 @@ class Texture:
 
 
 @dataclass(frozen=True, eq=False)
-class Material(OwnMappings):
+class Material(FrozenMappings):
     """Material: Lambertian, with a texture, or with any BSDF of Mitsuba.
 
     A material has a texture or a BSDF, not both.
@@ -195,7 +195,7 @@ class SceneOrigin:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene(OwnMappings):
+class Scene(FrozenMappings):
     """Surfaces, materials, lamps and medium of one box, in mm.
 
     A scene is a value. Methods return changed copies; a changed copy has no ``origin``.

@@ -258,18 +258,9 @@ class Capture:
             return scene if scene in packaged_scenes() else None
         return str(path_inside(self.folder, scene, self.folder / "capture.toml: scene"))
 
-    def known_scene(self) -> Scene | None:
-        """Scene that the manifest states, read once.
-
-        Returns
-        -------
-        Scene | None
-            None if the manifest states no scene or the scene cannot be loaded.
-        """
-        return self._scene
-
     @cached_property
-    def _scene(self) -> Scene | None:
+    def scene(self) -> Scene | None:
+        """Scene that the manifest states, read once; None if it states none or the scene cannot be loaded."""
         try:
             return None if self.scene_reference is None else load_scene(self.scene_reference)
         except (InputError, OSError):

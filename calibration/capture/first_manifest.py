@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from pydantic import BaseModel
 
 from ..frame_readers import suffixes
@@ -92,7 +92,7 @@ class MissingKey:
 
 
 @dataclass(frozen=True)
-class FirstManifest(OwnMappings):
+class FirstManifest(FrozenMappings):
     """A manifest that was written, and what it lacks."""
 
     #: The capture.toml written.

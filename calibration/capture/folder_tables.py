@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cboxlab.scenes.spectra import read_spectra
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_rows
 from PIL import Image
 
@@ -35,7 +35,7 @@ _CAMERA_COLUMNS = {
 
 
 @dataclass(frozen=True)
-class FolderTables(OwnMappings):
+class FolderTables(FrozenMappings):
     """Uses of the tables of a folder, as column references ``file.csv:column``."""
 
     #: By use ("lamp", "reference", "flat", "quantum_efficiency", "lens"), the column.

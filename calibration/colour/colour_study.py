@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.scenes import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture
@@ -21,7 +21,7 @@ __all__ = ["ColourStudy", "study_colour"]
 
 
 @dataclass(frozen=True, eq=False)
-class ColourStudy(OwnMappings):
+class ColourStudy(FrozenMappings):
     """Filter weights by three methods with their colour errors."""
 
     #: Filter weights by method.
@@ -82,7 +82,7 @@ def study_colour(capture: Capture, responses: Sequence[BandResponse], relative_n
     lamp = capture.manifest.lamp
     radiance = None if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
     lamps = general_lamps() if radiance is None or radiance.min() < 0 or radiance.mean() <= 0 else {"lamp": radiance}
-    reflectances = _reflectances(capture.known_scene())
+    reflectances = _reflectances(capture.scene)
     training, evaluation = training_radiances(lamps, reflectances), evaluation_radiances(lamps)
     weights = {
         fitted.method: fitted

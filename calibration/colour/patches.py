@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM, WavelengthGrid
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
@@ -45,7 +45,7 @@ _FEWEST_PIXELS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class PatchTable(OwnMappings):
+class PatchTable(FrozenMappings):
     """Measured patches of a chart."""
 
     #: n patches.

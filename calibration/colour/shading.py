@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["ORDERS", "PatchPixels", "Shading", "fit_shading"]
@@ -42,7 +42,7 @@ class PatchPixels:
 
 
 @dataclass(frozen=True, eq=False)
-class Shading(OwnMappings):
+class Shading(FrozenMappings):
     """Relative illumination exp(Sum c_jk x^j y^k), j + k from 1 to `order`, 1 at `centre_px`."""
 
     #: Order of the polynomial.

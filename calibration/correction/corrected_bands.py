@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
@@ -22,7 +22,7 @@ __all__ = ["CorrectedBands", "correct_bands"]
 
 
 @dataclass(frozen=True, eq=False)
-class CorrectedBands(OwnMappings):
+class CorrectedBands(FrozenMappings):
     """Corrected band images of a capture with the terms of their variance."""
 
     #: BandImages of the capture: signal and variance (DN, DN^2) and mask, bands in the manifest's order.

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import least_squares
@@ -39,7 +39,7 @@ _SIGNIFICANCE = 1e-2
 
 
 @dataclass(frozen=True)
-class Linearity(OwnMappings):
+class Linearity(FrozenMappings):
     """Black level and exposure offset, common to all bands. A sigma is one standard deviation."""
 
     #: Level that the converter subtracts before digitising, DN.

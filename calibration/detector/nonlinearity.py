@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import lsq_linear
 
@@ -43,7 +43,7 @@ class LightSeries:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationCurve(OwnMappings):
+class CalibrationCurve(FrozenMappings):
     """Monotone curve from counts to linear light and how well it fits."""
 
     #: (m,) counts at the knots, from the dark level to the largest count, DN.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
@@ -40,7 +40,7 @@ _MAX_SATURATION_SHARE = 0.92
 
 
 @dataclass(frozen=True)
-class ResponsePoint(OwnMappings):
+class ResponsePoint(FrozenMappings):
     """One exposure of a steady light."""
 
     #: Identifier of the band.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 __all__ = [
@@ -39,7 +39,7 @@ class MissingPackageError(InputError):
 
 
 @dataclass(frozen=True)
-class FrameFacts(OwnMappings):
+class FrameFacts(FrozenMappings):
     """Settings of the camera as the file itself states them; None where it states nothing."""
 
     #: Exposure time, s.

@@ -37,7 +37,7 @@ class CameraFit:
     #: (n, 2) measured minus projected image positions of all points, px.
     residuals_px: NDArray[np.float64]
     #: (n,) True for the points used in the fit.
-    kept: NDArray[np.bool_]
+    in_use: NDArray[np.bool_]
     #: Ids of the rejected points.
     outliers: tuple[str, ...]
     #: Root mean square of the residuals of the points used, per coordinate, px.
@@ -119,7 +119,7 @@ def fit_camera(
     return CameraFit(
         camera=camera,
         residuals_px=residuals,
-        kept=in_use,
+        in_use=in_use,
         outliers=tuple(name for name, use in zip(points.ids, in_use, strict=True) if not use),
         reprojection_rms_px=float(np.sqrt(np.mean(residuals[in_use] ** 2))),
         point_sigma_px=sigma,

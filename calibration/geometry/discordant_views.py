@@ -160,7 +160,7 @@ def view_scatter(
     measured, fixed = list(views), []
     if survey is not None:
         points, fit = survey
-        measured.append((points.points_mm[fit.kept], points.image_px[fit.kept]))
+        measured.append((points.points_mm[fit.in_use], points.image_px[fit.in_use]))
         cameras.append(replace(fit.camera, covariance=None))
         fixed = [fit.point_sigma_px]
     for _ in range(_ROUNDS):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .camera_fit import CameraFit
@@ -39,7 +39,7 @@ _CLEAR_ERRORS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class DistortionChoice(OwnMappings):
+class DistortionChoice(FrozenMappings):
     """Distortion model selected by its prediction of held-out points."""
 
     #: By model, root mean square error of held-out points, per coordinate, px.
@@ -92,7 +92,7 @@ def choose_distortion(points: SurveyedPoints, fit: CameraFit, seed: int = 0) -> 
     DistortionChoice | None
         Selected model; None for fewer than twelve points or if no model can be fitted.
     """
-    world, image = points.points_mm[fit.kept], points.image_px[fit.kept]
+    world, image = points.points_mm[fit.in_use], points.image_px[fit.in_use]
     count = len(world)
     if count < _FEWEST_POINTS:
         return None

@@ -140,7 +140,7 @@ def _joint_fit(
     sigmas = [point_sigma_px or 1.0] * len(views)
     if survey is not None:
         points, fit = survey
-        measured.append((points.points_mm[fit.kept], points.image_px[fit.kept]))
+        measured.append((points.points_mm[fit.in_use], points.image_px[fit.in_use]))
         cameras.append(fit.camera)
         sigmas.append(fit.point_sigma_px)
     count = sum(2 * len(world) for world, _ in views)

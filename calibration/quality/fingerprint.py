@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
@@ -64,7 +64,7 @@ ORIENTATIONS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = 
 
 
 @dataclass(frozen=True, eq=False)
-class _Patterns(OwnMappings):
+class _Patterns(FrozenMappings):
     """Patterns of the lit frames of one place in the mosaic's cell."""
 
     #: (y, x) DN above dark of each table, by key.

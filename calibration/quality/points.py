@@ -92,7 +92,7 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
         return
     name = str(capture.manifest.geometry.points) if capture.manifest.geometry else ""
     yield from _check_frame(points, capture.shape, name)
-    scene = capture.known_scene()
+    scene = capture.scene
     if scene is not None:
         yield from _check_surfaces(points, scene, name)
     if fit is not None:
@@ -151,7 +151,7 @@ def _check_scatter(fit: CameraFit) -> Iterator[Suspicion]:
     """Scatter of the points about their projection against that stated."""
     if fit.sigma_estimated or fit.degrees_of_freedom < FEWEST_DEGREES:
         return
-    ratio = fit.reprojection_rms_px / fit.point_sigma_px * np.sqrt(2 * fit.kept.sum() / fit.degrees_of_freedom)
+    ratio = fit.reprojection_rms_px / fit.point_sigma_px * np.sqrt(2 * fit.in_use.sum() / fit.degrees_of_freedom)
     if not SMALLEST_SCATTER_RATIO < ratio < LARGEST_SCATTER_RATIO:
         yield Suspicion(
             "the points do not scatter as stated (a wrong point_sigma_px, or points of another picture)",
@@ -165,8 +165,8 @@ def _check_outliers(points: SurveyedPoints, fit: CameraFit, name: str) -> Iterat
     """Points far from their projection by the camera fitted to the others. name : of the file."""
     distance = np.linalg.norm(fit.residuals_px, axis=1)
     far = distance > WRONG_POINT_SIGMAS * max(fit.point_sigma_px, SMALLEST_SIGMA_PX)
-    if np.any(far & ~fit.kept):
-        names = [i for i, f in zip(points.ids, far & ~fit.kept, strict=True) if f]
+    if np.any(far & ~fit.in_use):
+        names = [i for i, f in zip(points.ids, far & ~fit.in_use, strict=True) if f]
         yield Suspicion(
             "surveyed points are wrong",
             f"{name}: {', '.join(names[:5])}",
@@ -196,14 +196,14 @@ def explain_points(capture: Capture, fault: InputError) -> Suspicion | None:
     height, width = capture.shape
     geometry = capture.manifest.geometry
     sigma = (geometry.point_sigma_px if geometry else None) or DEFAULT_SIGMA_PX
-    scene = capture.known_scene()
+    scene = capture.scene
     agreeing: dict[str, tuple[float, float]] = {}
     for how, corrected in _corrections(points, width, height).items():
         try:
             fit = fit_camera(corrected, width_px=width, height_px=height, point_sigma_px=None)
         except InputError:
             continue
-        if fit.kept.mean() < EXPLAINED_POINTS or fit.reprojection_rms_px > EXPLAINED_SIGMAS * sigma:
+        if fit.in_use.mean() < EXPLAINED_POINTS or fit.reprojection_rms_px > EXPLAINED_SIGMAS * sigma:
             continue
         # Several mirrorings fit equally well; the right one has an upright camera and points on surfaces.
         off = 0.0

@@ -226,7 +226,7 @@ def hyperspectral_cube(
         # Interpolation spreads a masked pixel: its neighbourhood is masked too.
         bad = image["mask"].values & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) != 0
         registration = register(fixed, signal) if aligned and band != reference else _identity()
-        if aligned and not registration.found:
+        if aligned and not registration.converged:
             notes.append(f"{band}: not registered: too few edges")
         filled = np.where(bad, np.median(signal), signal)
         out = move(bad.astype(float), registration, smooth=False)

@@ -56,7 +56,7 @@ class Registration:
     #: Size of the band's image relative to the reference.
     magnification: float
     #: False if the band has too few edges for the iteration to converge; the matrix is then the identity.
-    found: bool
+    converged: bool
 
 
 def _logarithm(image: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -142,7 +142,7 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
     Returns
     -------
     Registration
-        The similarity; the identity, with `found` False, if the band has too few edges.
+        The similarity; the identity, with `converged` False, if the band has too few edges.
     """
     shape = reference.shape
     first, second = _edges(reference), _edges(band)

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture, band_channels, brighter_channel_notes, file_mosaic_notes
@@ -40,7 +40,7 @@ __all__ = ["Calibration", "calibrate"]
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration(OwnMappings):
+class Calibration(FrozenMappings):
     """Calibration of a capture, by `calibrate`. A part is None if the capture lacks the data."""
 
     #: Capture that was calibrated, its full well applied.

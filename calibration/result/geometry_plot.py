@@ -90,7 +90,7 @@ def plot_geometry(
         File to write (PNG).
     """
     residuals = points.image_px - camera.project(points.points_mm)
-    length = float(np.median(np.linalg.norm(residuals[fit.kept], axis=1)))
+    length = float(np.median(np.linalg.norm(residuals[fit.in_use], axis=1)))
     # The enlargement is a round number; a typical residual is about a fortieth of the picture.
     enlarged = float(f"{photograph.shape[1] / 40 / max(length, 1e-6):.1g}")
     figure = Figure(figsize=(8, 8 * photograph.shape[0] / photograph.shape[1] + 0.5), layout="constrained")
@@ -100,7 +100,7 @@ def plot_geometry(
     if scene is not None:
         lines = LineCollection(list(_projected(camera, wireframe(scene))), colors="tab:cyan", linewidths=0.8)
         axes.add_collection(lines)
-    for selected, colour, label in ((fit.kept, "yellow", "used"), (~fit.kept, "red", "outliers")):
+    for selected, colour, label in ((fit.in_use, "yellow", "used"), (~fit.in_use, "red", "outliers")):
         if not np.any(selected):
             continue
         u, v = points.image_px[selected].T

@@ -258,7 +258,7 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
     camera, fit = calibration.camera, calibration.camera_fit
     if survey is not None and camera is not None and fit is not None:
         points = read_points(calibration.capture.folder / survey.points)
-        scene = calibration.capture.known_scene()
+        scene = calibration.capture.scene
         photograph = calibration.photograph
         jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
     for name, job in jobs.items():

@@ -6,7 +6,7 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, NoReturn, TypeVar
 
-__all__ = ["FrozenDict", "OwnMappings"]
+__all__ = ["FrozenDict", "FrozenMappings"]
 
 #: Type of a mapping's keys.
 Key = TypeVar("Key")
@@ -31,7 +31,7 @@ class FrozenDict(dict[Key, Value]):
         return type(self), (dict(self),)
 
 
-class OwnMappings:
+class FrozenMappings:
     """Base of frozen dataclasses with mappings among their fields.
 
     Dictionaries passed in are copied, nested ones included, and the copies are frozen. A field with ``init=False`` is

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 
 from ..chain import Stage
 
@@ -305,7 +305,7 @@ def index_of(name: str, names: Iterable[str], where: str) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class AppliedEffect(OwnMappings):
+class AppliedEffect(FrozenMappings):
     """Effect with values for all of its parameters."""
 
     #: The effect.

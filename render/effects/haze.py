@@ -52,7 +52,7 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
     hazy = _attenuated(transport, [lamp.centre for lamp in air.lamps], sigma)
     changed = light.change(transport=hazy)
 
-    from_patches = air.seen * _passed(air.centres, patches.centre, sigma)
+    from_patches = air.patch_coverage * _passed(air.centres, patches.centre, sigma)
     # by reciprocity, from the part of its view that each patch fills for a cell of air
     onto_patches = 4 * (air.volume[:, None] * from_patches).T / patches.area[:, None]
     from_each = [lamp.cells * np.exp(-sigma * np.linalg.norm(air.centres - lamp.centre, axis=1)) for lamp in air.lamps]

@@ -122,7 +122,7 @@ class DeclaredPair:
     #: Declarations for either file.
     both: Declared = AS_STATED
     #: Declarations for the first and for the second alone, in place of ``both``.
-    own: tuple[Declared, Declared] = (AS_STATED, AS_STATED)
+    by_file: tuple[Declared, Declared] = (AS_STATED, AS_STATED)
 
     def of(self, index: int) -> Declared:
         """Declarations for one of the two.
@@ -137,7 +137,7 @@ class DeclaredPair:
         Declared
             Those of this file, and those of both that it lacks.
         """
-        single = self.own[index]
+        single = self.by_file[index]
         return replace(self.both, **{name: getattr(single, name) for name in single.given()})
 
     def require_used(
@@ -158,7 +158,7 @@ class DeclaredPair:
             If a file states another value than declared, or no file needs a declaration.
         """
         require_used(self.both, [*used[0], *used[1]], {**file_values[1], **file_values[0]})
-        for name, single, applied, otherwise in zip(self.names, self.own, used, file_values, strict=True):
+        for name, single, applied, otherwise in zip(self.names, self.by_file, used, file_values, strict=True):
             require_used(single, applied, otherwise, f"{name}:")
 
 

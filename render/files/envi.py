@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.utils.frozen import OwnMappings
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT, as_cube, float32_samples
@@ -66,7 +66,7 @@ _MAX_BANDS_NAMED = 6
 
 
 @dataclass(frozen=True)
-class _Layout(OwnMappings):
+class _Layout(FrozenMappings):
     """Size, order and type of the samples in their file."""
 
     #: Number of samples by dimension y, x and wavelength.

@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .headers import Window, inside_display, listed, one_layer_hint, window_of_header
@@ -23,7 +23,7 @@ _MAX_COMPRESSION = 1100
 
 
 @dataclass(frozen=True, eq=False)
-class ExrChannels(OwnMappings):
+class ExrChannels(FrozenMappings):
     """The channels of a file, over its data window as far as it lies in the display window."""
 
     #: (y, x) float32 by name.

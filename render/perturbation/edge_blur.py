@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..image import blur
@@ -39,7 +39,7 @@ _MARGIN = 7
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeBlur(OwnMappings):
+class EdgeBlur(FrozenMappings):
     """Coverages of the faces that have a visible edge, on subpixels."""
 
     #: The picture by faces.

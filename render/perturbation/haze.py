@@ -65,7 +65,7 @@ class AirTransport:
     #: (v,) volume of air in each cell, mm^3.
     volume: NDArray[np.float64]
     #: (v, p) fraction covered by each patch, mean over the cell.
-    seen: NDArray[np.float32]
+    patch_coverage: NDArray[np.float32]
     #: (v,) fraction that meets nothing.
     escape: NDArray[np.float64]
     #: Light of each lamp.
@@ -200,7 +200,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         corner=corner,
         size=size,
         volume=free / _CELL_SAMPLES * size.prod(axis=1),
-        seen=np.array(matrix).reshape(count, -1) * share[:, None].astype(np.float32),
+        patch_coverage=np.array(matrix).reshape(count, -1) * share[:, None].astype(np.float32),
         escape=np.array(empty) * share,
         lamps=tuple(
             AirLamp(np.array(lamp_light) * share, _along_rays(tracer, lamp, eye_mm, depth, direction, seed), centre)

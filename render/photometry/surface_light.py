@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.instrument import chromaticity
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..image import RenderedImage
@@ -180,7 +180,7 @@ def surface_sums(image: RenderedImage) -> SurfaceSums:
 
 
 @dataclass(frozen=True, eq=False)
-class Photometry(OwnMappings):
+class Photometry(FrozenMappings):
     """Luminances, chromaticities and illuminances of a rendered box."""
 
     #: Sums over surfaces, lamps and picture.

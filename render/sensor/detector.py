@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 from .optics import Blur, Vignetting
@@ -128,7 +128,7 @@ class Detector:
 
 
 @dataclass(frozen=True, eq=False)
-class SensorCamera(OwnMappings):
+class SensorCamera(FrozenMappings):
     """A camera for the simulation of counts."""
 
     #: Name in messages and files.

@@ -15,7 +15,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..sensor import PACKAGED, Detector, noisy_counts, quantise
@@ -53,7 +53,7 @@ def band_filters() -> dict[str, Spectrum]:
 
 
 @dataclass(frozen=True)
-class CaptureSettings(OwnMappings):
+class CaptureSettings(FrozenMappings):
     """Settings of the laboratory; by default a cooled 12-bit camera and a 35 mm lens at f/8."""
 
     #: Name of the capture in its manifest; that of the scene where empty.

@@ -13,11 +13,11 @@ import pytest
 from cboxlab import calibration, rendering, scenes, validation
 from cboxlab.rendering.device import dr, mi
 from cboxlab.scenes import Material, cornell_box
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 
 
 @dataclass(frozen=True)
-class Owner(OwnMappings):
+class Owner(FrozenMappings):
     plain: Mapping[str, float]
     nested: Mapping[str, object]
     several: tuple[Mapping[str, float], ...] = ()
@@ -105,5 +105,5 @@ def test_every_frozen_class_with_a_dictionary_owns_it():
             told = one.init and ("dict[" in one.type or "Mapping[" in one.type) and "Callable" not in one.type
             if told and holds_dictionary(eval(one.type, names)):
                 checked += 1
-                assert issubclass(cls, OwnMappings), f"{cls.__module__}.{cls.__name__}.{one.name}"
+                assert issubclass(cls, FrozenMappings), f"{cls.__module__}.{cls.__name__}.{one.name}"
     assert checked > 30

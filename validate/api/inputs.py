@@ -112,6 +112,6 @@ def _model_of(captures: Sequence[Capture]) -> Model:
     published = Model()
     for reference, capture in states.items():
         if published.scene.origin is None or reference != published.scene.origin.reference:
-            scene = capture.known_scene() or load_scene(reference)
+            scene = capture.scene or load_scene(reference)
             return Model(scene, name=scene.name)
     return published

@@ -17,6 +17,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 
 from .. import diagnose as engine
 from ..compare import CalibratedCapture, Validation, prepare, validate_prepared, with_model
+from ..predict import effects_key
 from ..report import write_validation
 from ..study import Base, History, Prediction, State, StudyFile, predict, read_study, write_study
 from .diagnosis import DiagnosisResult
@@ -66,7 +67,7 @@ class _Pictures:
     def bases(self, effects: Sequence[AppliedEffect], progress: Progress) -> tuple[Base, ...]:
         """Rendered picture of each capture with these effects."""
         model = replace(self.model, effects=tuple(effects))
-        return self._bases.get(_effects_key(effects), lambda: self._rendered(model, progress))
+        return self._bases.get(effects_key(effects), lambda: self._rendered(model, progress))
 
     def _rendered(self, model: Model, progress: Progress) -> tuple[Base, ...]:
         count, bases = len(self.prepared), []
@@ -83,13 +84,8 @@ class _Pictures:
             bases = self.bases(state.rendered_with, progress)
             return tuple(predict(base, state.effects, refit=refit, draft=draft) for base in bases)
 
-        key = (_effects_key(state.rendered_with), _effects_key(state.effects), refit, draft)
+        key = (effects_key(state.rendered_with), effects_key(state.effects), refit, draft)
         return self._predictions.get(key, compute)
-
-
-def _effects_key(effects: Sequence[AppliedEffect]) -> tuple:
-    """Identifiers and values of effects, which decide a picture."""
-    return tuple((e.id, tuple(e.values.items())) for e in effects)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -258,7 +254,7 @@ class Study(Result):
     @property
     def rendered(self) -> bool:
         """Whether the pictures are rendered with the present effects; otherwise predicted."""
-        return _effects_key(self.history.present.rendered_with) == _effects_key(self.effects)
+        return effects_key(self.history.present.rendered_with) == effects_key(self.effects)
 
     def predictions(
         self, *, refit: bool = True, draft: bool = False, progress: Progress = NO_PROGRESS

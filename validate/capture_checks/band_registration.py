@@ -124,7 +124,7 @@ def _check_step(capture: Capture, shifts: NDArray[np.float64]) -> Iterator[Suspi
 def _shift(reference: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
     """(2,) shift of the edges of an image relative to a reference, px; NaN without common edges."""
     result = register(reference, image)
-    return result.shift_px if result.found and result.correlation > SMALLEST_CORRELATION else np.full(2, np.nan)
+    return result.shift_px if result.converged and result.correlation > SMALLEST_CORRELATION else np.full(2, np.nan)
 
 
 def _is_alike_in_halves(reference: NDArray[np.float64], image: NDArray[np.float64], shift: NDArray[np.float64]) -> bool:

@@ -67,6 +67,6 @@ def with_scene_checks(calibration: Calibration) -> Calibration:
         A note says if a known scene was not rendered for lack of a compiled variant.
     """
     suspicions = (*calibration.suspicions, *find_scene_suspicions(calibration))
-    renderable = calibration.camera_fit is not None and calibration.capture.known_scene() is not None
+    renderable = calibration.camera_fit is not None and calibration.capture.scene is not None
     notes = [] if variant.compiled() or not renderable else [NOT_RENDERED]
     return replace(calibration, suspicions=tuple(dict.fromkeys(suspicions)), notes=(*calibration.notes, *notes))

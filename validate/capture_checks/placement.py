@@ -143,7 +143,7 @@ def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion
     if np.mean(view.preview.on_surface) < SMALLEST_SCENE_SHARE:
         return
     fit = register(_mean_rendering(view), _mean_photograph(view))
-    if not fit.found or fit.correlation < SMALLEST_EDGE_CORRELATION:
+    if not fit.converged or fit.correlation < SMALLEST_EDGE_CORRELATION:
         return
     if abs(fit.magnification - 1) > LARGEST_MAGNIFICATION:
         yield Suspicion(

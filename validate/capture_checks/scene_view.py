@@ -118,7 +118,7 @@ def view_scene(
         None if scene, camera, lamp or a table of the sensor equation is missing, and for a sensor with a mosaic. None
         also for several lamps, because the capture states the spectrum of one, and without a compiled variant.
     """
-    scene = capture.known_scene()
+    scene = capture.scene
     signals = lamp_signals(capture, radiometry, channels)
     lamp = capture.manifest.lamp
     if scene is None or camera is None or signals is None or lamp is None:

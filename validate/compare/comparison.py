@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.instrument import Mask
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
 
@@ -83,7 +83,7 @@ class BandRow:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceRow(OwnMappings):
+class SurfaceRow(FrozenMappings):
     """Comparison of one surface; means over its interior are NaN without interior pixels."""
 
     #: Chi2 of all its residuals, edges included.
@@ -111,7 +111,7 @@ class SurfaceRow(OwnMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison(OwnMappings):
+class Comparison(FrozenMappings):
     """Outcome of one comparison; immutable."""
 
     #: Names of the bands.

@@ -289,7 +289,7 @@ def refine_geometry(calibration: Calibration) -> tuple[Camera, tuple[ObjectError
     InputError
         If the capture has no camera or names no scene that can be loaded, and if too few edges are found.
     """
-    scene, camera = calibration.capture.known_scene(), calibration.camera
+    scene, camera = calibration.capture.scene, calibration.camera
     where = calibration.capture.folder / "capture.toml"
     if camera is None:
         raise InputError(where, "no camera: no [geometry]", "surveyed points, to predict the edges of the box")

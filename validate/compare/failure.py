@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.image import LightShares
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .comparison import Comparison
@@ -56,7 +56,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Failure(OwnMappings):
+class Failure(FrozenMappings):
     """An entry of the list."""
 
     #: Description of the group of residuals.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.scenes.camera import Camera
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 
 __all__ = [
     "LARGEST_SHIFT_PX",
@@ -31,7 +31,7 @@ _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
-class Instrument(OwnMappings):
+class Instrument(FrozenMappings):
     """Camera and numbers of sensor and lens of a picture."""
 
     #: Camera; None where unknown.

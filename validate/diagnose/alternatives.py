@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
@@ -373,7 +373,7 @@ def _gain(residual: NDArray, predicted: NDArray, amplitude: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Cause(OwnMappings):
+class Cause(FrozenMappings):
     """One effect tried alone, to be compared with the residual."""
 
     #: Identifier of the effect.

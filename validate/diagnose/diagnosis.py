@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
@@ -39,7 +39,7 @@ from .linearised_fit import (
 from .search import Candidate
 from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import excess_of, explanation_to_report, family_beats_effects
+from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
 
@@ -64,7 +64,7 @@ _UNKNOWN_EXPLAINED = 0.02
 
 
 @dataclass(frozen=True)
-class Ranked(OwnMappings):
+class Ranked(FrozenMappings):
     """One effect tried alone."""
 
     #: Identifier of the effect.
@@ -80,7 +80,7 @@ class Ranked(OwnMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class Step(OwnMappings):
+class Step(FrozenMappings):
     """The model with the first of the selected effects."""
 
     #: The first effects, in the order of selection.
@@ -249,7 +249,7 @@ def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress
     """
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
     remains = something_remains(model, residual, residual_with_rendered(answer.linearised, effects))
-    excess = excess_of(answer.linearised, residual, capture)
+    excess = residual_data_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
@@ -258,7 +258,7 @@ def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress
         selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
-        alone = explain(excess_of(first, start.residual, capture), share(progress, 0.97, 0.99))
+        alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
             explanation, selected = alone, (UNKNOWN,)
     if selected == (UNKNOWN,):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -92,7 +92,7 @@ _MIN_DARK_ERROR_SIGMA = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Limit(OwnMappings):
+class Limit(FrozenMappings):
     """Detection limit: smallest size of an effect found in nine of ten captures like this one."""
 
     #: Identifier of the effect.

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue, names_in
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 
 __all__ = ["Hypothesis", "hypotheses"]
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis(OwnMappings):
+class Hypothesis(FrozenMappings):
     """One way for an effect to act: names and starting values chosen, the other numbers free."""
 
     #: Effect of the catalogue, its parameters' bounds adapted to the scene.

@@ -16,7 +16,7 @@ from cboxlab.rendering.effects import AppliedEffect, Parameter
 from cboxlab.rendering.model import displacement, with_further_distortion
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..predict import Predictor
@@ -45,7 +45,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate(OwnMappings):
+class Candidate(FrozenMappings):
     """A hypothesis with numbers, and how well it fits."""
 
     #: The hypothesis.

@@ -24,7 +24,7 @@ from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
 from .search import Candidate
 
-__all__ = ["excess_of", "explanation_to_report", "family_beats_effects", "is_significant_pattern"]
+__all__ = ["explanation_to_report", "family_beats_effects", "is_significant_pattern", "residual_data_of"]
 
 #: False-alarm probability of an explanation by noise alone, all families and their forms together: bound by evidence,
 #: not measured.
@@ -201,7 +201,7 @@ def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.flo
     return 2 * float(change @ residual) - square(change)
 
 
-def excess_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> ResidualData:
+def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> ResidualData:
     """Data of a residual for the explanation families.
 
     Parameters

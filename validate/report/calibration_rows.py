@@ -45,7 +45,7 @@ def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
         _row(name, value, sigma, unit)
         for (name, unit), value, sigma in zip(_CAMERA_ROWS, camera.parameters, sigmas, strict=True)
     ]
-    points = f"{int(fit.kept.sum())} of {len(fit.kept)} points"
+    points = f"{int(fit.in_use.sum())} of {len(fit.in_use)} points"
     rows.append((f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px"))
     return rows
 

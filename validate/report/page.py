@@ -14,7 +14,7 @@ from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.instrument import BandResponse
 from cboxlab.calibration.quality import Suspicion
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ..compare import COLOUR_DIFFERENCES, Comparison, band_centres
@@ -32,7 +32,7 @@ __all__ = ["ReportInputs", "build_report"]
 
 
 @dataclass(frozen=True, eq=False)
-class ReportInputs(OwnMappings):
+class ReportInputs(FrozenMappings):
     """Content of a report."""
 
     #: The comparison.

@@ -3,7 +3,7 @@
 from .blind import Answer, Score, draw_effect, open_seal, read_diagnosis, score, seal
 from .model_capture import perturbed_camera, photographed_scene, write_model_capture
 from .strengths import STRENGTHS, at_strength, scale_of
-from .varied import settled, varied_settings
+from .varied import varied_settings, with_block_offsets
 
 __all__ = [
     "STRENGTHS",
@@ -18,7 +18,7 @@ __all__ = [
     "scale_of",
     "score",
     "seal",
-    "settled",
     "varied_settings",
+    "with_block_offsets",
     "write_model_capture",
 ]

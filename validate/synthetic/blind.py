@@ -30,7 +30,7 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json, read_text
 from cboxlab.utils.table import Table
 
@@ -54,7 +54,7 @@ _MAX_NUMBER = 1e9
 
 
 @dataclass(frozen=True)
-class Answer(OwnMappings):
+class Answer(FrozenMappings):
     """Hidden effects of a capture."""
 
     #: (identifier, values by parameter) of each effect, in order.
@@ -257,7 +257,7 @@ def _is_number(value: object) -> bool:
 
 
 @dataclass(frozen=True)
-class EffectScore(OwnMappings):
+class EffectScore(FrozenMappings):
     """Score of one hidden effect."""
 
     #: Identifier of the effect.

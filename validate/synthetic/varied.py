@@ -11,7 +11,7 @@ from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.shapes import moved_on_floor
 
-__all__ = ["BlockOffset", "block_offsets", "settled", "varied_settings"]
+__all__ = ["BlockOffset", "block_offsets", "varied_settings", "with_block_offsets"]
 
 
 def varied_settings(seed: int) -> CaptureSettings:
@@ -78,7 +78,7 @@ def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
     return {block: BlockOffset(*map(float, scatter * draw.standard_normal(3))) for block in names_in(scene)["block"]}
 
 
-def settled(scene: Scene, seed: int) -> Scene:
+def with_block_offsets(scene: Scene, seed: int) -> Scene:
     """The scene with its blocks at random offsets from their surveyed positions.
 
     Parameters

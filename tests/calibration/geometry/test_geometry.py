@@ -147,7 +147,7 @@ def test_mistakes_are_found_named_and_harmless() -> None:
         points.image_px[wrong] += size[:, None] * np.stack([np.cos(direction), np.sin(direction)], -1)
         fit = fit_camera(points, **SENSOR, point_sigma_px=SIGMA_PX if trial % 2 else None, focal_length_px=NOMINAL_PX)
         assert fit.outliers == tuple(points.ids[i] for i in wrong)
-        assert not np.any(fit.kept[wrong]) and np.all(np.linalg.norm(fit.residuals_px[wrong], axis=1) > 1.0)
+        assert not np.any(fit.in_use[wrong]) and np.all(np.linalg.norm(fit.residuals_px[wrong], axis=1) > 1.0)
         total += mahalanobis_square(fit.camera, true) if trial % 2 else 0.0
     assert total < stats.chi2.isf(1e-3, 150)
 

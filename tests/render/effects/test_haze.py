@@ -28,7 +28,7 @@ def air_of(light):
         corner,
         np.broadcast_to(size, (8, 3)),
         np.full(8, size.prod()),
-        seen=random.uniform(0.05, 0.2, (8, 3)).astype(np.float32),
+        patch_coverage=random.uniform(0.05, 0.2, (8, 3)).astype(np.float32),
         escape=random.uniform(0.0, 0.1, 8),
         lamps=(AirLamp(random.uniform(0.0, 0.05, 8), random.uniform(0.0, 0.05, (*shape, STEPS)), LAMP),),
         depth=random.uniform(1000.0, 1400.0, shape),

@@ -120,7 +120,7 @@ def test_the_true_camera_lies_within_the_covariance(calibration):
     assert stats.chi2.sf(distance, len(offset)) > FALSE_ALARM
     assert fit.p_value > FALSE_ALARM
     assert fit.outliers == ()
-    assert len(fit.kept) == SETTINGS.point_count
+    assert len(fit.in_use) == SETTINGS.point_count
 
 
 def test_surveyed_points_are_corners_and_places_in_sight_at_several_depths(scene):

@@ -28,7 +28,7 @@ from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
-from cboxlab.validation.diagnose.unexplained import excess_of
+from cboxlab.validation.diagnose.unexplained import residual_data_of
 from cboxlab.validation.predict.predictor import averaged_on_faces
 from cboxlab.validation.report.diagnosis import (
     diagnosis_record,
@@ -295,7 +295,7 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     # a picture rendered with it: what remains is explained with the paints of that scene
     linearised = linearised_fit(outcome[0].prepared, outcome[0].rendered, ())
     there = replace(linearised, predictor=replace(predictor, included=(effect,)))
-    excess = excess_of(there, linearised.model.residual, outcome[0].prepared.calibration.capture)
+    excess = residual_data_of(there, linearised.model.residual, outcome[0].prepared.calibration.capture)
     np.testing.assert_allclose(excess.moved, there.scale * there.derivative[7:9], rtol=1e-5)
     assert len(excess.transport.reflectance) == len(predictor.scene.materials) + 2  # the new paint and the lamp
 

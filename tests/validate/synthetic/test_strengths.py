@@ -11,7 +11,7 @@ from cboxlab.rendering.synthetic import CaptureSettings, band_filters
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.strengths import at_strength, scale_of
-from cboxlab.validation.synthetic.varied import settled, varied_settings
+from cboxlab.validation.synthetic.varied import varied_settings, with_block_offsets
 
 BANDS = tuple(band_filters())
 
@@ -62,7 +62,7 @@ def test_laboratories_vary_by_seed_and_repeat():
     moved = np.concatenate(
         [
             (
-                settled(cornell_box(), seed).surface("tall-block").vertices_mm
+                with_block_offsets(cornell_box(), seed).surface("tall-block").vertices_mm
                 - cornell_box().surface("tall-block").vertices_mm
             )
             for seed in range(20)

@@ -71,7 +71,7 @@ def capture(
     from cboxlab.rendering.synthetic import CaptureSettings
     from cboxlab.utils.files import replacing_folder
 
-    from ...synthetic import perturbed_camera, seal, settled, varied_settings, write_model_capture
+    from ...synthetic import perturbed_camera, seal, varied_settings, with_block_offsets, write_model_capture
 
     error = positive_number(noise, "--noise")
     for option, value in (("--effects", effects), ("--strength", strength)):
@@ -105,7 +105,7 @@ def capture(
                 number,
                 relative_error=error,
                 progress=report,
-                box=(lambda scene: settled(scene, number)) if hide else (lambda scene: scene),
+                box=(lambda scene: with_block_offsets(scene, number)) if hide else (lambda scene: scene),
             )
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)

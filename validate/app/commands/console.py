@@ -116,7 +116,7 @@ def declared_pair(declare: list[str] | None, sides: tuple[str, str] | tuple[()])
             raise InputError("--declare", "scale without units", "scale and the units of the scaled values")
     first, second = sides or ("", "")
     pair = DeclaredPair((first, second), _declared(values[""]))
-    return replace(pair, own=(_declared(values[first]), _declared(values[second]))) if sides else pair
+    return replace(pair, by_file=(_declared(values[first]), _declared(values[second]))) if sides else pair
 
 
 def _declared(values: dict[str, str]) -> Declared:

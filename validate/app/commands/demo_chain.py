@@ -100,7 +100,7 @@ def _print_steps(result: Validation) -> None:
     camera = result.prepared.calibrated_camera
     position = ", ".join(f"{x:.1f}" for x in camera.position_mm)
     say(
-        f"2. Camera, from {int(survey.kept.sum())} surveyed points: position ({position}) mm, focal length "
+        f"2. Camera, from {int(survey.in_use.sum())} surveyed points: position ({position}) mm, focal length "
         f"{camera.focal_length_px:.1f} px. The reprojection rms is {survey.reprojection_rms_px:.3f} px per coordinate; "
         f"the stated noise is {survey.point_sigma_px:.2f} px."
     )

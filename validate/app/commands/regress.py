@@ -88,7 +88,7 @@ def regress(
 
 
 def _print(outcome: Outcome) -> None:
-    from ...compare_renders.regress import UNKNOWN, as_percent, told_change
+    from ...compare_renders.regress import UNKNOWN, as_percent, change_text
 
     whole = outcome.whole
     size = as_percent(whole.difference, "the baseline", unit="%")
@@ -109,7 +109,7 @@ def _print(outcome: Outcome) -> None:
         for index, named in enumerate(outcome.named[:3]):
             start = "Cause" if named.change == UNKNOWN else "Named" if named.fits else "Most like"
             start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
-            say(f"{start}: {told_change(named)}, probability {named.probability:.2f}")
+            say(f"{start}: {change_text(named)}, probability {named.probability:.2f}")
         if outcome.fits is not None and outcome.left_chi2_per_number == outcome.left_chi2_per_number:
             fit = "it fits" if outcome.fits else "it does not fit"
             say(f"The best name leaves a χ² per number of {outcome.left_chi2_per_number:.2f} (noise: about 1): {fit}.")

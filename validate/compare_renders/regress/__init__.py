@@ -7,10 +7,10 @@ from .outcome import (
     NamedChange,
     Outcome,
     as_percent,
+    change_text,
     github_lines,
     name_line,
     summary,
-    told_change,
     write_junit,
 )
 from .pooled import SYSTEMATIC, PooledMean
@@ -32,6 +32,7 @@ __all__ = [
     "View",
     "as_percent",
     "assert_same_light",
+    "change_text",
     "cube_paths",
     "cut_camera",
     "cut_side",
@@ -46,6 +47,5 @@ __all__ = [
     "side_of",
     "strata_of",
     "summary",
-    "told_change",
     "write_junit",
 ]

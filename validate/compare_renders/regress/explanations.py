@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment, minimize_scalar
@@ -48,7 +48,7 @@ _MIN_WAVELENGTHS = 4
 
 
 @dataclass(frozen=True)
-class Explanation(OwnMappings):
+class Explanation(FrozenMappings):
     """A fitted explanation of a change."""
 
     #: Identifier of the change.

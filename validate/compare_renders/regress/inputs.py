@@ -23,7 +23,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ...predict import transported
 from .naming import named_changes
-from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, told_change
+from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
 from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
 from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
@@ -222,7 +222,7 @@ def assert_same_light(
     ]
     for change in outcome.named[:_MAX_LISTED_CHANGES]:
         label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
-        lines.append(f"  {label}: {told_change(change)} ({change.probability:.2f})")
+        lines.append(f"  {label}: {change_text(change)} ({change.probability:.2f})")
     raise AssertionError("\n".join(lines))
 
 

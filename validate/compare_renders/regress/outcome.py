@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.stats import t
 
@@ -22,10 +22,10 @@ __all__ = [
     "NamedChange",
     "Outcome",
     "as_percent",
+    "change_text",
     "github_lines",
     "name_line",
     "summary",
-    "told_change",
     "write_junit",
 ]
 
@@ -41,7 +41,7 @@ _EQUIVALENCE_TAIL = 0.05
 
 
 @dataclass(frozen=True)
-class NamedChange(OwnMappings):
+class NamedChange(FrozenMappings):
     """One explanation of a change, with its probability."""
 
     #: Identifier of the change; "unknown" where no explanation fits.
@@ -57,7 +57,7 @@ class NamedChange(OwnMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome(OwnMappings):
+class Outcome(FrozenMappings):
     """Verdict on two pictures, with its tests and the named change."""
 
     #: Source of the baseline.
@@ -224,7 +224,7 @@ def as_percent(difference: float, of: str, form: str = "+.3f", unit: str = "") -
     return f"{remaining:.3g} of {of}" if 0 < remaining < _LITTLE_LIGHT else f"{100 * difference:{form}}{unit}"
 
 
-def told_change(change: NamedChange) -> str:
+def change_text(change: NamedChange) -> str:
     """Change and parameters as text.
 
     Parameters
@@ -258,12 +258,12 @@ def name_line(outcome: Outcome) -> str:
         return ""
     first, name = outcome.named[0], outcome.best_name
     if first.fits and first.change != UNKNOWN:
-        return f"named {told_change(first)}"
+        return f"named {change_text(first)}"
     if name is None:
-        return f"cause {told_change(first)}"
-    cause = f"cause {told_change(first)}, " if first.change == UNKNOWN else ""
+        return f"cause {change_text(first)}"
+    cause = f"cause {change_text(first)}, " if first.change == UNKNOWN else ""
     remainder = "" if name.fits else f", which leaves {name.chi2:.2g} times the noise"
-    return f"{cause}most like {told_change(name)}{remainder}"
+    return f"{cause}most like {change_text(name)}{remainder}"
 
 
 def _written(value: Any, digits: int) -> str:

@@ -26,7 +26,7 @@ from cboxlab.rendering.files import (
 )
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 __all__ = [
@@ -58,7 +58,7 @@ class SurfaceMap:
 
 
 @dataclass(frozen=True, eq=False)
-class Side(OwnMappings):
+class Side(FrozenMappings):
     """One picture of a regression."""
 
     #: Name for messages: files, or a command.

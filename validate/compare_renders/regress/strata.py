@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.image import high_pass
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, median_filter, minimum_filter
 
@@ -29,7 +29,7 @@ _EDGE_SIGMAS = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Strata(OwnMappings):
+class Strata(FrozenMappings):
     """Parts of a picture, as masks (y, x)."""
 
     #: Pixels with light.

@@ -16,7 +16,7 @@ from cboxlab.rendering.files import NOTES
 from cboxlab.rendering.integrators import BATCHES, RenderJob, render
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ _AGREEMENT_SIGMAS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Judged(OwnMappings):
+class Judged(FrozenMappings):
     """Comparison of one renderer with ours."""
 
     #: Identifier of the renderer.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
@@ -34,7 +34,7 @@ _MIN_PIXELS = 12
 
 
 @dataclass(frozen=True)
-class Reference(OwnMappings):
+class Reference(FrozenMappings):
     """Mean light of a picture."""
 
     #: Mean radiance by pool: "surface: floor", "band: 550", "whole picture". It is summed over bands, except of a band.

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import WaveMap
-from cboxlab.utils.frozen import OwnMappings
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array
@@ -37,7 +37,7 @@ _Change = Literal["reflectance", "light", "incidence"]
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothSurfaceMaps(OwnMappings):
+class SmoothSurfaceMaps(FrozenMappings):
     """Smooth maps on every surface; the first map of each surface is 1 everywhere on it.
 
     Changes of the signal are computed on request: all of them would be a hundred images for each band.

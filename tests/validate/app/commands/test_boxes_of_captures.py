@@ -46,7 +46,7 @@ def test_a_captures_own_scene_is_its_model(own_capture, tmp_path, monkeypatch, c
     """Whatever folder the program runs in; a misspelt file is no published box."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "box.toml").write_text("another file")
-    assert load_capture(own_capture).known_scene() is not None
+    assert load_capture(own_capture).scene is not None
     model, _ = console.load_inputs(None, [own_capture])
     assert (model.scene.origin.reference, capsys.readouterr().err) == (str(own_capture / "box.toml"), "")
     with pytest.raises(InputError, match="captures of one box"):

@@ -20,7 +20,7 @@ from cboxlab.rendering.model import labelled_cube
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
-from cboxlab.validation.compare_renders.regress import NamedChange, assert_same_light, told_change
+from cboxlab.validation.compare_renders.regress import NamedChange, assert_same_light, change_text
 from cboxlab.validation.compare_renders.regress.inputs import regress_inputs
 from cboxlab.validation.synthetic import perturbed_camera
 from helpers.rgbe import write_rgbe
@@ -204,4 +204,4 @@ def test_a_dark_picture_is_told_as_a_part(pictures, capsys):
 
 def test_parameters_are_told_with_five_digits():
     change = NamedChange("lamp-spectrum", {"factor_by_nm": {"X": 1.0031623456789012, "Y": 1.0}, "order": ["a", 2]}, 1.0)
-    assert told_change(change) == "lamp-spectrum (factor_by_nm {X: 1.0032, Y: 1}, order [a, 2])"
+    assert change_text(change) == "lamp-spectrum (factor_by_nm {X: 1.0032, Y: 1}, order [a, 2])"
