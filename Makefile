@@ -14,7 +14,8 @@ demo: $(INSTALLED)
 	$(BIN)/cbox demo
 
 test: lint
-	$(BIN)/pytest
+	@# two test processes share the cores
+	OMP_NUM_THREADS=1 $(BIN)/pytest
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

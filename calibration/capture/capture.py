@@ -260,7 +260,10 @@ class Capture:
 
     @cached_property
     def scene(self) -> Scene | None:
-        """Scene that the manifest states, read once; None if it states none or the scene cannot be loaded."""
+        """Scene that the manifest states, read once.
+
+        None if the manifest states no scene, or the scene cannot be loaded.
+        """
         try:
             return None if self.scene_reference is None else load_scene(self.scene_reference)
         except (InputError, OSError):

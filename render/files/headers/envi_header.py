@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
@@ -26,7 +27,7 @@ _LINE_END = re.compile(r"\r\n|\n|\r")
 
 
 @dataclass(frozen=True)
-class EnviHeader:
+class EnviHeader(FrozenMappings):
     """The entries of a header, and its file for messages."""
 
     #: File of the header.
