@@ -77,7 +77,10 @@ def parse_xml(source: InstrumentText) -> XmlElement:
         here = {_local(key): value for key, value in attributes.items()}
         element = XmlElement(_local(name), here, parser.CurrentLineNumber)
         if len(stack) > _MAX_DEPTH:
-            raise InputError(source.at(element.line), "elements nested too deeply", f"at most {_MAX_DEPTH} levels")
+            hint = "Export the file again."
+            raise InputError(
+                source.at(element.line), "elements nested too deeply", f"at most {_MAX_DEPTH} levels", hint
+            )
         stack[-1].children.append(element)
         stack.append(element)
 

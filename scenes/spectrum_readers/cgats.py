@@ -60,7 +60,10 @@ def _block(source: InstrumentText, name: str) -> list[tuple[int, list[str]]]:
         try:
             cells = [cell.strip() for cell in line.strip().split("\t")] if "\t" in line else shlex.split(line)
         except ValueError:
-            raise InputError(source.at(index + 1), "a quotation without end", "quotation marks in pairs") from None
+            hint = "Correct the line."
+            raise InputError(
+                source.at(index + 1), "a quotation without end", "quotation marks in pairs", hint
+            ) from None
         rows.append((index + 1, [cell.strip('"') for cell in cells]))
     return rows
 

@@ -58,10 +58,9 @@ def import_(
     for note in content.notes:
         say(note)
     _print_spectra(selected)
-    for unit in sorted(
-        {s.unit for s in selected if s.quantity not in _WITHOUT_POWER and s.unit not in ("", _RADIANCE)}
-    ):
-        say(f"The unit {unit} is kept: as a lamp's radiance, {_RADIANCE} is meant, these values are relative.")
+    powers = [spectrum for spectrum in selected if spectrum.quantity not in _WITHOUT_POWER]
+    for unit in sorted({spectrum.unit for spectrum in powers} - {"", _RADIANCE}):
+        say(f"The values stay in {unit}. A lamp's radiance is read as {_RADIANCE}; in another unit it is relative.")
     if out is not None:
         _write_csv(file, out, selected)
         say(f"Table: {out}")
