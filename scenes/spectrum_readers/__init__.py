@@ -1,4 +1,4 @@
-"""Readers of spectra as instruments write them: one file per format, recognised by its content."""
+"""Readers of instruments' spectra, one module per format, recognised by content."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ def catalogue() -> dict[str, SpectrumReader]:
 
 
 def is_plain_table(path: Path) -> bool:
-    """Whether a file is a CSV with the first column ``wavelength_nm``, which is read without these readers.
+    """Whether a file is a CSV with the first column ``wavelength_nm``.
+
+    Such a table is read without these readers.
 
     Parameters
     ----------
@@ -87,8 +89,8 @@ def recognised_reader(source: InstrumentText) -> SpectrumReader:
     """
     fitting = [reader for reader in catalogue().values() if reader.recognises(source)]
     if len(fitting) > 1:
-        found = f"the marks of {' and of '.join(reader.name for reader in fitting)}"
-        raise InputError(source.path, found, "the marks of one format", "Export the spectrum again.")
+        fault = f"the marks of {' and of '.join(reader.name for reader in fitting)}"
+        raise InputError(source.path, fault, "the marks of one format", "Export the spectrum again.")
     return fitting[0] if fitting else catalogue()[_FALLBACK]
 
 

@@ -1,4 +1,4 @@
-"""Tables of numbers in text: separator and decimal mark, found from the rows and never assumed."""
+"""Tables of numbers in text. Their rows decide separator and decimal mark."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from cboxlab.utils.errors import InputError
 
-from ._spectrum_reader import InstrumentText, decimal_number
+from ._spectrum_reader import LONGEST_NM, InstrumentText, decimal_number
 
 __all__ = ["NumberTable", "Style", "find_table", "numeric_rows", "split_cells"]
 
@@ -105,17 +105,18 @@ def _style(source: InstrumentText, lines: Sequence[tuple[int, str]]) -> tuple[St
             best = style, rows
         elif rows and len(rows) == len(best[1]) and rows != best[1]:
             where = source.at(next(iter(rows)))
-            found = "rows that can be read with two separators or decimal marks"
+            fault = "rows that can be read with two separators or decimal marks"
             hint = "Save the table with semicolons or tabs between its columns."
-            raise InputError(where, found, "one reading", hint)
+            raise InputError(where, fault, "one reading", hint)
     if best[0].decimal == ",":
-        cells = [
-            cell for n, line in lines if n in best[1] for cell in split_cells(line, best[0].separator) if "," in cell
-        ]
-        if cells and all(map(_THOUSANDS.fullmatch, cells)):
-            found = f"'{cells[0]}', a decimal comma or a separator of thousands"
+        table = [split_cells(line, best[0].separator) for number, line in lines if number in best[1]]
+        texts = [text for cells in table for text in cells if "," in text]
+        # 400,000 in the first column is no wavelength of 400000 nm
+        far = any("," in cells[0] and float(cells[0].replace(",", "")) > LONGEST_NM for cells in table)
+        if texts and not far and all(_THOUSANDS.fullmatch(text) for text in texts):
+            fault = f"'{texts[0]}', a decimal comma or a separator of thousands"
             hint = "Write decimal points, and no separators of thousands."
-            raise InputError(source.at(next(iter(best[1]))), found, "numbers that can be read in one way", hint)
+            raise InputError(source.at(next(iter(best[1]))), fault, "numbers that can be read in one way", hint)
     return best
 
 
@@ -146,8 +147,8 @@ def numeric_rows(
     _, rows = _style(source, lines)
     for number, line in lines:
         if len(rows.get(number, [])) != columns:
-            found, expected = f"'{line.strip()[:40]}'", f"{columns} finite numbers"
-            raise InputError(source.at(number), found, expected, "Remove or correct the row.")
+            fault, expected = f"'{line.strip()[:40]}'", f"{columns} finite numbers"
+            raise InputError(source.at(number), fault, expected, "Remove or correct the row.")
     return [(number, rows[number]) for number, _ in lines]
 
 
@@ -169,10 +170,10 @@ def find_table(source: InstrumentText) -> NumberTable:
     InputError
         For no table, a second one, a line within it that is no row, and rows of different lengths.
     """
-    stated = [(n, line) for n, line in enumerate(source.lines, start=1) if line.strip()]
-    comments = [(n, line.strip().strip('"').lstrip("#/! ")) for n, line in stated if line.strip().startswith(_COMMENTS)]
+    filled = [(n, line) for n, line in enumerate(source.lines, start=1) if line.strip()]
+    comments = [(n, line.strip().strip('"').lstrip("#/! ")) for n, line in filled if line.strip().startswith(_COMMENTS)]
     numbers = {n for n, _ in comments}
-    lines = [(n, line) for n, line in stated if n not in numbers]
+    lines = [(n, line) for n, line in filled if n not in numbers]
     style, rows = _style(source, lines)
     if not rows:
         expected = "a spectrum: rows of a wavelength and values"
@@ -190,16 +191,16 @@ def find_table(source: InstrumentText) -> NumberTable:
     first, last = position[table[0]], position[table[-1]]
     for number in table:
         if len(rows[number]) != width:
-            found, expected = f"{len(rows[number])} cells", f"{width} as in line {table[0]}"
-            raise InputError(source.at(number), found, expected, "Correct the row.")
+            fault, expected = f"{len(rows[number])} cells", f"{width} as in line {table[0]}"
+            raise InputError(source.at(number), fault, expected, "Correct the row.")
     others = [n for block in blocks if block is not table for n in block if len(rows[n]) == width]
     around = [lines[k] for k in (first - 1, last + 1) if 0 <= k < len(lines)]
     for number, line in around:
         cells = split_cells(line, style.separator)
         within = (others and table[0] < others[0] and number > table[-1]) or (others and others[-1] < table[0] > number)
         if within or (number not in rows and len(cells) > 1 and _NUMBER_LIKE.fullmatch(cells[0])):
-            found, hint = f"'{line.strip()[:40]}'", "Remove or correct the row."
-            raise InputError(source.at(number), found, f"a row of {width} finite numbers", hint)
+            fault, hint = f"'{line.strip()[:40]}'", "Remove or correct the row."
+            raise InputError(source.at(number), fault, f"a row of {width} finite numbers", hint)
     if others:
         hint = "Keep one table in the file."
         raise InputError(source.at(others[0]), "numbers outside the table", f"one table, from line {table[0]}", hint)

@@ -1,4 +1,4 @@
-"""Records of the spectrum readers: the reader of a format, the text of a file, and its spectra."""
+"""Records of the spectrum readers: reader, text of a file, spectra."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 __all__ = [
+    "LONGEST_NM",
     "InstrumentFile",
     "InstrumentText",
     "MeasuredSpectrum",
@@ -23,9 +24,10 @@ __all__ = [
     "unique_names",
 ]
 
-#: Shortest and longest wavelength, nm: instruments measure from the vacuum ultraviolet to the thermal infrared. A table
-#: beyond is in another unit than it states.
-_RANGE_NM = (100.0, 25000.0)
+#: Longest wavelength, nm: instruments end in the thermal infrared.
+LONGEST_NM = 25000.0
+#: Shortest and longest wavelength, nm, from the vacuum ultraviolet. A table beyond is in another unit than it states.
+_RANGE_NM = (100.0, LONGEST_NM)
 #: Largest reflectance or transmittance read as a fraction: a fluorescent paint stays below; per cent do not.
 _LARGEST_FRACTION = 2.0
 #: Quantities that are fractions of the incident light.
@@ -52,7 +54,18 @@ class InstrumentText:
         return self.text.split("\n")
 
     def at(self, line: int) -> str:
-        """File and line for a fault; the first line has the number 1."""
+        """File and line, for a fault.
+
+        Parameters
+        ----------
+        line
+            Number of the line, from 1.
+
+        Returns
+        -------
+        str
+            "FILE: line NUMBER".
+        """
         return f"{self.path}: line {line}"
 
 
@@ -179,8 +192,8 @@ def measured_spectrum(
     Raises
     ------
     InputError
-        For fewer than two samples, wavelengths out of order or range, per cent of an unnamed quantity, and values
-        above 2 of a reflectance or transmittance that is not stated in per cent.
+        For fewer than two samples, wavelengths out of order or range, and per cent of an unnamed quantity. Also for
+        values above 2 of a reflectance or transmittance that is not stated in per cent.
     """
     name = " ".join(name.replace(":", "-").split())[:80]
     if len(rows) < 2:
@@ -194,9 +207,9 @@ def measured_spectrum(
     wrong = np.flatnonzero(sign * np.diff(wavelength) <= 0)
     if wrong.size:
         at = int(wrong[0])
-        found = f"{wavelength[at + 1]:g} nm after {wavelength[at]:g} nm"
+        fault = f"{wavelength[at + 1]:g} nm after {wavelength[at]:g} nm"
         expected = "wavelengths that only ascend or only descend"
-        raise InputError(source.at(lines[at + 1]), found, expected, "Remove repeated or misplaced rows.")
+        raise InputError(source.at(lines[at + 1]), fault, expected, "Remove repeated or misplaced rows.")
     outside = np.flatnonzero((wavelength < _RANGE_NM[0]) | (wavelength > _RANGE_NM[1]))
     if outside.size:
         at = int(outside[0])
@@ -204,14 +217,14 @@ def measured_spectrum(
         hint = "Correct the unit of the wavelengths in the file."
         raise InputError(source.at(lines[at]), f"a wavelength of {wavelength[at]:g} nm", expected, hint)
     if per_cent and not is_fraction(quantity):
-        found = f"per cent in '{name}', without the quantity"
+        fault = f"per cent in '{name}', without the quantity"
         hint = "Name the column for its quantity, such as 'Reflectance (%)', or divide it by 100 and remove the '%'."
-        raise InputError(source.at(lines[0]), found, "per cent of a reflectance or a transmittance", hint)
+        raise InputError(source.at(lines[0]), fault, "per cent of a reflectance or a transmittance", hint)
     if is_fraction(quantity) and not per_cent and values.max() > _LARGEST_FRACTION:
         at = int(np.argmax(values))
-        found = f"a {quantity} of {values[at]:g} at {wavelength[at]:g} nm"
+        fault = f"a {quantity} of {values[at]:g} at {wavelength[at]:g} nm"
         hint = "If the values are per cent, write '%' into the header or the unit of the column."
-        raise InputError(source.at(lines[at]), found, "fractions, or per cent stated by the file", hint)
+        raise InputError(source.at(lines[at]), fault, "fractions, or per cent stated by the file", hint)
     factor = 0.01 if per_cent else 1.0
     order = slice(None) if sign > 0 else slice(None, None, -1)
     scaled = values / 100.0 if per_cent else values
@@ -243,6 +256,6 @@ def unique_names(source: InstrumentText, spectra: Sequence[MeasuredSpectrum]) ->
         raise InputError(source.path, "no spectrum", "at least one spectrum", "Export it with its spectral data.")
     for index, name in enumerate(names):
         if not name or name in names[:index]:
-            found = f"the name '{name}' a second time" if name else "a spectrum without name"
-            raise InputError(source.path, found, "a different name for each spectrum", "Rename it in the file.")
+            fault = f"the name '{name}' a second time" if name else "a spectrum without name"
+            raise InputError(source.path, fault, "a different name for each spectrum", "Rename it in the file.")
     return tuple(spectra)

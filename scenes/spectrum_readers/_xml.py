@@ -1,4 +1,4 @@
-"""Elements of XML files with their line numbers; document types, and so entities, are refused."""
+"""Elements of XML files with their line numbers. Document types are refused."""
 
 from __future__ import annotations
 
@@ -37,14 +37,36 @@ class XmlElement:
         return "".join(self.pieces).strip()
 
     def all(self, name: str) -> Iterator[XmlElement]:
-        """Elements of a name at any depth, in the order of the file."""
+        """Elements of a name at any depth, in the order of the file.
+
+        Parameters
+        ----------
+        name
+            Local name.
+
+        Yields
+        ------
+        XmlElement
+            Each element, before those within it.
+        """
         for child in self.children:
             if child.name == name:
                 yield child
             yield from child.all(name)
 
     def text_of(self, name: str) -> str:
-        """Text of the first element of a name; empty if there is none."""
+        """Text of the first element of a name.
+
+        Parameters
+        ----------
+        name
+            Local name.
+
+        Returns
+        -------
+        str
+            The text; empty if there is no such element.
+        """
         return next((element.text for element in self.all(name)), "")
 
 
@@ -74,8 +96,8 @@ def parse_xml(source: InstrumentText) -> XmlElement:
     stack = [XmlElement("", {}, 0)]
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        here = {_local(key): value for key, value in attributes.items()}
-        element = XmlElement(_local(name), here, parser.CurrentLineNumber)
+        local = {_local(key): value for key, value in attributes.items()}
+        element = XmlElement(_local(name), local, parser.CurrentLineNumber)
         if len(stack) > _MAX_DEPTH:
             hint = "Export the file again."
             raise InputError(
@@ -96,6 +118,6 @@ def parse_xml(source: InstrumentText) -> XmlElement:
         parser.Parse(source.text.lstrip().encode("utf-8"), True)
     except expat.ExpatError as error:
         hint = "The file is damaged or truncated: export it again."
-        where, found = source.at(error.lineno), f"a fault in the XML, {expat.errors.messages[error.code]}"
-        raise InputError(where, found, "well-formed XML", hint) from None
+        where, fault = source.at(error.lineno), f"a fault in the XML, {expat.errors.messages[error.code]}"
+        raise InputError(where, fault, "well-formed XML", hint) from None
     return stack[0].children[0]

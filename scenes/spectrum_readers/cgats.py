@@ -1,9 +1,8 @@
-"""CGATS text files of X-Rite and ArgyllCMS (.txt, .ti3, .sp): one spectrum in each set of data."""
+"""CGATS text files of X-Rite and ArgyllCMS (.txt, .ti3, .sp)."""
 
 from __future__ import annotations
 
 import re
-import shlex
 
 from cboxlab.utils.errors import InputError
 
@@ -20,6 +19,8 @@ from ._spectrum_reader import (
 _BAND = re.compile(
     r"(SPEC_|SPECTRAL_?|SPECTRAL_NM_?|NM_?|R_|SPECTRAL_DEC_?|SPECTRAL_PCT_?)(\d{3,4}(?:\.\d+)?)(NM)?", re.I
 )
+#: Cell of a line with white space between its cells.
+_CELL = re.compile(r'"[^"]*"|\S+')
 #: Fields that name a set of data, the most telling first.
 _NAMES = ("SAMPLE_NAME", "SAMPLE_ID", "SAMPLEID", "SAMPLE_LOC")
 #: By value of MEAS_TYPE (.sp) or DEVICE_CLASS (.ti3) of ArgyllCMS, the quantity.
@@ -49,22 +50,19 @@ def _block(source: InstrumentText, name: str) -> list[tuple[int, list[str]]]:
     begins, ends = marks
     if len(begins) != 1 or len(ends) != 1 or ends[0] < begins[0]:
         line = (begins or ends or [0])[-1] + 1
-        found = f"{len(begins)} BEGIN_{name} and {len(ends)} END_{name}"
+        fault = f"{len(begins)} BEGIN_{name} and {len(ends)} END_{name}"
         hint = "Export the file again, or keep one table of it."
-        raise InputError(source.at(line), found, "one of each, in this order", hint)
+        raise InputError(source.at(line), fault, "one of each, in this order", hint)
     rows = []
-    for index in range(begins[0] + 1, ends[0]):
-        line = source.lines[index]
-        if not line.strip() or line.lstrip().startswith("#"):
+    for number in range(begins[0] + 2, ends[0] + 1):
+        text = source.lines[number - 1]
+        if not text.strip() or text.lstrip().startswith("#"):
             continue
-        try:
-            cells = [cell.strip() for cell in line.strip().split("\t")] if "\t" in line else shlex.split(line)
-        except ValueError:
+        if text.count('"') % 2:
             hint = "Correct the line."
-            raise InputError(
-                source.at(index + 1), "a quotation without end", "quotation marks in pairs", hint
-            ) from None
-        rows.append((index + 1, [cell.strip('"') for cell in cells]))
+            raise InputError(source.at(number), "a quotation without end", "quotation marks in pairs", hint)
+        cells = text.strip().split("\t") if "\t" in text else _CELL.findall(text)
+        rows.append((number, [cell.strip().strip('"') for cell in cells]))
     return rows
 
 
@@ -78,7 +76,10 @@ def _keyword(source: InstrumentText, name: str) -> tuple[int, str]:
 
 
 def _is_per_cent(source: InstrumentText, fields: list[str], quantity: str) -> bool:
-    """Whether values are per cent: by SPECTRAL_NORM, by the names of the fields, or by the definition of .ti3."""
+    """Whether values are per cent.
+
+    SPECTRAL_NORM decides, then the names of the fields, then the definition of .ti3 files.
+    """
     line, norm = _keyword(source, "SPECTRAL_NORM")
     if norm:
         scale = decimal_number(norm, f"{source.at(line)}, SPECTRAL_NORM")
@@ -114,8 +115,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
         raise InputError(source.at(line), f"NUMBER_OF_SETS {sets[:20]}", f"{len(rows)}, the sets of the file", hint)
     for number, cells in rows:
         if len(cells) != len(fields):
-            found, expected = f"{len(cells)} cells", f"{len(fields)}, as in the data format"
-            raise InputError(source.at(number), found, expected, "Export the file again.")
+            fault, expected = f"{len(cells)} cells", f"{len(fields)}, as in the data format"
+            raise InputError(source.at(number), fault, expected, "Export the file again.")
     names = _names(fields, [cells for _, cells in rows])
     spectra = []
     for name, (number, cells) in zip(names, rows, strict=True):
@@ -129,7 +130,10 @@ def _read(source: InstrumentText) -> InstrumentFile:
 
 
 def _names(fields: list[str], rows: list[list[str]]) -> list[str]:
-    """Names of the sets: the first field of names that differ; the number of the set where no field has them."""
+    """Names of the sets.
+
+    From the first field whose cells all differ; the number of the set if there is no such field.
+    """
     columns = {field.upper(): k for k, field in enumerate(fields)}
     for field in _NAMES:
         if field in columns:

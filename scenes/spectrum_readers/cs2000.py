@@ -1,4 +1,4 @@
-"""Konica Minolta CS-2000 files of CS-S10w: measurements in rows, radiances in columns named for wavelengths."""
+"""Konica Minolta CS-2000 files: measurements in rows, wavelengths in columns."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ._delimited import split_cells
 from ._spectrum_reader import (
     InstrumentFile,
     InstrumentText,
+    MeasuredSpectrum,
     SpectrumReader,
     decimal_number,
     measured_spectrum,
@@ -51,14 +52,14 @@ def _read(source: InstrumentText) -> InstrumentFile:
     if unit is None:
         hint = "Export it with its units, or write 'W/(sr m2 nm)' above the header."
         raise InputError(source.at(index + 1), "radiances without a unit", "a unit in the lines above", hint)
-    spectra = []
+    spectra: list[MeasuredSpectrum] = []
     for number, line in enumerate(source.lines[index + 1 :], start=index + 2):
         cells = split_cells(line, separator)
         if not cells:
             continue
         if len(cells) != len(names):
-            found, expected = f"{len(cells)} cells", f"{len(names)} as in the header, line {index + 1}"
-            raise InputError(source.at(number), found, expected, "Export the file again.")
+            fault, expected = f"{len(cells)} cells", f"{len(names)} as in the header, line {index + 1}"
+            raise InputError(source.at(number), fault, expected, "Export the file again.")
         decimal = "," if separator != "," and any("," in cells[k] for k in bands) else "."
         rows = [(number, at, decimal_number(cells[k], source.at(number), decimal)) for k, at in bands.items()]
         name = cells[label] if label is not None else f"radiance {len(spectra) + 1}"

@@ -43,12 +43,12 @@ def _spectrum(
 ) -> MeasuredSpectrum:
     where = source.at(element.line)
     reference = element.attributes.get("ColorSpecification", "")
-    stated = {**steps.get(reference, {}), **element.attributes}
+    limits = {**steps.get(reference, {}), **element.attributes}
     for key in ("StartWL", "Increment"):
-        if key not in stated:
+        if key not in limits:
             hint = f"Add Increment and StartWL to the WavelengthRange of ColorSpecification '{reference[:40]}'."
             raise InputError(where, f"no {key} for '{name[:40]}'", f"a {key} in nm", hint)
-    first, step = (decimal_number(stated[key], f"{where}, {key}") for key in ("StartWL", "Increment"))
+    first, step = (decimal_number(limits[key], f"{where}, {key}") for key in ("StartWL", "Increment"))
     values = [decimal_number(cell, where) for cell in element.text.split()]
     rows = [(element.line, first + index * step, value) for index, value in enumerate(values)]
     quantity = _QUANTITIES[element.name]

@@ -1,4 +1,4 @@
-"""Ocean Optics text of SpectraSuite and OceanView: a header, a mark, then wavelength and value."""
+"""Ocean Optics text of SpectraSuite and OceanView."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def _read(source: InstrumentText) -> InstrumentFile:
     begins = [k for k, line in enumerate(source.lines) if _BEGIN.fullmatch(line)]
     ends = [k for k, line in enumerate(source.lines) if _END.fullmatch(line)]
     if len(begins) != 1 or len(ends) > 1 or (ends and ends[0] < begins[0]):
-        found = f"{len(begins)} marks 'Begin Spectral Data' and {len(ends)} marks 'End'"
+        fault = f"{len(begins)} marks 'Begin Spectral Data' and {len(ends)} marks 'End'"
         hint = "Export one spectrum to a file."
-        raise InputError(source.at(begins[-1] + 1), found, "one, and at most one after it", hint)
+        raise InputError(source.at(begins[-1] + 1), fault, "one, and at most one after it", hint)
     begin, end = begins[0], ends[0] if ends else len(source.lines)
     header = {
         key.strip().lower(): (number, value.strip())
@@ -41,8 +41,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
     rows = numeric_rows(source, lines, 2)
     pixels = next(((n, v) for key, (n, v) in header.items() if key.startswith("number of pixels")), None)
     if pixels and pixels[1] != str(len(rows)):
-        found, hint = f"{pixels[1][:20]} pixels by the header", "The file is truncated: export it again."
-        raise InputError(source.at(pixels[0]), found, f"{len(rows)}, the rows of the file", hint)
+        fault, hint = f"{pixels[1][:20]} pixels by the header", "The file is truncated: export it again."
+        raise InputError(source.at(pixels[0]), fault, f"{len(rows)}, the rows of the file", hint)
     samples = [(number, values[0], values[1]) for number, values in rows]
     spectrum = measured_spectrum(source, "value", samples)
     return InstrumentFile(READER.name, (spectrum,), ("The file states neither quantity nor unit of its values.",))

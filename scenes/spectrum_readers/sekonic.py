@@ -1,4 +1,4 @@
-"""Sekonic C-7000 files: lines such as ``Spectral Data 380[nm],0.0001``, irradiance in W m^-2 nm^-1."""
+"""Sekonic C-7000 files, lines such as ``Spectral Data 380[nm],0.0001``."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def _read(source: InstrumentText) -> InstrumentFile:
         rows.append((number, at, decimal_number(cell, source.at(number))))
     mode = re.search(r"^\"?Measuring Mode\"?\s*[,;\t]\s*\"?([^\"\n]*)", source.text, re.M)
     if mode and mode[1].strip() and not mode[1].strip().lower().startswith("ambient"):
-        line = source.text[: mode.start()].count("\n") + 1
-        found, hint = f"the mode '{mode[1].strip()[:40]}'", "Measure a steady light in the mode Ambient."
-        raise InputError(source.at(line), found, "Ambient, whose values are irradiances", hint)
+        at_line = source.text[: mode.start()].count("\n") + 1
+        fault, hint = f"the mode '{mode[1].strip()[:40]}'", "Measure a steady light in the mode Ambient."
+        raise InputError(source.at(at_line), fault, "Ambient, whose values are irradiances", hint)
     notes = ["The file states no unit; W m^-2 nm^-1 is that of the maker's description."]
     if sections > 1:
         notes.append(f"The last of {sections} spectra of the file.")

@@ -1,4 +1,4 @@
-"""Text of Photo Research PR-650 and PR-655: the answer to command D5, spectral radiance in W m^-2 sr^-1 nm^-1."""
+"""Text of Photo Research PR-650 and PR-655, the answer to their command D5."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _read(source: InstrumentText) -> InstrumentFile:
     if unit != "1":
         hint = "Set the instrument to SI units and read it again."
         raise InputError(where, f"the unit code {unit}", "1, SI units", hint)
-    # the PR-650 writes peak and total on a line of their own, the PR-655 after the codes
+    # the PR-650 writes peak and total on the next line, the PR-655 after the codes
     summary = match[3] if match else None
     first = index + (1 if summary and "," in summary[1:] else 2)
     rows = []
@@ -46,8 +46,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
             continue
         cells = line.split(",")
         if len(cells) != 2:
-            found = f"'{line.strip()[:40]}'"
-            raise InputError(source.at(number), found, "a wavelength, a comma and a radiance", "Read it again.")
+            fault = f"'{line.strip()[:40]}'"
+            raise InputError(source.at(number), fault, "a wavelength, a comma and a radiance", "Read it again.")
         at, value = (decimal_number(cell, source.at(number)) for cell in cells)
         rows.append((number, at, value))
     unit = "W m^-2 sr^-1 nm^-1"

@@ -53,7 +53,10 @@ def _recognises(source: InstrumentText) -> bool:
 
 
 def _cells(line: str, separator: str, width: int) -> list[str]:
-    """Cells of a header line; with white space as separator a unit in brackets stays with its column."""
+    """Cells of a header line.
+
+    With white space as separator a unit in brackets stays with its column.
+    """
     if separator != " ":
         return split_cells(line, separator)
     wide = [cell for cell in re.split(r"\s{2,}|\t", line.strip()) if cell]
@@ -63,7 +66,10 @@ def _cells(line: str, separator: str, width: int) -> list[str]:
 
 
 def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
-    """Cells of the header rows, from the top: lines directly above the table with as many cells as its rows."""
+    """Cells of the header rows, from the top.
+
+    They are the lines directly above the table with as many cells as its rows.
+    """
     width = len(table.rows[0][1])
     for lines in (table.header, table.comments):
         rows: list[list[str]] = []
@@ -94,12 +100,12 @@ def _axis_factor(source: InstrumentText, text: str, preamble: str) -> float:
         raise InputError(source.path, f"the axis '{text[:60]}'", "wavelengths in nm, um or Angstrom", hint)
     factor = _length_factor(text.replace("_", " "))
     if factor is None:
-        stated = re.findall(r"^.*(?:x\s?-?units?|wavelength|x\s?-?axis).*$", preamble, re.M | re.I)
-        factor = _length_factor(" ".join(stated).replace("_", " "))
+        lines = re.findall(r"^.*(?:x\s?-?units?|wavelength|x\s?-?axis).*$", preamble, re.M | re.I)
+        factor = _length_factor(" ".join(lines).replace("_", " "))
     if factor is None:
         hint = "Write the unit into the header, such as 'Wavelength (nm)'."
-        found = f"'{text[:60]}', wavelengths without a unit"
-        raise InputError(source.path, found, "a unit: nm, um or Angstrom", hint)
+        fault = f"'{text[:60]}', wavelengths without a unit"
+        raise InputError(source.path, fault, "a unit: nm, um or Angstrom", hint)
     return factor
 
 
@@ -121,8 +127,8 @@ def _unit(cells: list[str]) -> str:
 
 def _name(cells: list[str], sample: str) -> str:
     """Name of a column: the uppermost text that is no unit."""
-    named = [cell for cell in (*cells[:-1], sample, cells[-1]) if cell]
-    return next((cell for cell in named if not _RADIOMETRIC.fullmatch(cell.strip("[]() "))), named[0] if named else "")
+    texts = [cell for cell in (*cells[:-1], sample, cells[-1]) if cell]
+    return next((cell for cell in texts if not _RADIOMETRIC.fullmatch(cell.strip("[]() "))), texts[0] if texts else "")
 
 
 def _read(source: InstrumentText) -> InstrumentFile:
@@ -163,18 +169,18 @@ def _read(source: InstrumentText) -> InstrumentFile:
 def _column(
     source: InstrumentText,
     table: NumberTable,
-    places: tuple[int, int],
+    indices: tuple[int, int],
     factor: float,
     cells: list[str],
     sample: str,
     preamble: str | None,
 ) -> MeasuredSpectrum:
-    """Spectrum of one column; ``places`` are the columns of its wavelengths and of its values.
+    """Spectrum of one column; ``indices`` are those of its wavelengths and of its values.
 
     Without a ``preamble`` the values are taken as they are, whatever the header says of per cent.
     """
-    axis, place = places
-    rows = [(number, values[axis] * factor, values[place]) for number, values in table.rows]
+    axis, index = indices
+    rows = [(number, values[axis] * factor, values[index]) for number, values in table.rows]
     if preamble is None:
         return measured_spectrum(source, _name(cells, sample), rows)
     text = " ".join(cells)
@@ -189,8 +195,8 @@ def _column(
 
 def _title(preamble: str) -> str:
     """Lines above the header that state the measured quantity of all columns."""
-    stated = r"^.*(?:y\s?-?units?|y\s?-?mode|mode|quantity|y\s?-?axis|data type).*$"
-    return " ".join(re.findall(stated, preamble, re.M | re.I))
+    line = r"^.*(?:y\s?-?units?|y\s?-?mode|mode|quantity|y\s?-?axis|data type).*$"
+    return " ".join(re.findall(line, preamble, re.M | re.I))
 
 
 READER = SpectrumReader("table", "table with a header", _recognises, _read)

@@ -32,8 +32,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
     root = parse_xml(source)
     bodies = [child for child in root.children if child.name == "SpectralDistribution"]
     if root.name != "IESTM2714" or len(bodies) != 1:
-        found = f"<{root.name}> with {len(bodies)} <SpectralDistribution>"
-        raise InputError(source.at(root.line), found, "<IESTM2714> with one", "Export it again.")
+        fault = f"<{root.name}> with {len(bodies)} <SpectralDistribution>"
+        raise InputError(source.at(root.line), fault, "<IESTM2714> with one", "Export it again.")
     quantity = bodies[0].text_of("SpectralQuantity").lower()
     if quantity not in _UNITS:
         where, expected = source.at(bodies[0].line), f"one of {', '.join(_UNITS)}"

@@ -24,8 +24,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
             continue
         cells = match[2].rstrip("\t").split("\t")
         if len(cells) != 1:
-            found, hint = f"{len(cells)} values at one wavelength", "Export one measurement to a file."
-            raise InputError(source.at(number), found, "one", hint)
+            fault, hint = f"{len(cells)} values at one wavelength", "Export one measurement to a file."
+            raise InputError(source.at(number), fault, "one", hint)
         at = float(match[1])
         if rows and at == rows[0][1]:  # a file may repeat the spectrum in another step; the last one is the finest
             rows, sections = [], sections + 1

@@ -198,6 +198,11 @@ def test_other_files_are_refused(tmp_path, text, fault):
         read_spectra(write(tmp_path, text))
 
 
+def test_three_decimals_with_commas_are_read_where_thousands_make_no_wavelength(tmp_path):
+    path = write(tmp_path, "nm;tile\n400,000;95,123\n410,000;96,125\n")
+    assert read_spectra(path)["tile"].values == pytest.approx([95.123, 96.125])
+
+
 def test_a_large_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="at most 8388608 bytes"):
         read_instrument_file(write(tmp_path, "#" + "x" * 2**23))

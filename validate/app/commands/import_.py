@@ -1,4 +1,4 @@
-"""``cbox import``: spectra of an instrument's file, as they are understood, and as a plain CSV."""
+"""``cbox import``: spectra of an instrument's file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def import_(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Read an instrument's spectra: shows format, columns, range, step, unit, first and last values.
+    """Show the spectra of an instrument's file, and write them as a plain CSV.
 
     Scenes, captures and cameras read the same files directly, as `file:column`.
     """
@@ -104,16 +104,19 @@ def _record(spectrum: MeasuredSpectrum) -> dict[str, object]:
 
 
 def _write_csv(file: Path, out: Path, spectra: list[MeasuredSpectrum]) -> None:
-    """Write spectra of one table of wavelengths; InputError for several, and for the file itself as output."""
+    """Write spectra of the same wavelengths as CSV.
+
+    Raises InputError for spectra of different wavelengths, and for the file itself as output.
+    """
     from cboxlab.utils.files import replacing
 
+    if out.exists() and out.samefile(file):
+        raise InputError("--out", f"{out}, the file that is read", "another file")
     first = spectra[0]
     for spectrum in spectra[1:]:
         if spectrum.wavelength_nm.tolist() != first.wavelength_nm.tolist():
-            found = f"other wavelengths in '{spectrum.name}' than in '{first.name}'"
-            raise InputError("--out", found, "columns of the same wavelengths", "Choose one with --column.")
-    if out.exists() and out.samefile(file):
-        raise InputError("--out", f"{out}, the file that is read", "another file")
+            fault = f"other wavelengths in '{spectrum.name}' than in '{first.name}'"
+            raise InputError("--out", fault, "columns of the same wavelengths", "Choose one with --column.")
     require_folder(out.parent)
     with replacing(out) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")

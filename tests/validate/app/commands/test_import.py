@@ -51,7 +51,6 @@ def test_a_plain_table_keeps_its_numbers(tmp_path, cbox):
         (["{t}/a.csv", "--out", "{t}/a.csv"], ["a.csv", "another file"]),
         (["{t}/a.csv", "--column", "paint"], ["--column", "paint A"]),
         (["{t}/a.csv", "--out", "{t}/b.csv"], ["--column", "other wavelengths"]),
-        (["{t}/a.csv", "--column", "paint A", "--out", "{t}/none/b.csv"], ["none"]),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, cbox, arguments, words):
