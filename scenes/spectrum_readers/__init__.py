@@ -26,6 +26,8 @@ __all__ = [
 
 #: Largest file of an instrument, bytes: a CxF3 file of 2000 samples takes one megabyte.
 _MAX_BYTES = 2**23
+#: Lines of a file, at most: a spectrum in steps of 0.1 nm from 200 to 2500 nm takes 23,000.
+_MAX_LINES = 100_000
 #: The reader of tables that have no marks of a format.
 _FALLBACK = "table"
 #: First cell of the table of the project's CSV files, which are not an instrument's.
@@ -100,7 +102,7 @@ def read_instrument_file(path: Path) -> InstrumentFile:
     Parameters
     ----------
     path
-        The file, at most 8 MiB of UTF-8 text.
+        The file, at most 8 MiB and 100,000 lines of UTF-8 text.
 
     Returns
     -------
@@ -113,4 +115,7 @@ def read_instrument_file(path: Path) -> InstrumentFile:
         For a file that cannot be read in exactly one way, with the line and the correction.
     """
     source = InstrumentText(path, read_text(path, "a file of spectra", largest=_MAX_BYTES))
+    if len(source.lines) > _MAX_LINES:
+        fault, expected = f"{len(source.lines)} lines", f"at most {_MAX_LINES}"
+        raise InputError(path, fault, expected, "Export the spectra alone, at wavelengths of interest.")
     return recognised_reader(source).read(source)

@@ -30,6 +30,8 @@ LONGEST_NM = 25000.0
 _RANGE_NM = (100.0, LONGEST_NM)
 #: Largest reflectance or transmittance read as a fraction: a fluorescent paint stays below; per cent do not.
 _LARGEST_FRACTION = 2.0
+#: Characters of a number, at most: twice those of a double in full.
+_LONGEST_NUMBER = 48
 #: Quantities that are fractions of the incident light.
 _FRACTIONS = ("reflectance", "transmittance")
 #: Number with a decimal point, and with a decimal comma.
@@ -152,7 +154,8 @@ def decimal_number(cell: str, where: str, decimal: str = ".") -> float:
         For any other text, such as "nan", "OVER" or an empty cell.
     """
     text = cell.strip()
-    value = float(text.replace(",", ".")) if _NUMBERS[decimal].fullmatch(text) else float("nan")
+    spelled = len(text) <= _LONGEST_NUMBER and _NUMBERS[decimal].fullmatch(text) is not None
+    value = float(text.replace(",", ".")) if spelled else float("nan")
     if not np.isfinite(value):
         mark = "a decimal comma" if decimal == "," else "a decimal point"
         hint = "Remove the row, or measure it again."
@@ -254,8 +257,10 @@ def unique_names(source: InstrumentText, spectra: Sequence[MeasuredSpectrum]) ->
     names = [spectrum.name for spectrum in spectra]
     if not names:
         raise InputError(source.path, "no spectrum", "at least one spectrum", "Export it with its spectral data.")
-    for index, name in enumerate(names):
-        if not name or name in names[:index]:
+    earlier: set[str] = set()
+    for name in names:
+        if not name or name in earlier:
             fault = f"the name '{name}' a second time" if name else "a spectrum without name"
             raise InputError(source.path, fault, "a different name for each spectrum", "Rename it in the file.")
+        earlier.add(name)
     return tuple(spectra)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 
 from cboxlab.utils.errors import InputError
 
@@ -65,10 +66,10 @@ def _read(source: InstrumentText) -> InstrumentFile:
         for kind in _QUANTITIES
         for element in item.all(kind)
     ]
-    names = [name for name, _, _ in entries]
+    counts = Counter(name for name, _, _ in entries)
     spectra = []
     for name, identifier, element in entries:
-        unique = name and names.count(name) == 1
+        unique = name and counts[name] == 1
         spectra.append(_spectrum(source, element, name if unique else f"{name} {identifier}".strip(), steps))
     return InstrumentFile(READER.name, unique_names(source, spectra))
 

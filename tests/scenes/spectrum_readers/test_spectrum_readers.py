@@ -208,6 +208,11 @@ def test_a_large_file_is_refused(tmp_path):
         read_instrument_file(write(tmp_path, "#" + "x" * 2**23))
 
 
+def test_a_file_of_many_lines_is_refused(tmp_path):
+    with pytest.raises(InputError, match="at most 100000"):
+        read_instrument_file(write(tmp_path, "nm;a\n" + "400;1\n" * 100_001))
+
+
 def test_elements_without_end_are_refused(tmp_path):
     text = '<IESTM2714 version="1">' + "<a>" * 100_000
     with pytest.raises(InputError, match="nested too deeply"):
