@@ -87,6 +87,8 @@ def split_cells(line: str, separator: str) -> list[str]:
 
 def _numbers(line: str, style: Style) -> list[float] | None:
     """Numbers of a row; None for a line with other cells, or fewer than two."""
+    if style.separator != " " and style.separator not in line:
+        return None
     cells = split_cells(line, style.separator)
     if len(cells) < 2:
         return None

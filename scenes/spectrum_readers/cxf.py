@@ -18,6 +18,8 @@ from ._spectrum_reader import (
 )
 from ._xml import XmlElement, parse_xml
 
+#: Values of a spectrum, at most: one in steps of 1 nm to 25 um has fewer.
+_MAX_VALUES = 25_000
 #: By element, the quantity of its values.
 _QUANTITIES = {
     "ReflectanceSpectrum": "reflectance",
@@ -50,7 +52,10 @@ def _spectrum(
             hint = f"Add Increment and StartWL to the WavelengthRange of ColorSpecification '{reference[:40]}'."
             raise InputError(where, f"no {key} for '{name[:40]}'", f"a {key} in nm", hint)
     first, step = (decimal_number(limits[key], f"{where}, {key}") for key in ("StartWL", "Increment"))
-    values = [decimal_number(cell, where) for cell in element.text.split()]
+    cells = element.text.split()
+    if len(cells) > _MAX_VALUES:
+        raise InputError(where, f"{len(cells)} values", f"at most {_MAX_VALUES}", "Export the spectrum again.")
+    values = [decimal_number(cell, where) for cell in cells]
     rows = [(element.line, first + index * step, value) for index, value in enumerate(values)]
     quantity = _QUANTITIES[element.name]
     unit = "" if quantity == "emission" else "1"

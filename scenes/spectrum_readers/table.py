@@ -68,7 +68,8 @@ def _cells(line: str, separator: str, width: int) -> list[str]:
 def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
     """Cells of the header rows, from the top.
 
-    They are the lines directly above the table with as many cells as its rows.
+    They are the lines directly above the table with as many cells as its rows, from the first that names wavelengths.
+    A row above it counts only where several columns are wavelengths: it names their samples.
     """
     width = len(table.rows[0][1])
     for lines in (table.header, table.comments):
@@ -79,8 +80,13 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
             if not fits:
                 break
             rows.insert(0, cells + [""] * (width - len(cells)))
-        if rows and any(_is_axis(cell) for row in rows for cell in row):
-            return rows
+        top = next((index for index, row in enumerate(rows) if any(map(_is_axis, row))), None)
+        if top is not None:
+            return rows if sum(map(_is_axis, rows[top])) > 1 else rows[top:]
+    title = "\n".join(line for _, line in table.header)
+    axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in ("XUNITS", "YUNITS")]
+    if width == 2 and axes[0] and axes[1]:  # JASCO states the columns above the table
+        return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
     hint = "Write a header such as 'wavelength_nm' and a name for each column, separated as the rows are."
     first = table.rows[0][0]
     expected = f"a header of {width} cells with the wavelength and its unit above it"

@@ -198,6 +198,41 @@ def test_other_files_are_refused(tmp_path, text, fault):
         read_spectra(write(tmp_path, text))
 
 
+@pytest.mark.parametrize(
+    ("text", "name", "values"),
+    [
+        ('"tile.spc - RawData"\n"Wavelength nm.","R%"\n400.00,12.5\n401.00,12.6\n', "R%", [0.125, 0.126]),
+        ("nm,%R\n401.0,85.2\n400.0,85.1\n", "%R", [0.851, 0.852]),
+        ("TITLE\tx\nXUNITS\tNANOMETERS\nYUNITS\t%T\nNPOINTS\t2\nXYDATA\n401\t85.2\n400\t85.1\n", "%T", [0.851, 0.852]),
+        ("Wavelength (nm) %T\n400 85.1\n401 85.2\n", "%T", [0.851, 0.852]),
+        ("lambda (Angstrom), flux\n4000, 1\n4010, 2\n", "flux", [1, 2]),
+        ("Bench 3;humidity 50 %\nnm;Reflectance\n400;0.4\n401;0.5\n", "Reflectance", [0.4, 0.5]),
+        ("nm,R,G\n400,0.1,0.2\n401,0.1,0.2\n", "R", [0.1, 0.1]),
+        ("# wavelength_nm value\n400 1\n401 2\n", "value", [1, 2]),
+    ],
+)
+def test_tables_of_spectrophotometers(tmp_path, text, name, values):
+    spectrum = read_instrument_file(write(tmp_path, text)).spectra[0]
+    assert spectrum.name == name
+    assert spectrum.wavelength_nm == pytest.approx([400, 401], rel=1e-12)
+    assert spectrum.values == pytest.approx(values, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("nm;QE %\n400;50\n410;60\n", "per cent in 'QE %'"),
+        ("nm;R/T ratio %\n400;1\n410;2\n", "per cent"),
+        ("nm;absorptance (%)\n400;1\n410;2\n", "per cent"),
+        ("nm a\n400 1 000\n410 2 000\n", "without a header"),
+        ("# Mode: %R\nnm;tile\n400;40\n410;45\n", "reflectance of 45"),
+    ],
+)
+def test_uncertain_tables_are_refused(tmp_path, text, fault):
+    with pytest.raises(InputError, match=fault):
+        read_spectra(write(tmp_path, text))
+
+
 def test_three_decimals_with_commas_are_read_where_thousands_make_no_wavelength(tmp_path):
     path = write(tmp_path, "nm;tile\n400,000;95,123\n410,000;96,125\n")
     assert read_spectra(path)["tile"].values == pytest.approx([95.123, 96.125])
