@@ -118,4 +118,7 @@ def read_instrument_file(path: Path) -> InstrumentFile:
     if len(source.lines) > _MAX_LINES:
         fault, expected = f"{len(source.lines)} lines", f"at most {_MAX_LINES}"
         raise InputError(path, fault, expected, "Export the spectra alone, at wavelengths of interest.")
-    return recognised_reader(source).read(source)
+    try:
+        return recognised_reader(source).read(source)
+    except InputError as error:  # text of the file may have line ends, the message is one line
+        raise InputError(error.where, " ".join(error.found.split()), error.expected, error.hint) from None
