@@ -14,6 +14,7 @@ from cboxlab.utils.input_files import read_toml
 from pydantic import ValidationError
 
 from .checks import inside_faults, surface_faults, texture_faults
+from .named_lights import LIGHT_NAMES, named_light
 from .scene import Lamp, Material, Medium, Scene, SceneOrigin, Surface, Texture
 from .scene_entries import (
     LampEntry,
@@ -97,7 +98,7 @@ def _files(path: Path, file: SceneFile) -> tuple[Path, ...]:
     spectra += [x for medium in media if medium for x in (medium.scattering_per_mm, medium.absorption_per_mm)]
     textures = [material.texture for material in file.material.values() if material.texture is not None]
     spectra += [spectrum for texture in textures for spectrum in texture.spectra]
-    names = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str)]
+    names = [spectrum.rpartition(":")[0] for spectrum in spectra if isinstance(spectrum, str) and ":" in spectrum]
     names += [texture.image for texture in textures]
     names += [surface.mesh for surface in file.surface if surface.mesh is not None]
     return path, *(path.parent / name for name in dict.fromkeys(names))
@@ -200,7 +201,7 @@ def _material(path: Path, name: str, entry: MaterialEntry, faults: list[InputErr
 
 def _lamp(path: Path, entry: LampEntry, where: str, faults: list[InputError]) -> Lamp:
     """Lamp of an entry; faults of its values are appended to ``faults``."""
-    radiance = _spectrum(path, entry.radiance, f"{where}.radiance", "zero")
+    radiance = _light(path, entry.radiance, f"{where}.radiance")
     surface = Surface(entry.name, entry.name, *lamp_mesh(entry, where))
     reflectance = _spectrum(path, entry.reflectance, f"{where}.reflectance", "hold")
     faults += reflectance_faults(reflectance, f"{where}.reflectance")
@@ -226,6 +227,19 @@ def _missing_material(name: str, materials: list[str], where: str) -> InputError
     """Fault of a material that is not among those of the file."""
     expected = f"one of {', '.join(materials)}" if materials else "a [material.NAME] table"
     return InputError(where, f"'{name}', which the file does not define", expected, suggestion(name, materials))
+
+
+def _light(path: Path, entry: object, where: str) -> Spectrum:
+    """Radiance of a lamp: as `_spectrum`, or the relative spectrum of a named light."""
+    if not isinstance(entry, str) or ":" in entry:
+        return _spectrum(path, entry, where, "zero")
+    try:
+        light = named_light(entry)
+    except InputError as error:
+        raise referred(error, where) from None
+    if light is None:
+        raise InputError(where, repr(entry[:40]), f"'file.csv:column', or one of {LIGHT_NAMES}")
+    return light
 
 
 def _spectrum(path: Path, entry: object, where: str, outside: Outside) -> Spectrum:

@@ -13,6 +13,8 @@ from cboxlab.utils.faults import path_inside, suggestion
 from cboxlab.utils.input_files import read_rows, separator_hint
 from numpy.typing import ArrayLike, NDArray
 
+from .spectrum_readers import is_plain_table, read_instrument_file
+
 __all__ = ["Spectrum", "as_spectrum", "planck", "read_spectra", "read_spectrum"]
 
 #: Value beyond a table: that of its end ("hold", reflectances) or zero ("zero", radiances, transmittances, quantum
@@ -196,6 +198,9 @@ def _table_as_of(path: Path, outside: Outside, changed_ns: int, size: int) -> di
 
 def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
     """Spectra of a CSV file by column name."""
+    if not is_plain_table(path):
+        measured = read_instrument_file(path).spectra
+        return {spectrum.name: Spectrum(spectrum.wavelength_nm, spectrum.values, outside) for spectrum in measured}
     lines = read_rows(path, "a CSV file of spectra")
     if len(lines) < 2:
         raise InputError(path, "no table", "a header row with wavelength_nm first, then rows of numbers")

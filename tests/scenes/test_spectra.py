@@ -116,13 +116,14 @@ def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
         ("wavelength_nm,a\n500,0.1\n500,0.1\n", "500 after 500"),
         ("wavelength_nm,a\n500\n", "1 cells"),
         ("wavelength_nm,a,a\n500,1,1\n", "header"),
-        ("nm,a\n500,1\n", "wavelength_nm"),
+        ("channel,a\n500,1\n510,1\n", "wavelength_nm"),
+        ("wavelength,a\n500,1\n510,1\n", "without a unit"),
         ("wavelength_nm,a\n", "no table"),
         (b"\xff\xfe\x00", "UTF-8"),
         ("wavelength_nm,a\n400,1\n".encode("utf-16"), "UTF-16 text"),
         ("wavelength_nm,a\n400,1\n".encode("utf-16-le"), "UTF-16 text"),
-        (b"wavelength_nm;a\n400;1\n", "semicolons: write commas"),
-        (b"wavelength_nm\ta\n400\t1\n", "tabs: write commas"),
+        (b"wavelength_nm;a\n400;1\n", "at least two"),
+        (b"wavelength_nm\ta\n400\t1\n500\tx", "line 3"),
     ],
 )
 def test_a_fault_is_told_with_its_place(tmp_path, text, told):

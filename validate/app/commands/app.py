@@ -24,6 +24,7 @@ from .diagnose import diagnose
 from .effects import effects
 from .export import export
 from .hyperspectral import hyperspectral
+from .import_ import import_
 from .regress import regress
 from .render import render
 from .renderers import renderers
@@ -46,6 +47,7 @@ app = command_line(
         validate,
         calibrate,
         hyperspectral,
+        import_,
         compare,
         verify,
         batch,

@@ -66,7 +66,8 @@ def command_line(help_text: str, commands: Iterable[Callable[..., Any]]) -> type
     app.callback()(_root)
     for command in commands:
         summary = inspect.cleandoc(command.__doc__ or "").partition("\n")[0]  # else it is cut to one line
-        app.command(short_help=summary)(_with_common_options(command))
+        name = command.__name__.rstrip("_").replace("_", "-")  # import_ is `import`, a word of Python
+        app.command(name, short_help=summary)(_with_common_options(command))
     return app
 
 

@@ -1,0 +1,266 @@
+"""Records of the spectrum readers: reader, text of a file, spectra."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from cboxlab.utils.errors import InputError
+from numpy.typing import NDArray
+
+__all__ = [
+    "LONGEST_NM",
+    "InstrumentFile",
+    "InstrumentText",
+    "MeasuredSpectrum",
+    "SpectrumReader",
+    "decimal_number",
+    "is_fraction",
+    "measured_spectrum",
+    "unique_names",
+]
+
+#: Longest wavelength, nm: instruments end in the thermal infrared.
+LONGEST_NM = 25000.0
+#: Shortest and longest wavelength, nm, from the vacuum ultraviolet. A table beyond is in another unit than it states.
+_RANGE_NM = (100.0, LONGEST_NM)
+#: Largest reflectance or transmittance read as a fraction: a fluorescent paint stays below; per cent do not.
+_LARGEST_FRACTION = 2.0
+#: Characters of a number, at most: twice those of a double in full.
+_LONGEST_NUMBER = 48
+#: Quantities that are fractions of the incident light.
+_FRACTIONS = ("reflectance", "transmittance")
+#: Number with a decimal point, and with a decimal comma.
+_NUMBERS = {
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?"),
+    ",": re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d{1,3})?"),
+}
+
+
+@dataclass(frozen=True)
+class InstrumentText:
+    """Text of a file, with its path for faults."""
+
+    #: The file.
+    path: Path
+    #: Its text, with line ends as "\\n".
+    text: str
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """Lines of the text, without line ends."""
+        return self.text.split("\n")
+
+    def at(self, line: int) -> str:
+        """File and line, for a fault.
+
+        Parameters
+        ----------
+        line
+            Number of the line, from 1.
+
+        Returns
+        -------
+        str
+            "FILE: line NUMBER".
+        """
+        return f"{self.path}: line {line}"
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSpectrum:
+    """A spectrum of an instrument's file."""
+
+    #: Name by which "file:column" refers to it, without a colon.
+    name: str
+    #: (n,) wavelengths, ascending, nm.
+    wavelength_nm: NDArray[np.float64]
+    #: (n,) values, in ``unit``; fractions where the file states per cent of a reflectance or transmittance.
+    values: NDArray[np.float64]
+    #: Quantity that the file or its format states, such as "reflectance"; empty where it states none.
+    quantity: str = ""
+    #: Unit that the file or its format states, in its spelling; empty where it states none.
+    unit: str = ""
+    #: Factor from the numbers of the file to ``values``: 0.01 for per cent, otherwise 1.
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class InstrumentFile:
+    """Spectra of a file and the format they were read from."""
+
+    #: Name of the format.
+    format: str
+    #: The spectra, at least one, of different names.
+    spectra: tuple[MeasuredSpectrum, ...]
+    #: Facts about the file, each as a sentence.
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SpectrumReader:
+    """The reader of a format."""
+
+    #: Identifier, the name of its module.
+    id: str
+    #: Name of the format, for messages.
+    name: str
+    #: Whether a text has the marks of this format.
+    recognises: Callable[[InstrumentText], bool]
+    #: Spectra of a text of this format; InputError for any fault.
+    read: Callable[[InstrumentText], InstrumentFile]
+
+
+def is_fraction(quantity: str) -> bool:
+    """Whether a quantity is a fraction of the incident light, so that per cent have a meaning.
+
+    Parameters
+    ----------
+    quantity
+        Name of the quantity; empty for none.
+
+    Returns
+    -------
+    bool
+        True for reflectance and transmittance.
+    """
+    return quantity in _FRACTIONS
+
+
+def decimal_number(cell: str, where: str, decimal: str = ".") -> float:
+    """Number of a cell.
+
+    Parameters
+    ----------
+    cell
+        Text of the cell.
+    where
+        File and line, for the fault.
+    decimal
+        Decimal mark, "." or ",".
+
+    Returns
+    -------
+    float
+        A finite number.
+
+    Raises
+    ------
+    InputError
+        For any other text, such as "nan", "OVER" or an empty cell.
+    """
+    text = cell.strip()
+    spelled = len(text) <= _LONGEST_NUMBER and _NUMBERS[decimal].fullmatch(text) is not None
+    value = float(text.replace(",", ".")) if spelled else float("nan")
+    if not np.isfinite(value):
+        mark = "a decimal comma" if decimal == "," else "a decimal point"
+        hint = "Remove the row, or measure it again."
+        raise InputError(where, f"'{text[:40]}'", f"a finite number with {mark}", hint)
+    return value
+
+
+def measured_spectrum(
+    source: InstrumentText,
+    name: str,
+    rows: Sequence[tuple[int, float, float]],
+    *,
+    quantity: str = "",
+    unit: str = "",
+    per_cent: bool = False,
+) -> MeasuredSpectrum:
+    """Spectrum of the rows of a file, ascending, with per cent as fractions.
+
+    Parameters
+    ----------
+    source
+        The file.
+    name
+        Name of the spectrum in the file; a colon becomes a hyphen.
+    rows
+        Line, wavelength in nm, and value of each sample, in the order of the file.
+    quantity, unit
+        As in `MeasuredSpectrum`.
+    per_cent
+        Whether the file states that the values are per cent.
+
+    Returns
+    -------
+    MeasuredSpectrum
+        The spectrum.
+
+    Raises
+    ------
+    InputError
+        For fewer than two samples, wavelengths out of order or range, and per cent of an unnamed quantity. Also for
+        values above 2 of a reflectance or transmittance that is not stated in per cent.
+    """
+    name = " ".join(name.replace(":", "-").split())[:80]
+    if len(rows) < 2:
+        where = source.at(rows[0][0]) if rows else str(source.path)
+        raise InputError(
+            where, f"{len(rows)} samples of '{name}'", "at least two wavelengths", "Export the file again."
+        )
+    lines = [row[0] for row in rows]
+    wavelength, values = (np.array([row[k] for row in rows]) for k in (1, 2))
+    sign = 1.0 if wavelength[-1] > wavelength[0] else -1.0
+    wrong = np.flatnonzero(sign * np.diff(wavelength) <= 0)
+    if wrong.size:
+        at = int(wrong[0])
+        fault = f"{wavelength[at + 1]:g} nm after {wavelength[at]:g} nm"
+        expected = "wavelengths that only ascend or only descend"
+        raise InputError(source.at(lines[at + 1]), fault, expected, "Remove repeated or misplaced rows.")
+    outside = np.flatnonzero((wavelength < _RANGE_NM[0]) | (wavelength > _RANGE_NM[1]))
+    if outside.size:
+        at = int(outside[0])
+        expected = f"wavelengths from {_RANGE_NM[0]:g} to {_RANGE_NM[1]:g} nm"
+        hint = "Correct the unit of the wavelengths in the file."
+        raise InputError(source.at(lines[at]), f"a wavelength of {wavelength[at]:g} nm", expected, hint)
+    if per_cent and not is_fraction(quantity):
+        fault = f"per cent in '{name}', without the quantity"
+        hint = "Name the column for its quantity, such as 'Reflectance (%)', or divide it by 100 and remove the '%'."
+        raise InputError(source.at(lines[0]), fault, "per cent of a reflectance or a transmittance", hint)
+    if is_fraction(quantity) and not per_cent and values.max() > _LARGEST_FRACTION:
+        at = int(np.argmax(values))
+        fault = f"a {quantity} of {values[at]:g} at {wavelength[at]:g} nm"
+        hint = "If the values are per cent, write '%' into the header or the unit of the column."
+        raise InputError(source.at(lines[at]), fault, "fractions, or per cent stated by the file", hint)
+    factor = 0.01 if per_cent else 1.0
+    order = slice(None) if sign > 0 else slice(None, None, -1)
+    scaled = values / 100.0 if per_cent else values
+    return MeasuredSpectrum(name, wavelength[order].copy(), scaled[order].copy(), quantity, unit, factor)
+
+
+def unique_names(source: InstrumentText, spectra: Sequence[MeasuredSpectrum]) -> tuple[MeasuredSpectrum, ...]:
+    """The spectra of a file, whose names must differ.
+
+    Parameters
+    ----------
+    source
+        The file.
+    spectra
+        Its spectra.
+
+    Returns
+    -------
+    tuple[MeasuredSpectrum, ...]
+        The same.
+
+    Raises
+    ------
+    InputError
+        For no spectrum, a spectrum without name, and a name that occurs twice.
+    """
+    names = [spectrum.name for spectrum in spectra]
+    if not names:
+        raise InputError(source.path, "no spectrum", "at least one spectrum", "Export it with its spectral data.")
+    earlier: set[str] = set()
+    for name in names:
+        if not name or name in earlier:
+            fault = f"the name '{name}' a second time" if name else "a spectrum without name"
+            raise InputError(source.path, fault, "a different name for each spectrum", "Rename it in the file.")
+        earlier.add(name)
+    return tuple(spectra)

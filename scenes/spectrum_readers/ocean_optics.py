@@ -1,0 +1,51 @@
+"""Ocean Optics text of SpectraSuite and OceanView."""
+
+from __future__ import annotations
+
+import re
+
+from cboxlab.utils.errors import InputError
+
+from ._delimited import numeric_rows
+from ._spectrum_reader import InstrumentFile, InstrumentText, SpectrumReader, measured_spectrum
+
+_BEGIN = re.compile(r"\s*>>>>>\s*Begin (Processed )?Spectral Data\s*<<<<<\s*")
+_END = re.compile(r"\s*>>>>>\s*End (Processed )?Spectral Data\s*<<<<<\s*")
+
+
+def _recognises(source: InstrumentText) -> bool:
+    return any(map(_BEGIN.fullmatch, source.lines))
+
+
+def _read(source: InstrumentText) -> InstrumentFile:
+    begins = [k for k, line in enumerate(source.lines) if _BEGIN.fullmatch(line)]
+    ends = [k for k, line in enumerate(source.lines) if _END.fullmatch(line)]
+    if len(begins) != 1 or len(ends) > 1 or (ends and ends[0] < begins[0]):
+        fault = f"{len(begins)} marks 'Begin Spectral Data' and {len(ends)} marks 'End'"
+        hint = "Export one spectrum to a file."
+        raise InputError(source.at(begins[-1] + 1), fault, "one, and at most one after it", hint)
+    begin, end = begins[0], ends[0] if ends else len(source.lines)
+    header = {
+        key.strip().lower(): (number, value.strip())
+        for number, line in enumerate(source.lines[:begin], start=1)
+        for key, colon, value in [line.partition(":")]
+        if colon
+    }
+    line, axis = header.get("xaxis mode", (0, ""))
+    if axis and axis.lower() not in ("wavelengths", "wavelength"):
+        hint = "Export it with wavelengths in nm."
+        raise InputError(source.at(line), f"XAxis mode '{axis[:40]}'", "Wavelengths", hint)
+    lines = [
+        (number, text) for number, text in enumerate(source.lines[begin + 1 : end], start=begin + 2) if text.strip()
+    ]
+    rows = numeric_rows(source, lines, 2)
+    pixels = next(((n, v) for key, (n, v) in header.items() if key.startswith("number of pixels")), None)
+    if pixels and pixels[1] != str(len(rows)):
+        fault, hint = f"{pixels[1][:20]} pixels by the header", "The file is truncated: export it again."
+        raise InputError(source.at(pixels[0]), fault, f"{len(rows)}, the rows of the file", hint)
+    samples = [(number, values[0], values[1]) for number, values in rows]
+    spectrum = measured_spectrum(source, "value", samples)
+    return InstrumentFile(READER.name, (spectrum,), ("The file states neither quantity nor unit of its values.",))
+
+
+READER = SpectrumReader("ocean_optics", "Ocean Optics text", _recognises, _read)

@@ -1,0 +1,208 @@
+"""Tables of spectrophotometers and spreadsheets: a header with units, then rows of numbers."""
+
+from __future__ import annotations
+
+import re
+
+from cboxlab.utils.errors import InputError
+
+from ._delimited import NumberTable, find_table, split_cells
+from ._spectrum_reader import (
+    InstrumentFile,
+    InstrumentText,
+    MeasuredSpectrum,
+    SpectrumReader,
+    measured_spectrum,
+    unique_names,
+)
+
+#: Factors to nm, by pattern of a unit in a header.
+_LENGTHS = {
+    r"(?<![a-z0-9])(nm\.?|nanomet(er|re)s?)(?![a-z0-9])": 1.0,
+    r"(?<![a-z0-9])(um|[µμ]m|microns?|micromet(er|re)s?)(?![a-z0-9])": 1000.0,
+    r"(?<![a-z0-9])([åÅ]|å|angstr[oö]ms?|ångstr[oö]ms?)(?![a-z0-9])": 0.1,
+}
+#: Header of a column of wavelengths.
+_WAVELENGTH = re.compile(r"wave\s*-?_?length|wellenl|longueur d.onde|(?<![a-z])wl(?![a-z])|λ|lambda", re.I)
+#: Header of a column of wavenumbers, energies or frequencies.
+_OTHER_AXIS = re.compile(r"wave\s*-?_?number|cm\s*(\^|\*\*)?\s*[-−⁻]\s*[1¹]|1/cm|(?<![a-z])(ev|thz|hz)(?![a-z])", re.I)
+#: Quantities, by pattern of a header.
+_QUANTITIES = {
+    "reflectance": r"reflect|reflexion|remission|(?<![a-z0-9])(%\s*r|r\s*%|r\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "transmittance": r"transmi|(?<![a-z0-9])(%\s*t|t\s*%|t\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "absorbance": r"absorban|extinktion|optical density|(?<![a-z0-9])abs\.?(?![a-z0-9])",
+    "irradiance": r"irradiance",
+    "radiance": r"(?<!ir)radiance",
+}
+_PER_CENT = re.compile(r"%|per\s?cent|(?<![a-z])pct(?![a-z])", re.I)
+#: Unit in brackets, or a cell that is a radiometric unit itself.
+_BRACKETS = re.compile(r"[\[(]([^\[\]()]*(?:\([^()]*\)[^\[\]()]*)?)[\])]")
+_RADIOMETRIC = re.compile(
+    r"[uµμm]?w\W.*nm.*|[uµμm]?w\s?m.*|counts?|a\.?u\.?|rel(ative)?\.?|arb.*|1|abs\.?|%\s*[rt]?|[rt]\s*%", re.I
+)
+
+
+def _length_factor(text: str) -> float | None:
+    """Factor from a stated unit of length to nm; None for no unit or two."""
+    factors = {factor for pattern, factor in _LENGTHS.items() if re.search(pattern, text, re.I)}
+    return factors.pop() if len(factors) == 1 else None
+
+
+def _recognises(source: InstrumentText) -> bool:
+    return False  # the reader of what no other reader recognises
+
+
+def _cells(line: str, separator: str, width: int) -> list[str]:
+    """Cells of a header line.
+
+    With white space as separator a unit in brackets stays with its column.
+    """
+    if separator != " ":
+        return split_cells(line, separator)
+    wide = [cell for cell in re.split(r"\s{2,}|\t", line.strip()) if cell]
+    if len(wide) == width:
+        return wide
+    return re.sub(r"\s+(?=[\[(])", "\0", line.strip()).replace("\0", "_").split()
+
+
+def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
+    """Cells of the header rows, from the top.
+
+    They are the lines directly above the table with as many cells as its rows, from the first that names wavelengths.
+    A row above it counts only where several columns are wavelengths: it names their samples.
+    """
+    width = len(table.rows[0][1])
+    for lines in (table.header, table.comments):
+        rows: list[list[str]] = []
+        for _, line in reversed(lines[-3:]):
+            cells = _cells(line, table.style.separator, width)
+            fits = len(cells) == width or (rows and table.style.separator != " " and width - 1 <= len(cells) <= width)
+            if not fits:
+                break
+            rows.insert(0, cells + [""] * (width - len(cells)))
+        top = next((index for index, row in enumerate(rows) if any(map(_is_axis, row))), None)
+        if top is not None:
+            return rows if sum(map(_is_axis, rows[top])) > 1 else rows[top:]
+    title = "\n".join(line for _, line in table.header)
+    axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in ("XUNITS", "YUNITS")]
+    if width == 2 and axes[0] and axes[1]:  # JASCO states the columns above the table
+        return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
+    hint = "Write a header such as 'wavelength_nm' and a name for each column, separated as the rows are."
+    first = table.rows[0][0]
+    expected = f"a header of {width} cells with the wavelength and its unit above it"
+    raise InputError(source.at(first), "a table without a header", expected, hint)
+
+
+def _is_axis(text: str) -> bool:
+    """Whether a header is that of wavelengths (or of another spectral axis)."""
+    bare = text.strip().strip("[]().").lower()
+    return bool(_WAVELENGTH.search(text) or _OTHER_AXIS.search(text) or bare in ("nm", "um", "µm", "μm", "å", "å"))
+
+
+def _axis_factor(source: InstrumentText, text: str, preamble: str) -> float:
+    """Factor to nm of a column of wavelengths."""
+    if _OTHER_AXIS.search(text):
+        hint = "Export the table against wavelength: the bands of a wavenumber are not those of a wavelength."
+        raise InputError(source.path, f"the axis '{text[:60]}'", "wavelengths in nm, um or Angstrom", hint)
+    factor = _length_factor(text.replace("_", " "))
+    if factor is None:
+        lines = re.findall(r"^.*(?:x\s?-?units?|wavelength|x\s?-?axis).*$", preamble, re.M | re.I)
+        factor = _length_factor(" ".join(lines).replace("_", " "))
+    if factor is None:
+        hint = "Write the unit into the header, such as 'Wavelength (nm)'."
+        fault = f"'{text[:60]}', wavelengths without a unit"
+        raise InputError(source.path, fault, "a unit: nm, um or Angstrom", hint)
+    return factor
+
+
+def _quantity(text: str) -> str:
+    """The one quantity that a text names; empty for none or several."""
+    names = [name for name, pattern in _QUANTITIES.items() if re.search(pattern, text, re.I)]
+    return names[0] if len(names) == 1 else ""
+
+
+def _unit(cells: list[str]) -> str:
+    """Unit of a column, as its header states it; empty for none."""
+    for cell in reversed(cells):
+        if _RADIOMETRIC.fullmatch(cell.strip("[]() ")):
+            return cell.strip("[] ") if cell.startswith("[") else cell
+        if match := _BRACKETS.search(cell):
+            return match[1].strip()
+    return ""
+
+
+def _name(cells: list[str], sample: str) -> str:
+    """Name of a column: the uppermost text that is no unit."""
+    texts = [cell for cell in (*cells[:-1], sample, cells[-1]) if cell]
+    return next((cell for cell in texts if not _RADIOMETRIC.fullmatch(cell.strip("[]() "))), texts[0] if texts else "")
+
+
+def _read(source: InstrumentText) -> InstrumentFile:
+    if source.text.lstrip().startswith("<"):
+        hint = "Export the spectrum as CxF3, TM-27-14 or text."
+        raise InputError(source.path, "XML or HTML of another kind", "CxF3 or IES TM-27-14", hint)
+    table = find_table(source)
+    header = _header(source, table)
+    columns = [[row[k] for row in header] for k in range(len(header[0]))]
+    axes = [k for k, cells in enumerate(columns) if any(map(_is_axis, cells))]
+    if not axes or axes[0] != 0:
+        raise InputError(source.path, f"'{columns[0][-1][:40]}' first", "the wavelength as first column", "Move it.")
+    preamble = "\n".join(line for _, line in (*table.header[: len(table.header) - len(header)], *table.comments))
+    plain = table.style.separator == "," and header[-1][0] == "wavelength_nm"  # the project's own tables
+    spectra: list[MeasuredSpectrum] = []
+    factors = set()
+    factor, sample, axis = 1.0, "", 0
+    for k, cells in enumerate(columns):
+        if k in axes:
+            axis, sample = k, next((cell for cell in cells if cell and not _is_axis(cell)), "")
+            sample = "" if _length_factor(sample) else sample
+            factor = _axis_factor(source, " ".join(cells), preamble)
+            factors.add(factor)
+            continue
+        spectra.append(_column(source, table, (axis, k), factor, cells, sample, None if plain else preamble))
+    if plain:
+        return InstrumentFile("plain CSV", unique_names(source, spectra), ("Values as they stand in the file.",))
+    notes = [f"Wavelengths times {factor:g}, to nm." for factor in sorted(factors) if factor != 1.0]
+    first, last = table.rows[0][1][0], table.rows[-1][1][0]
+    if first > last:
+        notes.append("Wavelengths descend in the file.")
+    separators = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "white space"}
+    mark = "comma" if table.style.decimal == "," else "point"
+    notes.append(f"Columns separated by {separators[table.style.separator]}, decimal {mark}.")
+    return InstrumentFile(READER.name, unique_names(source, spectra), tuple(notes))
+
+
+def _column(
+    source: InstrumentText,
+    table: NumberTable,
+    indices: tuple[int, int],
+    factor: float,
+    cells: list[str],
+    sample: str,
+    preamble: str | None,
+) -> MeasuredSpectrum:
+    """Spectrum of one column; ``indices`` are those of its wavelengths and of its values.
+
+    Without a ``preamble`` the values are taken as they are, whatever the header says of per cent.
+    """
+    axis, index = indices
+    rows = [(number, values[axis] * factor, values[index]) for number, values in table.rows]
+    if preamble is None:
+        return measured_spectrum(source, _name(cells, sample), rows)
+    text = " ".join(cells)
+    per_cent = bool(_PER_CENT.search(text))
+    quantity = _quantity(text) or _quantity(_title(preamble))
+    if quantity == "absorbance":
+        hint = "Export reflectance or transmittance."
+        raise InputError(source.path, f"absorbance in '{text[:40]}'", "a quantity linear in the light", hint)
+    unit = "per cent" if per_cent else _unit(cells)
+    return measured_spectrum(source, _name(cells, sample), rows, quantity=quantity, unit=unit, per_cent=per_cent)
+
+
+def _title(preamble: str) -> str:
+    """Lines above the header that state the measured quantity of all columns."""
+    line = r"^.*(?:y\s?-?units?|y\s?-?mode|mode|quantity|y\s?-?axis|data type).*$"
+    return " ".join(re.findall(line, preamble, re.M | re.I))
+
+
+READER = SpectrumReader("table", "table with a header", _recognises, _read)
