@@ -82,7 +82,13 @@ def stated_columns(capture: Capture) -> list[Column]:
     efficiency = manifest.camera.quantum_efficiency
     columns: list[tuple[str, str, str | None]] = [
         ("quantum efficiency", "camera.quantum_efficiency", column)
-        for column in (efficiency if isinstance(efficiency, tuple) else (efficiency,))
+        for column in (
+            efficiency
+            if isinstance(efficiency, tuple)
+            else efficiency.values()
+            if isinstance(efficiency, dict)
+            else (efficiency,)
+        )
     ]
     columns.append(("lens transmittance", "lens.transmittance", manifest.lens.transmittance))
     for index, band in enumerate(manifest.band):

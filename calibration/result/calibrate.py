@@ -12,7 +12,13 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import OwnMappings
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, band_channels, brighter_channel_notes, file_mosaic_notes
+from ..capture import (
+    Capture,
+    band_channels,
+    brighter_channel_notes,
+    chosen_channel_notes,
+    file_mosaic_notes,
+)
 from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, study_colour, xyz_image
 from ..correction import (
     CorrectedBands,
@@ -189,6 +195,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         *file_mosaic_notes(capture),
         *noise.notes,
         *bands.notes,
+        *chosen_channel_notes(capture, channels),
         *brighter_channel_notes(capture, channels),
         *radiometry.notes,
         *camera_notes,
