@@ -58,9 +58,7 @@ def write_mosaic_capture(folder, pattern, image, scene, camera, seed, **changes)
     field = np.broadcast_to(band_signals(even, response, field_shares(response, camera)), signals.shape)
     masks = [channel_mask(pattern, image.sees_lamp.shape, channel) for channel in bands]
     mosaic = [np.sum(np.where(masks, picture, 0.0), axis=0)[None] for picture in (signals, field)]
-    write_photographs(
-        folder, *mosaic, image.sees_lamp, camera=camera, scene=scene, settings=settings, seed=seed
-    )
+    write_photographs(folder, *mosaic, image.sees_lamp, camera=camera, scene=scene, settings=settings, seed=seed)
     table = np.column_stack([WAVELENGTH_NM, *(efficiency[channel].values for channel in bands)])
     header = ",".join(["wavelength_nm", *(channel.lower() for channel in bands)])
     np.savetxt(folder / "spectra" / "channels.csv", table, "%.8g", ",", header=header, comments="")
