@@ -134,6 +134,8 @@ class Comparison(OwnMappings):
     render_sigma_over_sensor_sigma: float
     pixels_used: int
     masked: Mapping[str, int]
+    #: (height, width) of one repeat of the sensor's mosaic, px; None without a mosaic.
+    cell: tuple[int, int] | None = None
 
 
 def _relative(
@@ -372,4 +374,5 @@ def compare(
             for reason in Mask
             if reason.name and reason.is_defect
         },
+        cell=cell,
     )

@@ -67,6 +67,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "further": [asdict(one) for one in diagnosis.further],
         "certainty": _finite(diagnosis.certainty),
         "limits": [asdict(one) for one in diagnosis.limits],
+        **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
     }
 
 
@@ -189,7 +190,8 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
     """The result in sentences, the finding first."""
     foreign = [] if diagnosis.render is None else diagnosis.render.sentences
     if diagnosis.adequate:
-        return [in_short(diagnosis), *limit_sentences(diagnosis), *foreign, *further_sentences(diagnosis)]
+        further = further_sentences(diagnosis)
+        return [in_short(diagnosis), *limit_sentences(diagnosis), *foreign, *further, *diagnosis.notes]
     return [
         in_short(diagnosis),
         *foreign,
@@ -199,6 +201,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
         *further_sentences(diagnosis),
         *(separation_sentence(s) for s in diagnosis.separations),
         *evidence_sentences(diagnosis),
+        *diagnosis.notes,
     ]
 
 

@@ -4,6 +4,9 @@ One frame stands in three bands. Each sees the pixels of its channel only: compa
 would be taken for green (reduced chi-square 838).
 """
 
+import base64
+import zlib
+
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
@@ -15,6 +18,10 @@ from cboxlab.rendering.model.model_file import Model
 from cboxlab.scenes import cornell_box
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.compare.pipeline import validate_capture
+from cboxlab.validation.diagnose.diagnosis import diagnose
+from cboxlab.validation.report.diagnosis import finding_sentences
+from cboxlab.validation.report.viewer.payload import picture_data
+from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_scene
 from helpers.mosaic_capture import write_mosaic_capture
 
@@ -86,3 +93,19 @@ def test_colours_are_those_of_cells_and_noise_explains_them(validated):
     assert abs(c.luminance.mean) < 0.003
     xyz = result.prepared.calibration.xyz()
     np.testing.assert_allclose(np.moveaxis(xyz["xyz"].values, 0, -1)[:height, :width], cell, rtol=1e-6)
+
+
+def test_the_report_and_the_diagnosis_say_what_holds(validated, tmp_path):
+    """Nothing is missing; crosstalk and smear are predicted without the mosaic, which the diagnosis says."""
+    _, result, _ = validated
+    found = diagnose(result)
+    assert found.selected == () and found.adequate
+    assert len(found.notes) == 1 and "crosstalk and smear" in found.notes[0]
+    assert found.notes[0] in finding_sentences(found)
+    write_validation(result, tmp_path, found)
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found.notes[0] in report and "a cell of" in report
+    data = picture_data(result.comparison)
+    mask = zlib.decompress(base64.b64decode(data["mask"]["data"]))
+    lacking = np.frombuffer(mask, np.uint8) & Mask.OTHER_CHANNEL > 0
+    assert lacking.mean() < 0.05  # cells whose red, green or blue pixels are all saturated
