@@ -37,8 +37,8 @@ def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
     """Key and column reference of every spectrum that the manifest names."""
     efficiency = manifest.camera.quantum_efficiency
     if isinstance(efficiency, dict):
-        for channel, column in efficiency.items():
-            yield f"camera.quantum_efficiency.{channel}", column
+        for channel, of_channel in efficiency.items():
+            yield f"camera.quantum_efficiency.{channel}", of_channel
     else:
         for column in efficiency if isinstance(efficiency, tuple) else (efficiency,):
             if column is not None:

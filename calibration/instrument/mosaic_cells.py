@@ -53,8 +53,8 @@ def cell_means(signal: ArrayLike, variance: ArrayLike, used: ArrayLike, cell: tu
     CellMeans
         In the shape of the images.
     """
-    values, noise = np.asarray(signal, float), np.asarray(variance, float)
-    seen = np.asarray(used, bool)
+    values, noise = np.asarray(signal, np.float64), np.asarray(variance, np.float64)
+    seen: NDArray[np.bool_] = np.asarray(used, np.bool_)
     cells = _cells((values.shape[1], values.shape[2]), cell)
     count = int(cells.max()) + 1
     pixels = np.stack([np.bincount(cells[where], minlength=count) for where in seen])

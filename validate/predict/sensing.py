@@ -36,7 +36,8 @@ def minutes_of_bands(capture: Capture, channels: Mapping[str, str] | None = None
     NDArray
         (band,) minutes to the middle of each band's frames.
     """
-    readout, free, middles = capture.manifest.camera.readout_s, 0.0, []
+    readout, free = capture.manifest.camera.readout_s, 0.0
+    middles: list[float] = []
     bands = capture.manifest.band
     for index, band in enumerate(bands):
         same = (k for k in range(index) if shares_frames(capture, channels, bands[k].id, band.id))
