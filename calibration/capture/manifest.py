@@ -102,7 +102,7 @@ def channel_letters(pattern: str) -> tuple[str, ...]:
         R, G, B first where the pattern has them, then the others in reading order.
     """
     letters = dict.fromkeys(pattern.replace(" ", ""))
-    return (*(letter for letter in "RGB" if letter in letters), *(one for one in letters if one not in "RGB"))
+    return (*(letter for letter in "RGB" if letter in letters), *(letter for letter in letters if letter not in "RGB"))
 
 
 def split_channel(channel: str) -> tuple[str, int | None]:

@@ -55,7 +55,7 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
     if not is_channel(pattern, channel):
         raise ValueError(f"channel '{channel}' is not in the pattern '{pattern}'")
     letter, number = split_channel(channel)
-    cell = np.array([[place == letter for place in row] for row in pattern_rows(pattern)])
+    cell = np.array([[pixel == letter for pixel in row] for row in pattern_rows(pattern)])
     if number is not None:
         cell &= np.cumsum(cell).reshape(cell.shape) == number
     height, width = shape
@@ -134,8 +134,8 @@ def chosen_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -
     """
     if channels is None:
         return []
-    chosen = [f"{band.id} {channels[band.id]}" for band in capture.manifest.band if band.channel is None]
-    return [f"no channel of the mosaic is stated, so the bands see: {', '.join(chosen)}"] if chosen else []
+    selected = [f"{band.id} {channels[band.id]}" for band in capture.manifest.band if band.channel is None]
+    return [f"no channel of the mosaic is stated, so the bands see: {', '.join(selected)}"] if selected else []
 
 
 def _band_channel(capture: Capture, band: BandTable, pattern: str) -> str:

@@ -54,13 +54,14 @@ def cell_means(signal: ArrayLike, variance: ArrayLike, used: ArrayLike, cell: tu
         In the shape of the images.
     """
     values, noise = np.asarray(signal, np.float64), np.asarray(variance, np.float64)
-    seen: NDArray[np.bool_] = np.asarray(used, np.bool_)
+    counted: NDArray[np.bool_] = np.asarray(used, np.bool_)
     cells = _cells((values.shape[1], values.shape[2]), cell)
     count = int(cells.max()) + 1
-    pixels = np.stack([np.bincount(cells[where], minlength=count) for where in seen])
+    numbers = [cells[counted[band]] for band in range(len(counted))]
+    pixels = np.stack([np.bincount(number, minlength=count) for number in numbers])
     divisor = np.maximum(pixels, 1)
     sums = [
-        np.stack([np.bincount(cells[where], image[where], count) for where, image in zip(seen, images, strict=True)])
+        np.stack([np.bincount(number, images[band][counted[band]], count) for band, number in enumerate(numbers)])
         for images in (values, noise)
     ]
     return CellMeans((sums[0] / divisor)[:, cells], (sums[1] / divisor**2)[:, cells], (pixels > 0).all(axis=0)[cells])
@@ -89,9 +90,9 @@ def one_pixel_of_each_cell(where: NDArray[np.bool_], cell: tuple[int, int]) -> N
 
 
 def interpolated_channel(
-    image: NDArray[np.float64], seen: NDArray[np.bool_], cell: tuple[int, int]
+    image: NDArray[np.float64], in_channel: NDArray[np.bool_], cell: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Image of one channel with its gaps filled from the nearest pixels, for display and edge detection.
+    """Image of one channel with its gaps filled from neighbours, for display and edge detection.
 
     The weights fall linearly to 0 at the distance of one cell in either direction: bilinear behind a Bayer mosaic.
 
@@ -99,7 +100,7 @@ def interpolated_channel(
     ----------
     image
         (y, x) signal.
-    seen
+    in_channel
         (y, x) True for the pixels of the channel.
     cell
         (height, width) of one repeat of the mosaic, px.
@@ -107,16 +108,16 @@ def interpolated_channel(
     Returns
     -------
     NDArray
-        (y, x) the image itself where seen; NaN where no pixel of the channel is near.
+        (y, x) the image itself in the channel; NaN where no pixel of the channel is near.
     """
     sums = []
-    for values in (np.where(seen, image, 0.0), seen.astype(float)):
+    for values in (np.where(in_channel, image, 0.0), in_channel.astype(float)):
         for axis, size in enumerate(cell):
             weights = size - np.abs(np.arange(1 - size, size))
             values = np.apply_along_axis(np.convolve, axis, np.pad(values, _margin(axis, size)), weights, "valid")
         sums.append(values)
     filled = np.divide(sums[0], sums[1], out=np.full(image.shape, np.nan), where=sums[1] > 0)
-    return np.where(seen, image, filled)
+    return np.where(in_channel, image, filled)
 
 
 def _margin(axis: int, size: int) -> tuple[tuple[int, int], tuple[int, int]]:

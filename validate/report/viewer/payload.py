@@ -114,9 +114,10 @@ def _order(c: Comparison, centres_nm: Sequence[float] | None) -> NDArray[np.int6
 
 
 def _of_cells(c: Comparison) -> Comparison:
-    """Behind a mosaic, signals and sigmas of whole cells in all their pixels; the viewer mixes bands in a pixel.
+    """Signals and sigmas of whole cells in all their pixels; unchanged without a mosaic.
 
-    A pixel is masked by the flags of its channel, and as one of other channels where its cell lacks a band.
+    The viewer computes colours from all bands of a pixel. A pixel is masked by the flags of its channel, and as one of
+    other channels where its cell lacks a band.
     """
     if c.cell is None:
         return c
