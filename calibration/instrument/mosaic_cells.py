@@ -64,7 +64,7 @@ def cell_means(signal: ArrayLike, variance: ArrayLike, used: ArrayLike, cell: tu
         np.stack([np.bincount(number, images[band][counted[band]], count) for band, number in enumerate(numbers)])
         for images in (values, noise)
     ]
-    return CellMeans((sums[0] / divisor)[:, cells], (sums[1] / divisor**2)[:, cells], (pixels > 0).all(axis=0)[cells])
+    return CellMeans((sums[0] / divisor)[:, cells], (sums[1] / divisor**2)[:, cells], (pixels.min(axis=0) > 0)[cells])
 
 
 def one_pixel_of_each_cell(where: NDArray[np.bool_], cell: tuple[int, int]) -> NDArray[np.bool_]:
