@@ -10,8 +10,10 @@ from .mosaic import (
     brighter_channel_notes,
     channel_lattice,
     channel_mask,
+    chosen_channel_notes,
     file_mosaic_notes,
     pattern_rows,
+    shares_frames,
 )
 
 __all__ = [
@@ -28,9 +30,11 @@ __all__ = [
     "brighter_channel_notes",
     "channel_lattice",
     "channel_mask",
+    "chosen_channel_notes",
     "file_mosaic_notes",
     "load_capture",
     "nearest",
     "pattern_rows",
+    "shares_frames",
     "write_first_manifest",
 ]

@@ -19,7 +19,15 @@ from PIL import Image
 from .checks import TABLES_OF_FRAMES, capture_faults
 from .frames import picture_names, pictures_by_file, read_frame, read_frames, split_name
 from .labels import Label, read_labels
-from .manifest import BandTable, BracketTable, FlatTable, Manifest, ReferenceTable
+from .manifest import (
+    BandTable,
+    BracketTable,
+    FlatTable,
+    Manifest,
+    ReferenceTable,
+    pattern_rows,
+    split_channel,
+)
 from .manifest_faults import raise_faults, read_manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
@@ -64,6 +72,14 @@ class Capture:
     def saturation_dn(self) -> int:
         """The count from which a pixel is saturated, DN: full scale, or the full well below it."""
         return self.full_scale_dn if self.full_well_dn is None else self.full_well_dn
+
+    @property
+    def cell(self) -> tuple[int, int] | None:
+        """(height, width) of one repeat of the mosaic, px; None without a mosaic."""
+        if self.manifest.mosaic is None:
+            return None
+        rows = pattern_rows(self.manifest.mosaic.pattern)
+        return len(rows), len(rows[0])
 
     def band(self, identifier: str) -> BandTable:
         """The table of a band.
@@ -227,7 +243,7 @@ class Capture:
         Parameters
         ----------
         channel
-            "R", "G" or "B" with a mosaic; ignored without one.
+            Channel of the mosaic, such as "R", or "G2" for one green pixel of the repeat; ignored without a mosaic.
 
         Returns
         -------
@@ -240,10 +256,11 @@ class Capture:
             If the sensor has a mosaic and no channel is given.
         """
         column = self.manifest.camera.quantum_efficiency
-        if isinstance(column, tuple):
+        if isinstance(column, tuple | dict):
             if channel is None:
-                raise ValueError("the sensor has a mosaic: say which channel, R, G or B")
-            column = column["RGB".index(channel)]
+                raise ValueError("the sensor has a mosaic: say which channel, such as R, G or B")
+            letter, _ = split_channel(channel)
+            column = column[letter] if isinstance(column, dict) else column["RGB".index(letter)]
         return None if column is None else self.light(column)
 
     @property

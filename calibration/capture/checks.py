@@ -15,7 +15,7 @@ from PIL import Image, UnidentifiedImageError
 from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
-from .manifest import CameraTable, Manifest
+from .manifest import CameraTable, Manifest, channel_letters, is_channel
 from .manifest_faults import nearest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
@@ -36,9 +36,13 @@ def _frame_lists(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
 def _references(manifest: Manifest) -> Iterator[tuple[str, str]]:
     """Key and column reference of every spectrum that the manifest names."""
     efficiency = manifest.camera.quantum_efficiency
-    for column in efficiency if isinstance(efficiency, tuple) else (efficiency,):
-        if column is not None:
-            yield "camera.quantum_efficiency", column
+    if isinstance(efficiency, dict):
+        for channel, of_channel in efficiency.items():
+            yield f"camera.quantum_efficiency.{channel}", of_channel
+    else:
+        for column in efficiency if isinstance(efficiency, tuple) else (efficiency,):
+            if column is not None:
+                yield "camera.quantum_efficiency", column
     if manifest.lens.transmittance is not None:
         yield "lens.transmittance", manifest.lens.transmittance
     if manifest.lamp is not None:
@@ -82,15 +86,8 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                 "one [[dark]] per exposure",
                 "List all its frames in one table.",
             )
+    yield from _mosaic_faults(path, manifest)
     camera = manifest.camera
-    if manifest.mosaic is None and isinstance(camera.quantum_efficiency, tuple):
-        yield InputError(f"{path}: camera.quantum_efficiency", "a list", "one column", "A list needs [mosaic].")
-    if manifest.mosaic is not None and isinstance(camera.quantum_efficiency, str):
-        yield InputError(
-            f"{path}: camera.quantum_efficiency",
-            "one column",
-            "a list of three, R, G, B, since the sensor has a [mosaic]",
-        )
     crop = manifest.crop
     if crop is not None:
         for axis, start, size, full in (
@@ -103,6 +100,36 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                     f"a window that ends at {start + size} px",
                     f"an end within full_{axis}_px = {full}",
                 )
+
+
+def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """Contradictions between the mosaic, the quantum efficiencies and the bands' channels."""
+    where, efficiency = f"{path}: camera.quantum_efficiency", manifest.camera.quantum_efficiency
+    if manifest.mosaic is None:
+        if isinstance(efficiency, tuple):
+            yield InputError(where, "a list", "one column", "A list needs [mosaic].")
+        if isinstance(efficiency, dict):
+            yield InputError(where, "a table", "one column", "A table needs [mosaic].")
+        for index, band in enumerate(manifest.band):
+            if band.channel is not None:
+                key = f"{path}: band[{index}] ({band.id}).channel"
+                yield InputError(key, f"'{band.channel}'", "no channel", "A channel needs [mosaic].")
+        return
+    letters = channel_letters(manifest.mosaic.pattern)
+    if isinstance(efficiency, str):
+        expected = "a list of three, R, G, B, or a table of letters, since the sensor has a [mosaic]"
+        yield InputError(where, "one column", expected)
+    if isinstance(efficiency, tuple) and not set(letters) <= set("RGB"):
+        yield InputError(where, "a list, which stands for R, G, B", f"a table with {', '.join(letters)}")
+    if isinstance(efficiency, dict) and set(efficiency) != set(letters):
+        yield InputError(where, f"a table with {', '.join(efficiency)}", f"one with {', '.join(letters)}")
+    for index, band in enumerate(manifest.band):
+        if band.channel is not None and not is_channel(manifest.mosaic.pattern, band.channel):
+            yield InputError(
+                f"{path}: band[{index}] ({band.id}).channel",
+                f"'{band.channel}'",
+                f"one of {', '.join(letters)}, or one pixel of the repeat, such as '{letters[0]}1'",
+            )
 
 
 def _check_file(folder: Path, path: Path, key: str, name: str) -> None:

@@ -33,8 +33,11 @@ __all__ = [
     "MosaicTable",
     "ReferenceTable",
     "TargetTable",
+    "channel_letters",
     "example_of",
+    "is_channel",
     "pattern_rows",
+    "split_channel",
 ]
 
 
@@ -85,14 +88,70 @@ def pattern_rows(pattern: str) -> tuple[str, ...]:
     return tuple(pattern.split(" ")) if " " in pattern else (pattern[:2], pattern[2:])
 
 
+def channel_letters(pattern: str) -> tuple[str, ...]:
+    """Letters of a mosaic's channels.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``pattern_rows``.
+
+    Returns
+    -------
+    tuple
+        R, G, B first where the pattern has them, then the others in reading order.
+    """
+    letters = dict.fromkeys(pattern.replace(" ", ""))
+    return (*(letter for letter in "RGB" if letter in letters), *(letter for letter in letters if letter not in "RGB"))
+
+
+def split_channel(channel: str) -> tuple[str, int | None]:
+    """Letter of a channel, and which of its pixels in one repeat.
+
+    Parameters
+    ----------
+    channel
+        A letter, or a letter and a number: "G", "G2".
+
+    Returns
+    -------
+    tuple
+        Letter, and the number from 1 on in reading order; None for all pixels of the letter.
+    """
+    return channel[:1], int(channel[1:]) if channel[1:].isdecimal() else None
+
+
+def is_channel(pattern: str, channel: str) -> bool:
+    """Whether a mosaic has a channel.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``pattern_rows``.
+    channel
+        A letter, or a letter and a number: "G", "G2".
+
+    Returns
+    -------
+    bool
+        True if the pattern has the letter, and as many pixels of it as the number says.
+    """
+    letter, number = split_channel(channel)
+    if letter not in channel_letters(pattern):
+        return False
+    return channel == letter if number is None else 1 <= number <= pattern.count(letter)
+
+
 def _pattern(pattern: str) -> str:
-    """The mosaic pattern itself; ValueError for one that is no repeat of letters R, G, B."""
+    """The mosaic pattern itself; ValueError for one that is no repeat of two letters or more."""
     rows = pattern_rows(pattern)
+    letters = "".join(rows)
     one_length = len({len(row) for row in rows}) == 1 and (" " in pattern or len(pattern) == 4)
-    if not one_length or set("".join(rows)) != {"R", "G", "B"} or max(len(rows), len(rows[0])) > _MAX_REPEAT:
+    is_channels = letters.isalpha() and len(set(letters)) > 1
+    if not one_length or not is_channels or max(len(rows), len(rows[0])) > _MAX_REPEAT:
         raise ValueError(
-            "four letters of R, G and B, each at least once, such as 'GBRG', or rows of the same length, separated by "
-            f"a space, for another repeat of at most {_MAX_REPEAT} x {_MAX_REPEAT} pixels"
+            "four letters, one a pixel, of two channels or more, such as 'GBRG', or rows of the same length, separated "
+            f"by a space, for another repeat of at most {_MAX_REPEAT} x {_MAX_REPEAT} pixels"
         )
     return pattern
 
@@ -113,6 +172,10 @@ def _kind(value: Any) -> str:
     return "<text>" if isinstance(value, str) else "<list>"
 
 
+def _kind_or_table(value: Any) -> str:
+    return "<table>" if isinstance(value, dict) else _kind(value)
+
+
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
@@ -125,8 +188,9 @@ Name = Annotated[str, Field(min_length=1)]
 
 QuantumEfficiency = Annotated[
     Annotated[ColumnReference, Tag("<text>")]
-    | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
+    | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")]
+    | Annotated[dict[Name, ColumnReference], Tag("<table>")],
+    Discriminator(_kind_or_table),
 ]
 
 
@@ -170,7 +234,7 @@ class CameraTable(_Table):
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
-        "electrons per photon, 0 to 1; with a [mosaic] a list of three columns, R, G, B",
+        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, or a list for R, G, B",
         '"spectra/camera.csv:quantum_efficiency"',
         None,
     )
@@ -203,6 +267,12 @@ class BandTable(_Table):
     frames: Frames = _key(_FRAMES, '["frames/f550-0.tif", "frames/f550-1.tif"]')
     exposure_s: Positive = _key(_EXPOSURE, "4.0")
     transmittance: ColumnReference | None = _key("of the filter, 0 to 1", '"spectra/filters.csv:f550"', None)
+    channel: Name | None = _key(
+        "channel of the [mosaic] whose pixels the band sees; 'G2' is the second G of the pattern in reading order; "
+        "chosen by the filter where left out",
+        '"R"',
+        None,
+    )
     f_number: Positive | None = _key(_F_NUMBER, "8.0", None)
     image_distance_mm: Positive | None = _key(_DISTANCE, "36.6", None)
     start_s: Moment | None = _key(_START, "0.0", None)
@@ -275,7 +345,8 @@ class MosaicTable(_Table):
     """A colour filter array on the sensor."""
 
     pattern: Annotated[str, AfterValidator(_pattern)] = _key(
-        "letters of the upper left 2 x 2 pixels, row by row; of another repeat, its rows separated by a space",
+        "channels of the upper left 2 x 2 pixels, a letter each, row by row; of another repeat, its rows separated by "
+        "a space",
         '"RGGB"',
     )
 

@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 from ..frame_readers import frame_header
 from .capture import Capture, FrameTable
 from .frames import pictures_by_file
-from .manifest import BandTable, pattern_rows
+from .manifest import BandTable, channel_letters, is_channel, pattern_rows, split_channel
 
 __all__ = [
     "band_channels",
     "brighter_channel_notes",
     "channel_lattice",
     "channel_mask",
+    "chosen_channel_notes",
     "file_mosaic_notes",
     "pattern_rows",
+    "shares_frames",
 ]
 
 #: Wavelength at which the blue and green sensitivities of common colour filter arrays cross, nm.
@@ -38,7 +40,7 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
     shape
         (height, width) of the frame, px.
     channel
-        "R", "G" or "B".
+        Letter of the pattern for all its pixels; "G2" for the second pixel of G in the repeat, in reading order.
 
     Returns
     -------
@@ -50,9 +52,12 @@ def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[
     ValueError
         If the channel is not in the pattern.
     """
-    if channel not in pattern:
+    if not is_channel(pattern, channel):
         raise ValueError(f"channel '{channel}' is not in the pattern '{pattern}'")
-    cell = np.array([[letter == channel for letter in row] for row in pattern_rows(pattern)])
+    letter, number = split_channel(channel)
+    cell = np.array([[pixel == letter for pixel in row] for row in pattern_rows(pattern)])
+    if number is not None:
+        cell &= np.cumsum(cell).reshape(cell.shape) == number
     height, width = shape
     return np.tile(cell, (-(-height // cell.shape[0]), -(-width // cell.shape[1])))[:height, :width]
 
@@ -67,7 +72,7 @@ def channel_lattice(pattern: str, channel: str) -> tuple[int, int, int]:
     pattern
         Letters of one repeat, see ``channel_mask``.
     channel
-        "R", "G" or "B".
+        Channel, see ``channel_mask``.
 
     Returns
     -------
@@ -89,6 +94,8 @@ def channel_lattice(pattern: str, channel: str) -> tuple[int, int, int]:
 def band_channels(capture: Capture) -> dict[str, str] | None:
     """The channel used for each band.
 
+    It is the one that the band's table states. Otherwise it is chosen:
+
     With stated quantum efficiencies it is the channel with the largest response within the filter's pass band. Without
     them it is the channel that usually passes the filter's peak: B below 490 nm, R above 580 nm, G between. Without a
     transmittance it is the channel with the largest mean count. The brightest channel is not always the right one:
@@ -102,12 +109,33 @@ def band_channels(capture: Capture) -> dict[str, str] | None:
     Returns
     -------
     dict | None
-        By band identifier, "R", "G" or "B"; None without a mosaic.
+        By band identifier, the channel, such as "R", or "G2" where a table states it; None without a mosaic.
     """
     if capture.manifest.mosaic is None:
         return None
     pattern = capture.manifest.mosaic.pattern
-    return {band.id: _band_channel(capture, band, pattern) for band in capture.manifest.band}
+    return {band.id: band.channel or _band_channel(capture, band, pattern) for band in capture.manifest.band}
+
+
+def chosen_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -> list[str]:
+    """Note on the channels that no table states.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    channels
+        By band identifier, the channel used; None without a mosaic.
+
+    Returns
+    -------
+    list
+        One sentence; empty if every band states its channel, and without a mosaic.
+    """
+    if channels is None:
+        return []
+    selected = [f"{band.id} {channels[band.id]}" for band in capture.manifest.band if band.channel is None]
+    return [f"no channel of the mosaic is stated, so the bands see: {', '.join(selected)}"] if selected else []
 
 
 def _band_channel(capture: Capture, band: BandTable, pattern: str) -> str:
@@ -121,15 +149,42 @@ def _band_channel(capture: Capture, band: BandTable, pattern: str) -> str:
             efficiency = capture.quantum_efficiency(channel)
             return 0.0 if efficiency is None else float(np.sum(efficiency.at(grid) * filter_curve.values))
 
-        return max("RGB", key=in_band)
+        return max(channel_letters(pattern), key=in_band)
     peak = filter_curve.wavelength_nm[np.argmax(filter_curve.values)]
-    return "B" if peak < _BLUE_TO_GREEN_NM else "R" if peak > _GREEN_TO_RED_NM else "G"
+    usual = "B" if peak < _BLUE_TO_GREEN_NM else "R" if peak > _GREEN_TO_RED_NM else "G"
+    return usual if usual in pattern else _brightest_channel(capture, band, pattern)
 
 
 def _brightest_channel(capture: Capture, band: BandTable, pattern: str) -> str:
     """The channel with the largest mean count in the band's frames."""
     frame = capture.frames(band).mean(axis=0)
-    return max("RGB", key=lambda channel: frame[channel_mask(pattern, capture.shape, channel)].mean())
+    return max(
+        channel_letters(pattern), key=lambda channel: frame[channel_mask(pattern, capture.shape, channel)].mean()
+    )
+
+
+def shares_frames(capture: Capture, channels: Mapping[str, str] | None, first: str, second: str) -> bool:
+    """Whether two bands are different channels of the same frames.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    channels
+        By band identifier, the channel used; None without a mosaic.
+    first
+        Identifier of a band.
+    second
+        Identifier of another band.
+
+    Returns
+    -------
+    bool
+        False without a mosaic.
+    """
+    if channels is None or channels[first] == channels[second]:
+        return False
+    return capture.band(first).frames == capture.band(second).frames
 
 
 def file_mosaic_notes(capture: Capture) -> list[str]:
@@ -163,7 +218,9 @@ def file_mosaic_notes(capture: Capture) -> list[str]:
 
 
 def brighter_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -> list[str]:
-    """Notes on bands in which another channel is brighter than the one used.
+    """Notes on bands in which another channel is brighter than the one chosen.
+
+    A band whose table states its channel may see the darker one.
 
     Parameters
     ----------
@@ -182,6 +239,8 @@ def brighter_channel_notes(capture: Capture, channels: Mapping[str, str] | None)
         return []
     notes = []
     for band in capture.manifest.band:
+        if band.channel is not None:
+            continue
         brightest = _brightest_channel(capture, band, mosaic.pattern)
         if brightest != channels[band.id]:
             notes.append(

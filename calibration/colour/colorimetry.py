@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from ..instrument import LUMINOUS_EFFICACY, BandResponse, colour_matching_functions
+from ..instrument import LUMINOUS_EFFICACY, BandResponse, Mask, cell_means, colour_matching_functions
 from ..radiometry import Uncertainty, xyz_parts
 
 __all__ = [
@@ -173,8 +173,11 @@ def xyz_image(
     responses: Sequence[BandResponse],
     uncertainty: Uncertainty | None = None,
     relative_error: NDArray[np.float64] | None = None,
+    cell: tuple[int, int] | None = None,
 ) -> xr.Dataset:
     """Tristimulus images of band images.
+
+    With a mosaic, all pixels of a cell get the XYZ of the means of each band's pixels in it, see ``cell_means``.
 
     Parameters
     ----------
@@ -188,19 +191,26 @@ def xyz_image(
         Band and common components of the signals; None leaves out all covariances.
     relative_error
         (n, 3) relative errors of the weights over plausible spectra; None leaves out `covariance_weights`.
+    cell
+        (height, width) of one repeat of the mosaic, px; None without a mosaic.
 
     Returns
     -------
     xr.Dataset
         ``xyz`` (component, y, x), Y in cd m^-2; its ``variance`` from the images' independent noise only; ``mask`` (y,
-        x), the union of the bands' flags. With an uncertainty also ``covariance_pixel`` and ``covariance_shared`` (y,
-        x, component, component_2): of the noise, and of the errors common to all pixels of a band or of all bands. With
-        relative errors also ``covariance_weights``: of the approximation of the colour-matching functions, which is the
-        same in pixels of the same spectrum.
+        x), the union of the bands' flags, with a mosaic OTHER_CHANNEL where a band has no used pixel in the cell. With
+        an uncertainty also ``covariance_pixel`` and ``covariance_shared`` (y, x, component, component_2): of the noise,
+        and of the errors common to all pixels of a band or of all bands. With relative errors also
+        ``covariance_weights``: of the approximation of the colour-matching functions, which is the same in pixels of
+        the same spectrum.
     """
     matrix = _signal_to_xyz(weights, responses)
     flags = np.bitwise_or.reduce(images["mask"].values, axis=0)
     signal, variance = images["signal"].values, images["variance"].values
+    if cell is not None:
+        cells = cell_means(signal, variance, images["mask"].values == 0, cell)
+        signal, variance = cells.signal, cells.variance
+        flags = np.where(cells.complete, np.uint8(0), np.uint8(Mask.OTHER_CHANNEL))
     dims, units = ("component", "y", "x"), {"units": "cd^2 m^-4"}
     result = xr.Dataset(
         {

@@ -11,7 +11,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
-from ..capture import Capture, channel_mask, pattern_rows
+from ..capture import Capture, channel_mask
 from ..instrument import Mask, band_images
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
@@ -53,19 +53,23 @@ class CorrectedBands(FrozenMappings):
 
 
 def _defects(
-    capture: Capture, flat: FlatField, dark: DarkLibrary, noise: NoiseModel, exposure_s: float
+    capture: Capture,
+    flat: FlatField,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    exposure_s: float,
+    channel: NDArray[np.bool_] | None,
 ) -> NDArray[np.uint8]:
-    """(y, x) mask of hot, dead and vignetted pixels of one band (``Mask`` flags)."""
+    """(y, x) mask of hot, dead and vignetted pixels of one band, and of those of other channels (``Mask`` flags)."""
     mask = np.zeros(capture.shape, np.uint8)
     if dark.exposure_s.size:
         smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))
         mask[hot_pixels(dark.at(exposure_s), smallest)] |= np.uint8(Mask.HOT)
     if np.isfinite(flat.mean_dn):
-        mosaic = capture.manifest.mosaic
-        rows = ("-",) if mosaic is None else pattern_rows(mosaic.pattern)
-        cell = len(rows), len(rows[0])
-        mask[dead_pixels(flat.response, cell)] |= np.uint8(Mask.DEAD)
-        mask[vignetted_pixels(flat.response)] |= np.uint8(Mask.VIGNETTED)
+        mask[dead_pixels(flat.response, capture.cell or (1, 1), channel)] |= np.uint8(Mask.DEAD)
+        mask[vignetted_pixels(flat.response, channel)] |= np.uint8(Mask.VIGNETTED)
+    if channel is not None:
+        mask[~channel] |= np.uint8(Mask.OTHER_CHANNEL)
     return mask
 
 
@@ -84,7 +88,7 @@ def correct_bands(
 
     A pixel is masked as SATURATED if a repeat or the flat reaches the saturation. With a mosaic its eight neighbours
     are masked, too, because charge and interpolation spread to them. HOT and DEAD: see ``defects``. VIGNETTED: the
-    flat is below a tenth of its maximum.
+    flat is below a tenth of its maximum. OTHER_CHANNEL: with a mosaic, the pixels that the band does not see.
 
     The dataset's ``variance`` is computed from the measured signal. For a chi-square use ``predicted_variance``.
 
@@ -97,8 +101,8 @@ def correct_bands(
     noise
         Noise model of one count (see ``measure_noise``).
     channels
-        With a mosaic, the channel "R", "G" or "B" of each band; it becomes the coordinate ``channel``. The pixels of
-        the other channels stay in the image. None without a mosaic.
+        With a mosaic, the channel of each band, such as "R"; it becomes the coordinate ``channel``. The signals of the
+        other channels' pixels stay in the image, masked. None without a mosaic.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def correct_bands(
         same_aperture = [measured_flats[other.id] for other in manifest.band if other.f_number == band.f_number]
         flat = with_mean_of_all_pixels(band.id, measured_flats[band.id], same_aperture, of_channel[band.id])
         frames = correct(capture, band, flat, dark, noise)
-        mask = _defects(capture, flat, dark, noise, band.exposure_s)
+        mask = _defects(capture, flat, dark, noise, band.exposure_s, of_channel[band.id])
         saturated = frames.saturated | flat.saturated
         if manifest.mosaic is not None:
             saturated = binary_dilation(saturated, np.ones((3, 3)))

@@ -23,10 +23,13 @@ _NEIGHBOURS = np.ones((5, 5), bool)
 _NEIGHBOURS[2, 2] = False
 
 
-def _robust(values: NDArray[np.float64], smallest_sigma: float) -> NDArray[np.float64]:
-    """Deviations from the median in robust standard deviations."""
-    middle = np.median(values)
-    sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(values - middle))), smallest_sigma)
+def _robust(
+    values: NDArray[np.float64], smallest_sigma: float, pixels: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
+    """Deviations from the median in robust standard deviations, both of the pixels stated (all: None)."""
+    usual = values if pixels is None else values[pixels]
+    middle = np.median(usual)
+    sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(usual - middle))), smallest_sigma)
     return (values - middle) / sigma
 
 
@@ -50,7 +53,9 @@ def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[n
     return _robust(dark, smallest_sigma_dn) > norm.isf(FALSE_ALARMS_PER_IMAGE / dark.size)
 
 
-def dead_pixels(response: NDArray[np.float64], cell: tuple[int, int] = (1, 1)) -> NDArray[np.bool_]:
+def dead_pixels(
+    response: NDArray[np.float64], cell: tuple[int, int] = (1, 1), channel: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
     """Pixels whose flat response is unusually low compared with their 5 x 5 neighbours.
 
     The ratio to the neighbours' median is tested against the median absolute deviation of this ratio. Threshold:
@@ -62,11 +67,13 @@ def dead_pixels(response: NDArray[np.float64], cell: tuple[int, int] = (1, 1)) -
         (y, x) relative response.
     cell
         (height, width) of the mosaic's repeat, px: only pixels of the same position in it are compared.
+    channel
+        (y, x) True for the pixels of the band's channel: the others have another noise. None without a mosaic.
 
     Returns
     -------
     NDArray
-        (y, x) True for dead pixels.
+        (y, x) True for dead pixels; False in other channels.
     """
     ratio = np.empty_like(response)
     for row, column in itertools.product(range(cell[0]), range(cell[1])):
@@ -75,20 +82,26 @@ def dead_pixels(response: NDArray[np.float64], cell: tuple[int, int] = (1, 1)) -
         padded = np.pad(plane, 2, mode="reflect", reflect_type="odd")
         middle = median_filter(padded, footprint=_NEIGHBOURS)[2:-2, 2:-2]
         ratio[row :: cell[0], column :: cell[1]] = plane / np.maximum(middle, 1e-6)
-    return _robust(ratio, 1e-6) < -norm.isf(FALSE_ALARMS_PER_IMAGE / response.size)
+    if channel is None:
+        return _robust(ratio, 1e-6) < -norm.isf(FALSE_ALARMS_PER_IMAGE / response.size)
+    return channel & (_robust(ratio, 1e-6, channel) < -norm.isf(FALSE_ALARMS_PER_IMAGE / channel.sum()))
 
 
-def vignetted_pixels(response: NDArray[np.float64]) -> NDArray[np.bool_]:
+def vignetted_pixels(response: NDArray[np.float64], channel: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
     """Pixels in which the flat is below a tenth of its maximum.
 
     Parameters
     ----------
     response
         (y, x) relative response.
+    channel
+        (y, x) True for the pixels of the band's channel: another may be ten times as bright. None without a mosaic.
 
     Returns
     -------
     NDArray
-        (y, x) True for vignetted pixels; the maximum is the 99.9th percentile.
+        (y, x) True for vignetted pixels, with a mosaic of the channel; the maximum is the 99.9th percentile.
     """
-    return response < _VIGNETTED_SHARE * np.percentile(response, 99.9)
+    if channel is None:
+        return response < _VIGNETTED_SHARE * np.percentile(response, 99.9)
+    return channel & (response < _VIGNETTED_SHARE * np.percentile(response[channel], 99.9))

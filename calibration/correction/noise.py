@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture
+from ..capture import Capture, FlatTable
 from .dark import DarkLibrary
 from .repeat_light import LIGHT_CHANGE_NOTED, light_change, with_steady_light
 
@@ -190,6 +190,17 @@ def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
     return notes
 
 
+def _different_flats(capture: Capture) -> tuple[FlatTable, ...]:
+    """All flats; of a mosaic those of different frames, which may stand once for each channel.
+
+    The noise comes from all pixels of a frame, so each frame counts once.
+    """
+    flats = capture.manifest.flats
+    if capture.manifest.mosaic is None:
+        return flats
+    return tuple(flat for k, flat in enumerate(flats) if flat.frames not in [other.frames for other in flats[:k]])
+
+
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     """Gain and read noise from repeated flat and dark frames, else from the manifest.
 
@@ -213,7 +224,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         For a faulty frame.
     """
     camera, notes = capture.manifest.camera, []
-    flats = [flat for flat in capture.manifest.flats if len(flat.frames) > 1]
+    flats = [flat for flat in _different_flats(capture) if len(flat.frames) > 1]
     darks = [table for table in capture.manifest.darks if len(table.frames) > 1]
     gain, gain_sigma = camera.gain_e_per_dn, None
     read, read_sigma = camera.read_noise_e, None

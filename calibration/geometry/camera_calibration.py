@@ -14,6 +14,12 @@ from .targets import TargetView, detect_target
 __all__ = ["calibrate_camera"]
 
 
+def _commonest(pattern: str) -> str:
+    """Letter with the most pixels in a mosaic's repeat."""
+    letters = pattern.replace(" ", "")
+    return max(letters, key=letters.count)
+
+
 def _views(capture: Capture) -> tuple[list[TargetView], list[str], list[str]]:
     """Points detected in target frames, px of the whole frame, the frames, and notes."""
     views, names, notes = [], [], []
@@ -22,8 +28,9 @@ def _views(capture: Capture) -> tuple[list[TargetView], list[str], list[str]]:
         for name in target.frames:
             image, row, column, step = capture.frame(name), 0, 0, 1
             if pattern is not None:
-                # Use one green pixel of each 2 x 2 (X-Trans: 3 x 3) pixels: an image of lower resolution.
-                row, column, step = channel_lattice(pattern, "G")
+                # Use one green pixel of each 2 x 2 (X-Trans: 3 x 3) pixels: an image of lower resolution. Without green
+                # the most frequent channel has the densest lattice.
+                row, column, step = channel_lattice(pattern, "G" if "G" in pattern else _commonest(pattern))
                 image = image[row::step, column::step]
             try:
                 world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)

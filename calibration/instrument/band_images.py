@@ -20,6 +20,12 @@ class Mask(IntFlag):
     DEAD = 4
     HOT = 8
     VIGNETTED = 16
+    OTHER_CHANNEL = 32
+
+    @property
+    def is_defect(self) -> bool:
+        """False for the pixels of a mosaic's other channels, which are left out by design."""
+        return Mask.OTHER_CHANNEL not in self
 
 
 def band_images(

@@ -59,15 +59,18 @@ def check_frame_content(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
     Yields
     ------
     Suspicion
-        For each frame that equals an earlier one. A uniform field may serve as flat and as reference of a band.
+        For each frame that equals an earlier one. A uniform field may serve as flat and as reference of a band. A
+        frame of a mosaic may serve once for each channel.
     """
-    first_of: dict[bytes, tuple[Stack, str]] = {}
+    first_of: dict[tuple[bytes, str | None], tuple[Stack, str]] = {}
     for stack in stacks:
         for path, frame in zip(stack.paths, stack.frames, strict=True):
             if not _is_varied(frame):
                 continue
-            key = hashlib.sha256(np.ascontiguousarray(frame).tobytes()).digest()
-            first, other = first_of.setdefault(key, (stack, path))
+            digest = hashlib.sha256(np.ascontiguousarray(frame).tobytes()).digest()
+            first, other = first_of.setdefault((digest, None), (stack, path))
+            if first.channel is not None and other == path:  # only a frame of the same channel can be a copy
+                first, other = first_of.setdefault((digest, stack.channel), (stack, path))
             if (first, other) == (stack, path):
                 continue
             kinds = {first.kind, stack.kind}
@@ -134,9 +137,10 @@ def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion
     """
     bands = {band.lower() for band in capture.band_ids if re.search(r"[A-Za-z]", band)}
     for stack in stacks:
+        sharing = {other.band.lower() for other in stacks if other.band is not None and stack.shares_frames(other)}
         for path in stack.paths:
             tokens = _tokens(path)
-            bands_in_name = tokens & bands
+            bands_in_name = (tokens & bands) - sharing
             if stack.band is not None and bands_in_name and stack.band.lower() not in bands_in_name:
                 yield Suspicion(
                     f"a frame of another band: {path} is listed under {stack.band}",

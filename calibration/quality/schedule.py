@@ -41,7 +41,10 @@ def check_schedule(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
     Suspicion
         At most one for each kind of contradiction, one for each pair of bands that start together.
     """
-    timed = [stack for stack in stacks if stack.start_s is not None]
+    timed: list[Stack] = []
+    for stack in stacks:
+        if stack.start_s is not None and not any(stack.shares_frames(other) for other in timed):
+            timed.append(stack)
     order = sorted(timed, key=lambda s: s.start_s or 0.0)
     yield from _check_order(timed)
     yield from _check_overlap(order)

@@ -43,6 +43,24 @@ class Stack:
     #: ``channel_lattice``; None without a mosaic.
     lattice: tuple[int, int, int] | None
 
+    #: Channel of the mosaic that the band sees; None for darks and without a mosaic.
+    channel: str | None = None
+
+    def shares_frames(self, other: Stack) -> bool:
+        """Whether both are different channels of the same frames.
+
+        Parameters
+        ----------
+        other
+            Frames of another table.
+
+        Returns
+        -------
+        bool
+            False without a mosaic.
+        """
+        return self.channel != other.channel and self.paths == other.paths and None not in (self.channel, other.channel)
+
     @property
     def counts(self) -> NDArray[np.uint16]:
         """(repeat, y, x) DN; with a mosaic only the pixels at ``lattice``."""
@@ -125,6 +143,7 @@ def read_stacks(capture: Capture, channels: dict[str, str] | None = None) -> tup
                     table.frames,
                     capture.frames(table),
                     _lattice(capture, channels, band),
+                    None if channels is None or band is None else channels[band],
                 )
             )
     return tuple(stacks)

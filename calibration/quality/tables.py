@@ -82,7 +82,13 @@ def stated_columns(capture: Capture) -> list[Column]:
     efficiency = manifest.camera.quantum_efficiency
     columns: list[tuple[str, str, str | None]] = [
         ("quantum efficiency", "camera.quantum_efficiency", column)
-        for column in (efficiency if isinstance(efficiency, tuple) else (efficiency,))
+        for column in (
+            efficiency
+            if isinstance(efficiency, tuple)
+            else efficiency.values()
+            if isinstance(efficiency, dict)
+            else (efficiency,)
+        )
     ]
     columns.append(("lens transmittance", "lens.transmittance", manifest.lens.transmittance))
     for index, band in enumerate(manifest.band):
@@ -261,18 +267,19 @@ def _check_filter_ends(key: str, reference: str, spectrum: Spectrum, span: str) 
 
 
 def _check_same_filter(capture: Capture) -> Iterator[Suspicion]:
-    """Two bands with the same filter."""
-    band_of: dict[str, str] = {}
+    """Two bands with the same filter, behind a mosaic also with the same stated channel."""
+    band_of: dict[tuple[str, str | None], str] = {}
     for index, band in enumerate(capture.manifest.band):
         if band.transmittance is None:
             continue
-        if band.transmittance in band_of:
+        response = band.transmittance, band.channel
+        if response in band_of:
             yield Suspicion(
-                f"{band.id} and {band_of[band.transmittance]} state the same filter",
+                f"{band.id} and {band_of[response]} state the same filter",
                 f"band[{index}] ({band.id}).transmittance",
                 f"Both refer to {band.transmittance}. Further exposures with the same filter must be brackets.",
             )
-        band_of.setdefault(band.transmittance, band.id)
+        band_of.setdefault(response, band.id)
 
 
 def check_numbers(capture: Capture) -> Iterator[Suspicion]:

@@ -12,7 +12,13 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, band_channels, brighter_channel_notes, file_mosaic_notes
+from ..capture import (
+    Capture,
+    band_channels,
+    brighter_channel_notes,
+    chosen_channel_notes,
+    file_mosaic_notes,
+)
 from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, study_colour, xyz_image
 from ..correction import (
     CorrectedBands,
@@ -25,7 +31,7 @@ from ..correction import (
 )
 from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
 from ..geometry import CameraFit, TargetFit, calibrate_camera
-from ..instrument import BandResponse
+from ..instrument import BandResponse, Mask, interpolated_channel
 from ..quality import Suspicion, explain_points, find_suspicions
 from ..radiometry import (
     Radiometry,
@@ -90,8 +96,14 @@ class Calibration(FrozenMappings):
 
     @property
     def photograph(self) -> NDArray[np.float64]:
-        """(y, x) mean of the bands over their 99th percentiles, for display and edge detection."""
-        signal = self.images["signal"].values
+        """(y, x) mean of the bands over their 99th percentiles, for display and edge detection.
+
+        Behind a mosaic the gaps of every channel are interpolated.
+        """
+        signal, cell = self.images["signal"].values, self.capture.cell
+        if cell is not None:
+            seen = (self.images["mask"].values & Mask.OTHER_CHANNEL) == 0
+            signal = np.stack([interpolated_channel(*band, cell) for band in zip(signal, seen, strict=True)])
         return np.asarray(np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
@@ -130,7 +142,8 @@ class Calibration(FrozenMappings):
         if self.weights is None or self.responses is None:
             raise ValueError("the capture lacks the data for XYZ: see notes")
         relative = None if self.colour is None else self.colour.errors[self.colour.recommended].relative
-        return xyz_image(self.images, self.weights, self.responses, self.uncertainty, relative)
+        cell = self.capture.cell
+        return xyz_image(self.images, self.weights, self.responses, self.uncertainty, relative, cell)
 
 
 def _typical_noise(images: xr.Dataset) -> NDArray[np.float64]:
@@ -189,6 +202,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         *file_mosaic_notes(capture),
         *noise.notes,
         *bands.notes,
+        *chosen_channel_notes(capture, channels),
         *brighter_channel_notes(capture, channels),
         *radiometry.notes,
         *camera_notes,
@@ -198,6 +212,12 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         notes.append(
             f"the scene '{scene}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
             "the box were left out"
+        )
+    if capture.cell is not None and len(capture.band_ids) > 1:
+        height, width = capture.cell
+        notes.append(
+            f"XYZ and colour differences behind the mosaic are those of a cell of {height} x {width} px: the means of "
+            "each band's pixels in it, given to all its pixels"
         )
     responses = colour = None
     linearity = measure_linearity(capture, dark, noise, channels)

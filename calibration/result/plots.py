@@ -47,7 +47,7 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
         if len(band.frames) < 2:
             continue
         stack = capture.frames(band).astype(float)
-        good = calibration.images["mask"].values[index] & np.uint8(Mask.SATURATED) == 0
+        good = calibration.images["mask"].values[index] & np.uint8(Mask.SATURATED | Mask.OTHER_CHANNEL) == 0
         level = (stack.mean(axis=0) - calibration.dark.bias)[good]
         variance = stack.var(axis=0, ddof=1)[good]
         edges = np.quantile(level, np.linspace(0, 1, 13))

@@ -14,6 +14,7 @@ from cboxlab.utils.files import origin, replacing, writing_hdf5
 from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma
 from ..geometry import CameraFit, read_points
+from ..instrument import Mask
 from .calibrate import Calibration
 from .geometry_plot import plot_geometry
 from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
@@ -185,7 +186,9 @@ def _record(calibration: Calibration) -> dict[str, Any]:
         "uncertainty": uncertainty_record(calibration.uncertainty),
         "sensor": sensor_record(calibration.sensor),
         "masked": {
-            name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0))) for name, value in flags.items()
+            name: int(np.count_nonzero(np.any(images["mask"].values & value, axis=0)))
+            for name, value in flags.items()
+            if Mask(value).is_defect
         },
         "patches": None
         if patches is None

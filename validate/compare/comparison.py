@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.instrument import Mask
+from cboxlab.calibration.instrument import Mask, cell_means, one_pixel_of_each_cell
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi2_distribution
@@ -22,6 +22,9 @@ from .colour_difference import (
     white_of,
 )
 from .regions import INTERIOR_DISTANCE_PX, edge_distance_px
+
+#: Seed of the noise from which colour differences are expected: any, but the same in every comparison.
+_NOISE_SEED = 0
 
 __all__ = ["BandRow", "ChiSquare", "Comparison", "RelativeDifference", "SurfaceRow", "compare"]
 
@@ -112,7 +115,12 @@ class SurfaceRow(FrozenMappings):
 
 @dataclass(frozen=True, eq=False)
 class Comparison(FrozenMappings):
-    """Outcome of one comparison; immutable."""
+    """Outcome of one comparison; immutable.
+
+    Behind a mosaic measured, rendered and sigma are those of all pixels, also of those that a band does not see. XYZ
+    and the maps of colour and luminance are those of whole cells (see ``compare``). Pixels of a mosaic's other channels
+    do not count as masked.
+    """
 
     #: Names of the bands.
     bands: tuple[str, ...]
@@ -148,6 +156,8 @@ class Comparison(FrozenMappings):
     pixels_used: int
     #: Pixels left out in at least one band, by reason; a pixel may have several reasons.
     masked: Mapping[str, int]
+    #: (height, width) of one repeat of the sensor's mosaic, px; None without a mosaic.
+    cell: tuple[int, int] | None = None
 
 
 def _relative(
@@ -171,12 +181,14 @@ def _surface(
     rendered: NDArray[np.float64],
     variance: NDArray[np.float64],
     *,
+    used: NDArray[np.bool_] | None,
     xyz_per_dn: NDArray[np.float64],
     white: White,
-    seed: int,
 ) -> SurfaceRow:
+    """A surface by the pixels of its interior, behind a mosaic in each band by those that it sees (``used``)."""
     n = int(inside.sum())
-    if n == 0:
+    pixels = None if used is None else (inside & used).sum(axis=(1, 2))
+    if n == 0 or (pixels is not None and not pixels.all()):
         no_signal, no_light = np.full(measured.shape[0], np.nan), np.full(3, np.nan)
         no_colour = dict.fromkeys(COLOUR_DIFFERENCES, float("nan"))
         return SurfaceRow(
@@ -192,14 +204,19 @@ def _surface(
             xyz_measured=no_light,
             xyz_rendered=no_light,
         )
-    mean_measured, mean_rendered = measured[:, inside].mean(axis=1), rendered[:, inside].mean(axis=1)
-    sigma = np.sqrt(variance[:, inside].sum(axis=1)) / n
+    if used is None or pixels is None:
+        mean_measured, mean_rendered = measured[:, inside].mean(axis=1), rendered[:, inside].mean(axis=1)
+        sigma = np.sqrt(variance[:, inside].sum(axis=1)) / n
+    else:
+        n = int((inside & used).any(axis=0).sum())
+        sums = [np.where(inside & used, image, 0.0).sum(axis=(1, 2)) for image in (measured, rendered, variance)]
+        mean_measured, mean_rendered, sigma = sums[0] / pixels, sums[1] / pixels, np.sqrt(sums[2]) / pixels
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(mean_rendered > 0, mean_measured / mean_rendered - 1.0, np.nan)
         relative_sigma = np.where(mean_rendered > 0, sigma / mean_rendered, np.nan)
     xyz_measured, xyz_rendered = xyz_per_dn @ mean_measured, xyz_per_dn @ mean_rendered
     lab_measured, lab_rendered = lab(xyz_measured, white), lab(xyz_rendered, white)
-    noise = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, seed)
+    noise = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, _NOISE_SEED)
     return SurfaceRow(
         chi2,
         n,
@@ -244,9 +261,14 @@ def compare(
     surface_names: Sequence[str],
     single_surface: ArrayLike,
     fitted_parameters: int = 0,
-    seed: int = 0,
+    cell: tuple[int, int] | None = None,
 ) -> Comparison:
     """Compare two sets of band images of the same exposures, see ``band_images``.
+
+    Behind a mosaic a pixel has one channel, so that quantities of all bands are those of a cell: XYZ by the means of
+    the pixels that each band sees in it, the same for measured and rendered, with the variance of these means. All
+    pixels of the cell get them, and their statistics count the cell once. A surface's means are those of all pixels
+    that each band sees in its interior.
 
     The statistics of a band use the pixels not masked in that band; colours use those not masked in any band. Pixels
     with surface -1 (a black background) count only in chi2. All noise is taken as independent between pixels and bands.
@@ -271,8 +293,8 @@ def compare(
         (y, x) False where a pixel sees several surfaces or faces.
     fitted_parameters
         Number subtracted from the degrees of freedom.
-    seed
-        Seed of the noise for the expected colour differences.
+    cell
+        (height, width) of one repeat of the sensor's mosaic, px; None without a mosaic.
 
     Returns
     -------
@@ -310,19 +332,28 @@ def compare(
     chi2_edges, chi2_interiors = chi_square(~inner), chi_square(inner)
     excess = max(chi2_edges.excess, 0.0), max(chi2_interiors.excess, 0.0)
 
-    complete = used.all(axis=0)
     on_surface = surface >= 0
+    if cell is None:
+        complete = used.all(axis=0)
+        colour_photograph, colour_model, colour_variance = photograph, model, variance
+    else:
+        cells = [cell_means(image, variance, used, cell) for image in (photograph, model)]
+        complete = cells[0].complete
+        colour_photograph, colour_model, colour_variance = cells[0].signal, cells[1].signal, cells[0].variance
     coloured = complete & on_surface
-    xyz_photograph = np.einsum("cb,byx->yxc", weights, photograph)
-    xyz_model = np.einsum("cb,byx->yxc", weights, model)
+    single = coloured if cell is None else one_pixel_of_each_cell(coloured, cell)
+    xyz_photograph = np.einsum("cb,byx->yxc", weights, colour_photograph)
+    xyz_model = np.einsum("cb,byx->yxc", weights, colour_model)
     # pixels at the lamp's edge would make it as bright as the picture is coarse
     bright = next(pixels for pixels in (coloured & inner, coloured, on_surface) if pixels.any())
     white = white_of(lamp_xyz, xyz_model[bright, 1])
     lab_photograph, lab_model = lab(xyz_photograph, white), lab(xyz_model, white)
     blank = np.where(coloured, 0.0, np.nan)
     colour_maps = {name: blank + d.between(lab_photograph, lab_model) for name, d in COLOUR_DIFFERENCES.items()}
-    colour_noise = expected_from_noise(model[:, coloured], np.sqrt(variance[:, coloured]), weights, white, seed)
-    luminance_variance = np.einsum("b,byx->yx", weights[1] ** 2, variance)
+    colour_noise = expected_from_noise(
+        colour_model[:, single], np.sqrt(colour_variance[:, single]), weights, white, _NOISE_SEED
+    )
+    luminance_variance = np.einsum("b,byx->yx", weights[1] ** 2, colour_variance)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = xyz_photograph[..., 1] / xyz_model[..., 1]
         luminance_map = blank + np.where(xyz_model[..., 1] > 0, ratio - 1.0, np.nan)
@@ -340,13 +371,13 @@ def compare(
     by_surface = {
         name: _surface(
             chi_square(surface == i),
-            coloured & inner & (surface == i),
+            (coloured if cell is None else on_surface) & inner & (surface == i),
             photograph,
             model,
             variance,
+            used=None if cell is None else used,
             xyz_per_dn=weights,
             white=white,
-            seed=seed,
         )
         for i, name in enumerate(surface_names)
     }
@@ -380,12 +411,15 @@ def compare(
         share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
         by_band=by_band,
         by_surface=by_surface,
-        colour={name: statistics(values) for name, values in colour_maps.items()},
+        colour={name: statistics(values[single]) for name, values in colour_maps.items()},
         colour_noise=colour_noise,
-        luminance=_relative(xyz_photograph[..., 1], xyz_model[..., 1], luminance_variance, coloured),
+        luminance=_relative(xyz_photograph[..., 1], xyz_model[..., 1], luminance_variance, single),
         render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
-        pixels_used=int(complete.sum()),
+        pixels_used=int((complete if cell is None else used.any(axis=0)).sum()),
         masked={
-            reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum()) for reason in Mask if reason.name
+            reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum())
+            for reason in Mask
+            if reason.name and reason.is_defect
         },
+        cell=cell,
     )

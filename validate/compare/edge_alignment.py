@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.geometry import parameter_jacobian
+from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.result import Calibration, wireframe
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
@@ -297,7 +298,7 @@ def refine_geometry(calibration: Calibration) -> tuple[Camera, tuple[ObjectError
         name = calibration.capture.manifest.scene
         fault = "no scene" if name is None else f"scene {name!r}, which cannot be read"
         raise InputError(where, fault, "the scene, to predict the edges of the box")
-    masked = np.any(calibration.images["mask"].values != 0, axis=0)
+    masked = np.any(calibration.images["mask"].values & ~np.uint8(Mask.OTHER_CHANNEL) != 0, axis=0)
     try:
         return align_photograph(np.where(masked, np.nan, calibration.photograph), camera, scene)
     except ValueError as error:

@@ -451,6 +451,7 @@ def compared(prepared: CalibratedCapture, rendered: Rendered, signal: NDArray[np
         surface_names=image.surface_names,
         single_surface=image.single_surface,
         fitted_parameters=Nuisances.count,
+        cell=calibration.capture.cell,
     )
 
 

@@ -103,6 +103,8 @@ class LinearModel:
     dark_errors: int = 0
     #: Rendering errors by which vectors are whitened in addition to sigma; None where they are not counted.
     errors: PictureErrors | None = None
+    #: (band,) share of the pixels that each band sees behind a mosaic, 0 to 1; None without a mosaic.
+    seen_share: tuple[float, ...] | None = None
 
     @property
     def count(self) -> int:
@@ -321,7 +323,7 @@ def smooth_excess(model: LinearModel, residual: NDArray[np.float64], block_px: i
 
     Noise averages out in a block, an error of the model does not: 0.1 standard deviations everywhere are not
     significant in chi2, but are here. The expectation is 0 for noise, also for noise larger than stated. Blocks with
-    less than a quarter of their samples interior are left out.
+    less than a quarter of their samples interior are left out; behind a mosaic a quarter of those that a band sees.
 
     Parameters
     ----------
@@ -340,6 +342,9 @@ def smooth_excess(model: LinearModel, residual: NDArray[np.float64], block_px: i
     blocks = _blocks(model.image(np.where(model.interior, residual[: model.count], np.nan)), block_px)
     counts = np.isfinite(blocks).sum(axis=1)
     full = counts >= block_px**2 // 4
+    if model.seen_share is not None:
+        expected = block_px**2 / 4 * np.repeat(model.seen_share, len(blocks) // len(model.seen_share))
+        full = counts >= np.maximum(expected, 2)
     if not full.any():
         return 0.0
     means, scatter = np.nanmean(blocks[full], axis=1), np.nanvar(blocks[full], axis=1, ddof=1)

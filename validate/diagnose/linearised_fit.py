@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.calibration.instrument import tabulation_errors
+from cboxlab.calibration.instrument import Mask, tabulation_errors
 from cboxlab.rendering.chain import stages_between
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect
@@ -159,6 +159,9 @@ def linearised_fit(
             tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
         ),
     )
+    if prepared.calibration.capture.cell is not None:
+        seen = (prepared.calibration.images.mask.values & Mask.OTHER_CHANNEL) == 0
+        model = replace(model, seen_share=tuple(seen.mean(axis=(1, 2)).tolist()))
     single = derivative.astype(np.float32)
     return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single)
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, channel_mask
+from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, channel_mask, shares_frames
 from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.radiometry import capture_factors, optical_factor
 from cboxlab.calibration.result import Calibration
@@ -18,23 +19,31 @@ from numpy.typing import NDArray
 __all__ = ["minutes_of_bands", "sensing"]
 
 
-def minutes_of_bands(capture: Capture) -> NDArray[np.float64]:
+def minutes_of_bands(capture: Capture, channels: Mapping[str, str] | None = None) -> NDArray[np.float64]:
     """Times of the bands after the start of the capture.
 
-    A band without ``start_s`` follows the one before it at once.
+    A band without ``start_s`` follows the one before it at once. Channels of the same frames have the same time.
 
     Parameters
     ----------
     capture
         The capture, with exposure times and number of frames.
+    channels
+        By band, the channel of a sensor with a mosaic; None without one.
 
     Returns
     -------
     NDArray
         (band,) minutes to the middle of each band's frames.
     """
-    readout, free, middles = capture.manifest.camera.readout_s, 0.0, []
-    for band in capture.manifest.band:
+    readout, free = capture.manifest.camera.readout_s, 0.0
+    middles: list[float] = []
+    bands = capture.manifest.band
+    for index, band in enumerate(bands):
+        same = (k for k in range(index) if shares_frames(capture, channels, bands[k].id, band.id))
+        if (first := next(same, None)) is not None:
+            middles.append(middles[first])
+            continue
         start = free if band.start_s is None else band.start_s
         period = band.exposure_s + readout
         middles.append(start + (len(band.frames) - 1) / 2 * period + band.exposure_s / 2)
@@ -138,6 +147,6 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         exposure_scene=exposures["scene"],
         exposure_flat=exposures["flat"],
         exposure_reference=exposures["reference"],
-        minutes=minutes_of_bands(capture),
+        minutes=minutes_of_bands(capture, calibration.channels),
         full_scale=float(capture.full_scale_dn),
     )

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 import tifffile
+from cboxlab.calibration.capture import band_channels, chosen_channel_notes
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.utils.errors import InputError
 from helpers.fakes.capture import FakeCapture
@@ -93,6 +94,11 @@ def test_missing_folder_and_manifest(tmp_path):
     assert "capture.toml" in fault(tmp_path)
 
 
+COLUMN = '"spectra/all.csv:quantum_efficiency"'
+QE = f"quantum_efficiency = {COLUMN}\n"
+QE_TABLE = f"quantum_efficiency = {{R = {COLUMN}, G = {COLUMN}}}\n"
+QE_LIST = f"quantum_efficiency = [{COLUMN}, {COLUMN}, {COLUMN}]\n"
+
 # old text, new text, words that the message must hold: where, what, and how to mend it
 MISTAKES = [
     ('format = "capture/1"', 'format = "capture/9"', ["format", "capture/9", "'capture/1'"]),
@@ -119,7 +125,11 @@ MISTAKES = [
     ('name = "fake"', 'name = "fake"\nflat = "divided"', ["flat", "both", "[[flat]]"]),
     ('name = "fake"', 'name = "fake"\ndark = "subtracted"', ["dark", "both", "[[dark]]"]),
     ("[lens]", "[crop]\nu0_px=9\nv0_px=0\nfull_width_px=60\nfull_height_px=99\n[lens]", ["crop", "65 px"]),
-    ("[camera]", '[mosaic]\npattern = "RGGX"\n[camera]', ["mosaic.pattern", "RGGX", "R, G and B"]),
+    ("[camera]", '[mosaic]\npattern = "RG1B"\n[camera]', ["mosaic.pattern", "RG1B", "four letters"]),
+    ('id = "f550"', 'id = "f550"\nchannel = "R"', ["band[1] (f550).channel", "'R'", "A channel needs [mosaic]."]),
+    (QE, QE_TABLE, ["camera.quantum_efficiency", "a table", "needs [mosaic]"]),
+    (QE, f'{QE_TABLE}\n[mosaic]\npattern = "RGGB"\n', ["quantum_efficiency", "R, G", "R, G, B"]),
+    (QE, f'{QE_LIST}\n[mosaic]\npattern = "RGBW"\n', ["quantum_efficiency", "stands for R, G, B", "R, G, B, W"]),
     ("[camera]", '[mosaic]\npattern = "RGGB"\n[camera]', ["quantum_efficiency", "list of three"]),
     ("[camera]", '[geometry]\npoints = "points.csv"\n[camera]', ["geometry.points", "does not exist"]),
 ]
@@ -132,6 +142,30 @@ def test_each_mistake_is_named_in_one_line(folder, old, new, words):
     assert "\n" not in message
     for word in [*words, "capture.toml" if "frames/" not in words[0] else "tif", "expected"]:
         assert word in message
+
+
+@pytest.mark.parametrize("channel", ["W", "G3", "R2", "GG"])
+def test_a_channel_that_the_mosaic_lacks(folder, channel):
+    edit(folder, QE, QE_LIST)
+    edit(folder, 'id = "f550"', f'id = "f550"\nchannel = "{channel}"')
+    edit(folder, "[lens]", '[mosaic]\npattern = "RGGB"\n[lens]')
+    message = fault(folder)
+    assert "band[1] (f550).channel" in message and f"'{channel}'" in message and "R, G, B" in message
+
+
+def test_stated_channels_and_a_table_of_efficiencies(folder):
+    table = f"quantum_efficiency = {{R = {COLUMN}, G = {COLUMN}, W = {COLUMN}}}\n"
+    edit(folder, QE, table)
+    edit(folder, 'id = "f450"', 'id = "f450"\nchannel = "W"')
+    edit(folder, 'id = "f550"', 'id = "f550"\nchannel = "G2"')
+    edit(folder, "[lens]", '[mosaic]\npattern = "RGGW"\n[lens]')
+    capture = load_capture(folder)
+    channels = band_channels(capture)
+    assert channels == {"f450": "W", "f550": "G2", "f650": "R"}  # without a key: the first of equal responses
+    assert capture.quantum_efficiency("G2") is not None and capture.quantum_efficiency("W") is not None
+    assert capture.cell == (2, 2)
+    (note,) = chosen_channel_notes(capture, channels)
+    assert "f650 R" in note and "f450" not in note
 
 
 def test_wrong_size_of_all_frames_is_cut_short(folder):

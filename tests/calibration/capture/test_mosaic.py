@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.capture.manifest import MosaicTable
+from cboxlab.calibration.capture.manifest import MosaicTable, channel_letters
 from cboxlab.calibration.capture.mosaic import channel_lattice, channel_mask
 from cboxlab.calibration.correction.defects import dead_pixels
 from helpers.frame_files import BAYER, XTRANS, shifted
@@ -58,12 +58,30 @@ def test_a_bayer_channel_begins_with_its_first_pixel(pattern, channel):
     assert channel_lattice(pattern, channel) == (*divmod(pattern.index(channel), 2), 2)
 
 
-@pytest.mark.parametrize(
-    "pattern", ["RGGX", "RGG", "RRGG", "GBGGRG RGRBG", "RG GB BR G", "RGGBRGGB", "", "R G", "RG  GB"]
-)
+@pytest.mark.parametrize("pattern", ["RG1B", "RGG", "GGGG", "GBGGRG RGRBG", "RG GB BR G", "RGGBRGGB", "", "RG  GB"])
 def test_what_is_no_repeat_is_refused(pattern):
     with pytest.raises(ValidationError):
         MosaicTable(pattern=pattern)
+
+
+@pytest.mark.parametrize("pattern", ["RGBW", "CYGM", "RGGX", "WWRG WWGB"])
+def test_letters_of_any_alphabet(pattern):
+    letters = channel_letters(MosaicTable(pattern=pattern).pattern)
+    assert sorted(letters) == sorted(set(pattern.replace(" ", "")))
+    masks = [channel_mask(pattern, (9, 7), letter) for letter in letters]
+    assert np.all(np.sum(masks, axis=0) == 1)
+
+
+@pytest.mark.parametrize("rows", PATTERNS.values(), ids=PATTERNS)
+def test_numbered_pixels_of_a_channel_in_reading_order(rows):
+    pattern = written(rows)
+    places = [(v, u) for v, row in enumerate(rows) for u, letter in enumerate(row) if letter == "G"]
+    for number, (v, u) in enumerate(places, 1):
+        mask = channel_mask(pattern, (2 * len(rows), 2 * len(rows[0])), f"G{number}")
+        assert mask.sum() == 4 and mask[v, u] and mask[v + len(rows), u + len(rows[0])]
+    for wrong in ("G0", f"G{len(places) + 1}", "g", "GG", "G1x", "", "1"):
+        with pytest.raises(ValueError, match="not in the pattern"):
+            channel_mask(pattern, (6, 6), wrong)
 
 
 def test_dead_pixels_are_compared_with_those_of_their_place():

@@ -96,7 +96,9 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     monkeypatch.setattr(linearised_fit, "Predicted", SimpleNamespace)
     monkeypatch.setattr(linearised_fit, "build_linear_model", lambda **named: given.update(named))
     calibration = SimpleNamespace(
-        predicted_variance=lambda lit: 2 * lit + 5, noise=SimpleNamespace(rounding_error_dn=0.0)
+        predicted_variance=lambda lit: 2 * lit + 5,
+        noise=SimpleNamespace(rounding_error_dn=0.0),
+        capture=SimpleNamespace(cell=None),
     )
     prepared = SimpleNamespace(
         calibration=calibration,

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import matplotlib
 import numpy as np
-from cboxlab.calibration.instrument import Mask
+from cboxlab.calibration.instrument import Mask, cell_means
 from numpy.typing import ArrayLike, NDArray
 
 from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, band_centres, srgb_matrix
@@ -131,6 +132,29 @@ def _order(c: Comparison, centres_nm: Sequence[float] | None) -> NDArray[np.int6
     return np.arange(len(c.bands)) if centres_nm is None else np.argsort(centres_nm, kind="stable")
 
 
+def _of_cells(c: Comparison) -> Comparison:
+    """Signals and sigmas of whole cells in all their pixels; unchanged without a mosaic.
+
+    The viewer computes colours from all bands of a pixel. A pixel is masked by the flags of its channel, and as one of
+    other channels where its cell lacks a band.
+    """
+    if c.cell is None:
+        return c
+    maps = c.maps
+    used = maps["mask"].values == 0
+    variance = maps["sigma"].values ** 2
+    cells = {name: cell_means(maps[name].values, variance, used, c.cell) for name in ("measured", "rendered")}
+    mask = maps["mask"].values.astype(np.uint8)
+    of_channel = np.bitwise_or.reduce(np.where(mask & Mask.OTHER_CHANNEL, np.uint8(0), mask), axis=0)
+    lacking = ~cells["measured"].complete & (of_channel == 0)
+    flags = np.where(lacking, np.uint8(Mask.OTHER_CHANNEL), of_channel)
+    dims = ("band", "y", "x")
+    changed = {name: (dims, means.signal) for name, means in cells.items()}
+    changed["sigma"] = (dims, np.sqrt(cells["measured"].variance))
+    changed["mask"] = (dims, np.broadcast_to(flags, used.shape))
+    return replace(c, maps=maps.assign(changed), cell=None)
+
+
 def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
     """Data of a comparison alone, its bands in the order of their wavelengths.
 
@@ -148,11 +172,13 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
     dict
         Plain values, documented in viewer.js.
     """
+    c = _of_cells(c)
     order = _order(c, centres_nm)
     nm: list[float | None] = [None] * len(order) if centres_nm is None else [float(centres_nm[i]) for i in order]
     maps, block = c.maps, _block(c)
     mask = _any(maps["mask"].values[order].astype(np.uint8), block)
-    reasons = [r for r in Mask if r.name]
+    lacks_a_channel = np.any(maps["mask"].values & Mask.OTHER_CHANNEL)
+    reasons = [r for r in Mask if r.name and (r.is_defect or lacks_a_channel)]
 
     def stops(name: str) -> list[str]:
         return [matplotlib.colors.to_hex(v) for v in matplotlib.colormaps[name](np.linspace(0, 1, _NUM_STOPS))]
@@ -205,6 +231,7 @@ def changed_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
     dict
         Plain values.
     """
+    c = _of_cells(c)
     return _signals(c, _order(c, centres_nm), ("rendered", "sigma"))
 
 

@@ -1,0 +1,32 @@
+"""One frame in several bands behind a mosaic, and frames that are copied all the same."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.quality.content import check_frame_content
+from cboxlab.calibration.quality.schedule import check_schedule
+from cboxlab.calibration.quality.stacks import Stack
+
+FRAME = np.random.default_rng(2).integers(100, 4000, (1, 12, 12)).astype(np.uint16)
+
+
+def stack(band, channel, path="frames/0.tif", start_s=0.0):
+    return Stack("band", f"band ({band})", band, 1.0, start_s, (path,), FRAME, None, channel)
+
+
+@pytest.mark.parametrize(
+    ("second", "suspected"),
+    [
+        (stack("g", "G"), False),
+        (stack("g", "R"), True),
+        (stack("g", "G", "frames/copy.tif"), True),
+        (stack("g", None), True),
+    ],
+)
+def test_the_same_content_in_two_bands(second, suspected):
+    stacks = [stack("r", "R"), second, stack("b", "B")]
+    assert bool(list(check_frame_content(stacks))) is suspected
+
+
+def test_channels_of_a_frame_begin_at_the_same_time():
+    assert not list(check_schedule([stack("r", "R"), stack("g", "G"), stack("b", "B")]))
+    assert list(check_schedule([stack("r", "R"), stack("g", "G", "frames/other.tif")]))
