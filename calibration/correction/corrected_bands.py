@@ -60,7 +60,7 @@ def _defects(
     exposure_s: float,
     channel: NDArray[np.bool_] | None,
 ) -> NDArray[np.uint8]:
-    """(y, x) mask of hot, dead and vignetted pixels of one band, and of those of other channels (``Mask`` flags)."""
+    """(y, x) flags of defective, vignetted and other channels' pixels of one band."""
     mask = np.zeros(capture.shape, np.uint8)
     if dark.exposure_s.size:
         smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))

@@ -26,7 +26,7 @@ _NEIGHBOURS[2, 2] = False
 def _robust(
     values: NDArray[np.float64], smallest_sigma: float, pixels: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """Deviations from the median in robust standard deviations, both of the pixels stated (all: None)."""
+    """Deviations from the median of some pixels, in their robust standard deviations."""
     usual = values if pixels is None else values[pixels]
     middle = np.median(usual)
     sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(usual - middle))), smallest_sigma)

@@ -91,7 +91,7 @@ class Stack:
 
 
 def _lattice(capture: Capture, channels: dict[str, str] | None, band: str | None) -> tuple[int, int, int] | None:
-    """Lattice of a band's channel; for darks that of the pattern's first channel. None without one."""
+    """Lattice of a band's channel; for darks that of the first one. None without a mosaic."""
     mosaic = capture.manifest.mosaic
     if mosaic is None:
         return None

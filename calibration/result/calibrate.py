@@ -102,8 +102,8 @@ class Calibration(FrozenMappings):
         """
         signal, cell = self.images["signal"].values, self.capture.cell
         if cell is not None:
-            seen = (self.images["mask"].values & Mask.OTHER_CHANNEL) == 0
-            signal = np.stack([interpolated_channel(*band, cell) for band in zip(signal, seen, strict=True)])
+            in_channel = (self.images["mask"].values & Mask.OTHER_CHANNEL) == 0
+            signal = np.stack([interpolated_channel(*band, cell) for band in zip(signal, in_channel, strict=True)])
         return np.asarray(np.mean(signal / np.percentile(signal, 99, axis=(1, 2), keepdims=True), axis=0), np.float64)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:

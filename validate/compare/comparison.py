@@ -185,7 +185,7 @@ def _surface(
     xyz_per_dn: NDArray[np.float64],
     white: White,
 ) -> SurfaceRow:
-    """A surface by the pixels of its interior, behind a mosaic in each band by those that it sees (``used``)."""
+    """Row of a surface from its interior; behind a mosaic from each band's ``used`` pixels."""
     n = int(inside.sum())
     pixels = None if used is None else (inside & used).sum(axis=(1, 2))
     if n == 0 or (pixels is not None and not pixels.all()):

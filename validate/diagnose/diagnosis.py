@@ -245,7 +245,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
 
 
 def _mosaic_notes(capture: Capture) -> tuple[str, ...]:
-    """Note on the effects whose prediction ignores that neighbouring pixels behind a mosaic see other channels."""
+    """Note on effects whose prediction ignores the other channels of a mosaic."""
     mixing = [effect.id for effect in catalogue().values() if effect.mixes_pixels]
     if capture.manifest.mosaic is None or not mixing:
         return ()

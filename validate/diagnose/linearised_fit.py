@@ -160,8 +160,8 @@ def linearised_fit(
         ),
     )
     if prepared.calibration.capture.cell is not None:
-        seen = (prepared.calibration.images.mask.values & Mask.OTHER_CHANNEL) == 0
-        model = replace(model, seen_share=tuple(seen.mean(axis=(1, 2)).tolist()))
+        in_channel = (prepared.calibration.images.mask.values & Mask.OTHER_CHANNEL) == 0
+        model = replace(model, seen_share=tuple(in_channel.mean(axis=(1, 2)).tolist()))
     single = derivative.astype(np.float32)
     return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single)
 

@@ -18,7 +18,7 @@ _LARGEST_STEP_PX = 16
 
 
 def _mixed_differences(r: NDArray[np.float64], used: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(n,) mixed second differences of one band (y, x) over 2, at the smallest distance that has any."""
+    """(n,) mixed second differences of one band over 2, at the smallest distance with any."""
     for step in range(1, _LARGEST_STEP_PX + 1):
         four = used[step:, step:] & used[step:, :-step] & used[:-step, step:] & used[:-step, :-step]
         if four.any():
