@@ -63,7 +63,7 @@ def expected(light, air, sigma, albedo):
     direct = exchange.direct[:, 0] * to_patch
     factors = exchange.form_factors * passed(patches.centre, patches.centre, sigma)
     gather = t.gather.toarray() * passed(t.position, patches.centre, sigma)
-    seen = air.seen * passed(air.centres, patches.centre, sigma)
+    seen = air.patch_coverage * passed(air.centres, patches.centre, sigma)
     onto = 4 * air.volume[None] * seen.T / patches.area[:, None]
     between = air.between_cells(sigma)
     pictures = []

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.radiosity import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.capture_checks.scene_preview import MOST_PX, render_preview
@@ -17,7 +18,7 @@ BANDS = np.array([450.0, 650.0])
 def test_the_preview_has_the_light_of_a_final_gather():
     """The mean over all pixels within 0.5 %, that of each surface within 6 %: a block has three or more patches."""
     scene, camera = cornell_box(), cornell_camera(48)
-    image = render_final_gather(scene, camera, BANDS, samples=64, batches=2)
+    image = render_final_gather(RenderJob(scene, camera, BANDS, samples=64, batches=2))
     rendered = image.project(np.eye(2))[0] / scene.lamp.radiance.at(BANDS)
     preview = render_preview(scene, camera, scene.reflectances(BANDS))
     compared = image.single_surface & preview.on_surface & (preview.surface == image.surface)

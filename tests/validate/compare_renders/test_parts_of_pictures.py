@@ -10,7 +10,7 @@ from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders import compare_stacks, read_stack
 from cboxlab.validation.compare_renders.regress import regress_inputs
-from cboxlab.validation.predict.foreign import external_picture
+from cboxlab.validation.predict.external_picture import external_picture
 from helpers.faults import fault_folder
 
 NM = [400.0, 450.0, 500.0, 550.0, 600.0, 650.0, 700.0]

@@ -338,7 +338,7 @@ def test_calibrate_init_names_the_files_it_left_out(tmp_path, cbox):
     tifffile.imwrite(tmp_path / "f550_2s_0.tif", np.full((8, 10), 700, np.uint16))
     (tmp_path / "notes.txt").write_text("taken on a Saturday")
     code, out, _ = cbox("calibrate", "--init", tmp_path, "--json", tmp_path / "init.json")
-    assert code == 0 and "Files that capture.toml does not name:" in out and "• notes.txt: " in out
+    assert code == 0 and "Files that capture.toml does not use:" in out and "• notes.txt: " in out
     assert [item["file"] for item in json.loads((tmp_path / "init.json").read_text())["left_out"]] == ["notes.txt"]
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
@@ -45,8 +46,9 @@ def test_the_stated_command_makes_the_bundled_capture(tmp_path):
     model = model.with_effect(apply_checked("veiling-glare", {"fraction": fraction}, "test"))
     camera = perturbed_camera(128, int(seed))
     write_model_capture(tmp_path / "again", model, camera, CaptureSettings(), int(seed), relative_error=0.01)
+    manifests = [tomllib.loads((folder / "capture.toml").read_text()) for folder in (tmp_path / "again", DEMO_CAPTURE)]
+    assert manifests[0] == manifests[1]
     for name in (
-        "capture.toml",
         "points.csv",
         *(f"spectra/{n}.csv" for n in ("camera", "filters", "lamp", "sphere")),
     ):

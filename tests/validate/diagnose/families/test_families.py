@@ -48,7 +48,7 @@ OTHER_MEANINGS = {
     ("render/model/__init__.py", "displacement"),
     ("render/model/stages.py", "displacement"),
     ("render/sensor/cameras.py", "blur"),
-    ("validate/app/commands/measured.py", "object"),
+    ("validate/app/commands/calibrate.py", "object"),
 }
 
 
