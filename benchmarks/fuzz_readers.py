@@ -98,9 +98,9 @@ def readers() -> dict[str, Reader]:
     import tifffile
     from astropy.io import fits
     from cboxlab.calibration.capture import load_capture
-    from cboxlab.calibration.capture.foreign_frames import read_foreign
     from cboxlab.calibration.capture.frames import read_frame
     from cboxlab.calibration.capture.labels import read_labels
+    from cboxlab.calibration.frame_readers import read_pictures
     from cboxlab.calibration.geometry.surveyed_points import read_points
     from cboxlab.rendering.files import read_cube, write_cube
     from cboxlab.rendering.files.cube_checks import as_cube
@@ -211,8 +211,8 @@ def readers() -> dict[str, Reader]:
             written("raw.tif", lambda path: write_raw(path, counts, {"gain": 2.0})),
             lambda path: read_frame(path, 15, 20, 16),
         ),
-        "tiff": Reader(written("a.tiff", lambda path: tifffile.imwrite(path, counts)), read_foreign),
-        "fits": Reader(written("a.fits", lambda path: fits.PrimaryHDU(counts).writeto(path)), read_foreign),
+        "tiff": Reader(written("a.tiff", lambda path: tifffile.imwrite(path, counts)), read_pictures),
+        "fits": Reader(written("a.fits", lambda path: fits.PrimaryHDU(counts).writeto(path)), read_pictures),
         "netcdf": of_cube(".nc"),
         "exr": of_cube(".exr"),
         "envi": of_cube(".hdr"),

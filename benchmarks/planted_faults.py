@@ -68,8 +68,8 @@ FAULTS = (
         "half-pixel",
         "half pixel: pixel (0, 0) at its corner",
         "render/visibility/tracer.py",
-        "left = (column - 0.5 - centre_x) / f",
-        "left = (column - centre_x) / f",
+        "start_x = (column - 0.5 - centre_x) / f",
+        "start_x = (column - centre_x) / f",
         ("render/integrators", "render/radiosity"),
     ),
     Fault(
@@ -84,8 +84,8 @@ FAULTS = (
         "exchange-transposed",
         "form factors transposed",
         "render/radiosity/solution.py",
-        "bounce = rho * (exchange.form_factors @ bounce)",
-        "bounce = rho * (exchange.form_factors.T @ bounce)",
+        "return rho * (exchange.form_factors @ light.astype(np.float32))",
+        "return rho * (exchange.form_factors.T @ light.astype(np.float32))",
         ("render/radiosity",),
     ),
     Fault(
@@ -228,8 +228,8 @@ FAULTS = (
         "fit-freedom",
         "degrees of freedom of the camera's fit",
         "calibration/geometry/camera_fit.py",
-        "freedom = 2 * int(kept.sum()) - len(PARAMETER_NAMES)",
-        "freedom = 2 * int(kept.sum())",
+        "freedom = 2 * int(in_use.sum()) - len(PARAMETER_NAMES)",
+        "freedom = 2 * int(in_use.sum())",
         ("calibration/geometry",),
     ),
     Fault(
@@ -259,9 +259,9 @@ FAULTS = (
     Fault(
         "heldout-split",
         "held-out pixels that take part in the fit",
-        "validate/diagnose/heldout.py",
-        "other += _gain(residual[outside], predicted[outside], amplitude)",
-        "other += _gain(residual[inside], predicted[inside], amplitude)",
+        "validate/diagnose/alternatives.py",
+        "heldout_gain += _gain(residual[outside], predicted[outside], amplitude)",
+        "heldout_gain += _gain(residual[inside], predicted[inside], amplitude)",
         ("validate/diagnose/test_heldout.py", "validate/diagnose"),
     ),
     Fault(

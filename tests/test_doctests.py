@@ -3,6 +3,7 @@
 import doctest
 from importlib import import_module
 
+import numpy as np
 import pytest
 
 #: Modules whose docstrings have examples.
@@ -21,6 +22,7 @@ MODULES = (
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    outcome = doctest.testmod(import_module(name))
+    with np.printoptions(legacy=False):  # colour-science sets NumPy's old style of printing
+        outcome = doctest.testmod(import_module(name))
     assert outcome.attempted > 0
     assert outcome.failed == 0
