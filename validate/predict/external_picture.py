@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cboxlab.rendering.files import AS_STATED, Declared, declared_for, read_cube, require_used, stated_in
+from cboxlab.rendering.files import AS_STATED, Declared, declared_for, read_cube, require_used, stated_in, window_of
 from cboxlab.rendering.image import RenderedImage, variance_of_neighbours
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.rendering.visibility import build_tracer, facet_coverage
@@ -111,10 +111,13 @@ def external_picture(
     Raises
     ------
     InputError
-        If the size is not the camera's, the wavelengths do not span 400 to 700 nm, or a radiance is not finite.
+        If the file is a part of a picture, the size is not the camera's, the wavelengths do not span 400 to 700 nm, or
+        a radiance is not finite.
     """
     read = read_cube(path, declared)
     require_used(declared, declared_for(read), stated_in(read))
+    if (window := window_of(read)) is not None:
+        raise InputError(path, f"a part of a picture, {window}", "the complete picture through the capture's camera")
     cube = read.transpose("y", "x", "wavelength", ...)
     wavelength = cube["wavelength"].values.astype(float)
     radiance = cube["radiance"].values.astype(float)

@@ -41,6 +41,6 @@ def test_suspicions_of_the_scene_follow_those_of_the_calibration_and_none_twice(
 
 def test_without_a_scene_only_the_bands_are_compared(monkeypatch):
     calibration = quick_calibration(DEMO)
-    monkeypatch.setattr(type(calibration.capture), "scene", None)
+    monkeypatch.setitem(vars(calibration.capture), "scene", None)
     monkeypatch.setattr(checks, "check_lamp", lambda *arguments: [arguments[-1]])
     assert find_scene_suspicions(calibration) == (None,)

@@ -84,14 +84,14 @@ def test_help_of_the_program_cuts_no_sentence(cbox):
 
 def test_every_command_can_be_quiet_and_verbose(cbox):
     for command in app.registered_commands:
-        out = cbox(command.callback.__name__, "--help")[1]
+        out = cbox(command.callback.__name__.rstrip("_"), "--help")[1]
         assert "--quiet" in out and "--verbose" in out
 
 
 def test_commands_with_results_write_json(cbox):
     silent = {"demo", "export", "studio"}
     for command in app.registered_commands:
-        name = command.callback.__name__
+        name = command.callback.__name__.rstrip("_")
         assert name in silent or "--json" in cbox(name, "--help")[1], name
 
 
