@@ -14,12 +14,10 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
+from .alternatives import Cause, SelectedEffect, groups, likeliest_causes, with_alternatives
 from .evidence import (
-    MIN_EXPLAINED_PART,
     SHAPE_ERROR,
     Limit,
-    explained_part,
     penalised,
     prior_pull,
     something_remains,
@@ -27,7 +25,9 @@ from .evidence import (
 )
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
+from .base_flaws import Flaw
 from .further_captures import Separation, separations
+from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, price_of_effects
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -155,6 +155,10 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
+    #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
+    flaws: tuple[Flaw, ...] = ()
+    #: Judgement of every effect beside the base's flaws, those that did not hold included.
+    verdicts: tuple[Verdict, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +177,24 @@ class _Answer:
     selected: tuple[str, ...] = ()
     #: Explanation of what remains; None where nothing does.
     explanation: Explanation | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Selection by size, and the effects that hold beside the flaws of the base."""
+
+    #: Selection by size alone.
+    by_size: Selection
+    #: The selection that counts.
+    search: Selection
+    #: Its effects and their alternatives, those that hold.
+    effects: list[Candidate]
+    #: The same with their alternatives.
+    assessed: list[SelectedEffect]
+    #: What the base is off by, with them.
+    beside: BesideFlaws
+    #: Judgement of every effect.
+    verdicts: tuple[Verdict, ...]
 
 
 def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
@@ -202,8 +224,9 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     prepared, model = validation.prepared, validation.model
     first = linearised_fit(prepared, validation.rendered, model.effects)
     start = first.model
-    by_size, search = _search(validation, first, progress)
-    linearised, effects, assessed = search.linearised, search.selected, search.assessed
+    judged = _search(validation, first, progress)
+    by_size, search, effects, assessed = judged.by_size, judged.search, judged.effects, judged.assessed
+    linearised = search.linearised
     further_fits = [_further_fit(validation, other, effects) for other in further]
     if effects and further_fits:
         as_judged = [replace(fit, linearised=search.judging(fit.linearised)) for fit in further_fits]
@@ -213,7 +236,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         linearised = first
     answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
     progress.stage("explaining what remains")
-    answer = _explained(first, answer, prepared.calibration.capture, progress)
+    answer = _explained(first, answer, judged.beside, prepared.calibration.capture, progress)
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
@@ -238,6 +261,8 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
         notes=_mosaic_notes(prepared.calibration.capture),
+        flaws=judged.beside.reported,
+        verdicts=judged.verdicts,
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
@@ -255,28 +280,34 @@ def _mosaic_notes(capture: Capture) -> tuple[str, ...]:
     )
 
 
-def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress: Progress) -> _Answer:
+def _explained(
+    first: LinearisedFit, answer: _Answer, beside: BesideFlaws, capture: Capture, progress: Progress
+) -> _Answer:
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
     Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
-    given. first : the picture without effects.
+    given. What small flaws of the base explain is taken off beforehand. first : the picture without effects.
     """
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
-    remains = something_remains(model, residual, residual_with_rendered(answer.linearised, effects))
+    rendered = residual_with_rendered(answer.linearised, effects)
+    if beside.small:
+        change = beside.model.change_dn(beside.fitted)
+        residual, rendered = (vector - model.whiten_used(change) for vector in (residual, rendered))
+        start = replace(start, residual=start.residual - start.whiten_used(change))
+    remains = something_remains(model, residual, rendered)
     excess = residual_data_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     if explanation is not None:
-        enough = explained_part(model, residual) > MIN_EXPLAINED_PART
-        selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
+        selected = (*selected, UNKNOWN)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
+        if family_beats_effects(alone, start, effects, model, residual, explanation):
             explanation, selected = alone, (UNKNOWN,)
     if selected == (UNKNOWN,):
-        return _Answer(first, [], [], start.residual, selected, explanation)
+        return _Answer(first, [], [], first.model.residual, selected, explanation)
     return replace(answer, selected=selected, explanation=explanation)
 
 
@@ -290,17 +321,31 @@ def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[
     return tuple(steps)
 
 
-def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> tuple[Selection, Selection]:
-    """Effects selected by size, and in the end; frees the signatures, much of the memory."""
+def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> _Judged:
+    """Effects selected by size, and those that hold in the end; frees the signatures, much of the memory."""
     start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
-    if not by_size.selected and not something_remains(start, start.residual, start.residual):
+    effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
+    remains = something_remains(start, start.residual, start.residual)
+    if beside.evident or len(effects) < len(search.selected):
+        # the base is off: all effects once more, with what it may be off by in the covariance
+        flawed = confirmed_beside_flaws(first, [])[1] if effects else beside
+        errors = [*tolerated_changes(first, signatures), *flawed.model.widths_dn(beside.fitted)]
+        again = selection(validation, first, signatures, progress, errors, beside_flaws=True)
+        rivals = confirmed_beside_flaws(again.linearised, again.selected)
+        if rivals[1].score + price_of_effects(rivals[0]) < beside.score + price_of_effects(effects):
+            search, (effects, beside, verdicts) = again, rivals
+    elif not by_size.selected and not remains:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return by_size, search
+        effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
+    assessed = search.assessed
+    if len(effects) < len(search.selected):
+        assessed = with_alternatives(search.linearised, effects, signatures)
+    return _Judged(by_size, search, effects, assessed, beside, verdicts)
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

@@ -31,6 +31,7 @@ from .linearised_fit import (
     linearised_fit,
     refitted_together,
     residual_with,
+    residual_with_exact,
     residual_with_rendered,
 )
 from .search import Candidate, Signature, signature
@@ -127,6 +128,7 @@ def selection(
     signatures: Sequence[Signature],
     progress: Progress,
     errors: Sequence[NDArray[np.float64]] | None = None,
+    beside_flaws: bool = False,
 ) -> Selection:
     """Select the effects that a capture's residual calls for.
 
@@ -147,6 +149,9 @@ def selection(
     errors
         (n,) DN each, see `tolerated_changes`. They and the rendering errors are counted in the covariance, and effects
         judged by their certainty. None: effects are judged by their size.
+    beside_flaws
+        Whether the errors are flaws of the base, which may exceed what effects change: all effects are tried, and
+        however little of the excess they explain.
 
     Returns
     -------
@@ -162,17 +167,18 @@ def selection(
     if errors is not None:
         limits = ((s, limit_of(s, plain.model, linearised.model, plain.scale)) for s in signatures)
         with_limits = [(s, limit) for s, limit in limits if limit]
-        signatures = [s for s, limit in with_limits if limit.beside_errors]
+        if not beside_flaws:
+            signatures = [s for s, limit in with_limits if limit.beside_errors]
     start = linearised.model
     part = share(progress, 0.6, 0.75)
     singles = best_singles(linearised.problem(()), signatures, start.residual, _CANDIDATES_FITTED_FIRST, progress=part)
     plain, linearised, selected, signatures = _forward_selection(
-        validation, first, linearised, judging, signatures, singles, progress
+        validation, first, linearised, judging, signatures, singles, progress, beside_flaws
     )
     if errors is None and selected and _has_remainder(plain, selected):
         plain, selected = _with_best_set(validation, first, signatures, plain, selected)
         linearised = plain
-    if _explain_too_little(plain, selected):
+    if not beside_flaws and _explain_too_little(plain, selected):
         plain, linearised, selected = first, judging(first), []
     selected = pairs_replaced(linearised, backward_elimination(linearised, selected), signatures)
     selected, assessed = with_better_alternatives(linearised, selected, signatures)
@@ -189,6 +195,7 @@ def _forward_selection(
     signatures: Sequence[Signature],
     candidates: Sequence[Candidate],
     progress: Progress,
+    beside_flaws: bool,
 ) -> tuple[LinearisedFit, LinearisedFit, list[Candidate], Sequence[Signature]]:
     """Effects entered one after the other.
 
@@ -196,12 +203,12 @@ def _forward_selection(
     an effect on the settings changes.
 
     first, linearised : the picture without effects, as it is and as it is judged. judging : from one to the other.
-    candidates : every effect tried alone, best first.
+    candidates : every effect tried alone, best first. beside_flaws : see `selection`.
     """
     settings, plain, model, residual = validation.model.render, first, linearised.model, linearised.model.residual
     selected: list[Candidate] = []
     while (
-        best := first_significant(candidates, residual, model, residual_with_rendered(linearised, selected))
+        best := first_significant(candidates, residual, model, residual_with_exact(linearised, selected))
     ) is not None:
         completed = 0.75 + 0.2 * (len(selected) + 1) / _MAX_EFFECTS
         part = share(progress, completed - 0.2 / _MAX_EFFECTS, completed)
@@ -210,7 +217,8 @@ def _forward_selection(
         selected = refitted_together(linearised, [*selected, best])
         residual = residual_with(linearised, selected)
         progress.part(completed)
-        if len(selected) == _MAX_EFFECTS or _explain_too_little(plain, selected):
+        too_little = not beside_flaws and _explain_too_little(plain, selected)
+        if len(selected) == _MAX_EFFECTS or too_little:
             break
         part = share(progress, completed, completed)
         if best.hypothesis.effect.stage == "settings":
@@ -220,7 +228,7 @@ def _forward_selection(
         rest = [s for s in signatures if s.hypothesis.effect.id not in selected_ids]
         problem = linearised.problem(selected)
         model = problem.model
-        least = least_gain_of_any(model, residual, residual_with_rendered(linearised, selected))
+        least = least_gain_of_any(model, residual, residual_with_exact(linearised, selected))
         candidates = best_singles(problem, rest, residual, _CANDIDATES_FITTED_NEXT, least=least, progress=part)
     return plain, linearised, selected, signatures
 
