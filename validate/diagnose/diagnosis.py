@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes, with_alternatives
+from .base_flaws import Flaw
 from .evidence import (
     SHAPE_ERROR,
     Limit,
@@ -25,9 +26,8 @@ from .evidence import (
 )
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
-from .base_flaws import Flaw
 from .further_captures import Separation, separations
-from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, price_of_effects
+from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, selected_beside_flaws
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -331,14 +331,11 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
     remains = something_remains(start, start.residual, start.residual)
     if beside.evident or len(effects) < len(search.selected):
-        # the base is off: all effects once more, with what it may be off by in the covariance
-        flawed = confirmed_beside_flaws(first, [])[1] if effects else beside
-        errors = [*tolerated_changes(first, signatures), *flawed.model.widths_dn(beside.fitted)]
-        again = selection(validation, first, signatures, progress, errors, beside_flaws=True)
-        rivals = confirmed_beside_flaws(again.linearised, again.selected)
-        if rivals[1].score + price_of_effects(rivals[0]) < beside.score + price_of_effects(effects):
-            search, (effects, beside, verdicts) = again, rivals
-    elif not by_size.selected and not remains:
+        again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
+        verdicts = (*again.verdicts, *(verdict for verdict in verdicts if not verdict.holds))
+        search = replace(by_size, linearised=again.linearised)
+        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts)
+    if not by_size.selected and not remains:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
         effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)

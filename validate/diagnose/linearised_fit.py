@@ -26,7 +26,14 @@ from .search import (
     steps_of,
 )
 
-__all__ = ["LinearisedFit", "linearised_fit", "refitted_together", "residual_with", "residual_with_exact", "residual_with_rendered"]
+__all__ = [
+    "LinearisedFit",
+    "linearised_fit",
+    "refitted_together",
+    "residual_with",
+    "residual_with_exact",
+    "residual_with_rendered",
+]
 
 #: Relative step of the lamp's scale for the derivative by it: the signal is linear but for offsets of counts.
 _LAMP_STEP = 0.01

@@ -37,14 +37,14 @@ from .linearised_fit import (
 from .search import Candidate, Signature, signature
 from .selection import backward_elimination, best_set, best_singles, pairs_replaced
 
-__all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
+__all__ = ["MAX_EFFECTS", "Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
 #: Size found nine times in ten over that to first order: camera, rivals and rendering errors demand more than noise
 #: does. Of 54 effects hidden in sound captures, 40 were found at the first-order size and 52 at 1.5 times that.
 _SIZE_OVER_FIRST_ORDER = 1.5
 
 #: Largest number of effects that are selected.
-_MAX_EFFECTS = 3
+MAX_EFFECTS = 3
 #: Number of candidates fitted in full for the first effect.
 _CANDIDATES_FITTED_FIRST = 6
 
@@ -128,7 +128,6 @@ def selection(
     signatures: Sequence[Signature],
     progress: Progress,
     errors: Sequence[NDArray[np.float64]] | None = None,
-    beside_flaws: bool = False,
 ) -> Selection:
     """Select the effects that a capture's residual calls for.
 
@@ -149,9 +148,6 @@ def selection(
     errors
         (n,) DN each, see `tolerated_changes`. They and the rendering errors are counted in the covariance, and effects
         judged by their certainty. None: effects are judged by their size.
-    beside_flaws
-        Whether the errors are flaws of the base, which may exceed what effects change: all effects are tried, and
-        however little of the excess they explain.
 
     Returns
     -------
@@ -167,18 +163,17 @@ def selection(
     if errors is not None:
         limits = ((s, limit_of(s, plain.model, linearised.model, plain.scale)) for s in signatures)
         with_limits = [(s, limit) for s, limit in limits if limit]
-        if not beside_flaws:
-            signatures = [s for s, limit in with_limits if limit.beside_errors]
+        signatures = [s for s, limit in with_limits if limit.beside_errors]
     start = linearised.model
     part = share(progress, 0.6, 0.75)
     singles = best_singles(linearised.problem(()), signatures, start.residual, _CANDIDATES_FITTED_FIRST, progress=part)
     plain, linearised, selected, signatures = _forward_selection(
-        validation, first, linearised, judging, signatures, singles, progress, beside_flaws
+        validation, first, linearised, judging, signatures, singles, progress
     )
     if errors is None and selected and _has_remainder(plain, selected):
         plain, selected = _with_best_set(validation, first, signatures, plain, selected)
         linearised = plain
-    if not beside_flaws and _explain_too_little(plain, selected):
+    if _explain_too_little(plain, selected):
         plain, linearised, selected = first, judging(first), []
     selected = pairs_replaced(linearised, backward_elimination(linearised, selected), signatures)
     selected, assessed = with_better_alternatives(linearised, selected, signatures)
@@ -195,7 +190,6 @@ def _forward_selection(
     signatures: Sequence[Signature],
     candidates: Sequence[Candidate],
     progress: Progress,
-    beside_flaws: bool,
 ) -> tuple[LinearisedFit, LinearisedFit, list[Candidate], Sequence[Signature]]:
     """Effects entered one after the other.
 
@@ -203,22 +197,21 @@ def _forward_selection(
     an effect on the settings changes.
 
     first, linearised : the picture without effects, as it is and as it is judged. judging : from one to the other.
-    candidates : every effect tried alone, best first. beside_flaws : see `selection`.
+    candidates : every effect tried alone, best first.
     """
     settings, plain, model, residual = validation.model.render, first, linearised.model, linearised.model.residual
     selected: list[Candidate] = []
     while (
         best := first_significant(candidates, residual, model, residual_with_exact(linearised, selected))
     ) is not None:
-        completed = 0.75 + 0.2 * (len(selected) + 1) / _MAX_EFFECTS
-        part = share(progress, completed - 0.2 / _MAX_EFFECTS, completed)
+        completed = 0.75 + 0.2 * (len(selected) + 1) / MAX_EFFECTS
+        part = share(progress, completed - 0.2 / MAX_EFFECTS, completed)
         plain = refitted(validation, plain, [*selected, best], part)
         linearised = judging(plain)
         selected = refitted_together(linearised, [*selected, best])
         residual = residual_with(linearised, selected)
         progress.part(completed)
-        too_little = not beside_flaws and _explain_too_little(plain, selected)
-        if len(selected) == _MAX_EFFECTS or too_little:
+        if len(selected) == MAX_EFFECTS or _explain_too_little(plain, selected):
             break
         part = share(progress, completed, completed)
         if best.hypothesis.effect.stage == "settings":
@@ -261,7 +254,7 @@ def _with_best_set(
     """
     if any(c.hypothesis.effect.stage == "settings" for c in selected):
         return linearised, selected
-    best = best_set(first.problem(()), signatures, first.model.residual, _MAX_EFFECTS)
+    best = best_set(first.problem(()), signatures, first.model.residual, MAX_EFFECTS)
     chi2 = selected[0].chi2
     if not best or best[0].chi2 > chi2 - _MIN_PROMISED_PART * (chi2 - first.model.count):
         return linearised, selected

@@ -14,15 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.rendering.perturbation import PatchTransport, Warp
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 __all__ = ["FlawColumns", "flaw_columns"]
 
-#: Distances from a corner over which its softness changes the light, px: a radius below a pixel, and what it reflects.
-_CREASE_WIDTHS_PX = (0.7, 1.6)
+#: Standard deviations over which reflected light is blurred along a soft corner, px: radii below a pixel, and above.
+_BLUR_WIDTHS_PX = (0.7, 1.4)
 
-#: Pixels of a face beyond which a corner no longer acts, in widths.
-_CREASE_REACH = 4.0
+#: Distance from a corner over which the change of one side falls by e, px.
+_SIDE_PX = 0.8
+
+#: Relative change of one side at a corner.
+_SIDE_TOLERANCE = 0.02
+
+#: Distance from a corner beyond which it no longer acts, px.
+_CREASE_REACH = 5.0
+
+#: Spread of a face's colour over bands, relative to the picture's, from which its light colours a corner.
+_COLOURED = 0.1
 
 #: Fewest neighbouring pixels by which two faces meet in the picture.
 _MIN_CONTACT_PX = 4
@@ -42,7 +51,7 @@ _FIELD_ORDER = 3
 class FlawColumns:
     """Columns of all kinds of flaws."""
 
-    #: (k,) kind of each column.
+    #: (k,) kind of each column, and after a colon its form; the columns of a form have one width.
     kind: NDArray[np.str_]
     #: (k, n) change of the used samples by each column at one standard deviation of its prior, DN.
     change: NDArray[np.float32]
@@ -53,13 +62,14 @@ class _Picture:
     """What the columns are made of."""
 
     signal: NDArray[np.float64]
-    coverage: NDArray[np.float32]
     used: NDArray[np.bool_]
     face: NDArray[np.int64]
+    indirect: NDArray[np.float64]
+    reflectance: NDArray[np.float64]
 
 
-#: Standard deviation of each kind's columns: creases and shading relative to the signal, edges in px, field relative.
-TOLERANCE = {"creases": 0.02, "edges": 0.05, "shading": 0.002, "field": 0.002}
+#: Standard deviation of each kind's columns: creases over the blur, edges in px, shading and field over the signal.
+_TOLERANCE = {"creases": 1.0, "edges": 0.05, "shading": 0.002, "field": 0.002}
 
 
 def flaw_columns(
@@ -68,6 +78,8 @@ def flaw_columns(
     used: NDArray[np.bool_],
     warp: Warp,
     transport: PatchTransport,
+    indirect: NDArray[np.float64],
+    reflectance: NDArray[np.float64],
 ) -> FlawColumns:
     """Columns of the flaws that a picture may show.
 
@@ -83,24 +95,29 @@ def flaw_columns(
         The picture taken apart by faces.
     transport
         Points that the pixels see.
+    indirect
+        (band, y, x) light that arrives after reflections: its signal over the reflectance, DN.
+    reflectance
+        (band, y, x) reflectance of what the pixels see, 0 to 1.
 
     Returns
     -------
     FlawColumns
         Of the kinds creases, edges, shading and field.
     """
-    picture = _Picture(signal, coverage, used, np.where(coverage.any(axis=-1), coverage.argmax(axis=-1), -1))
+    face = np.where(coverage.any(axis=-1), coverage.argmax(axis=-1), -1)
+    picture = _Picture(signal, used, face, indirect, reflectance)
     pairs = _meeting_faces(picture.face)
     touching = _touching(pairs, picture.face, transport)
     kinds, columns = [], []
     for kind, change in (
-        *(("creases", c) for pair in touching for c in _crease(picture, *pair)),
-        *(("edges", c) for pair in pairs for c in _edge(picture, warp, *pair)),
-        *(("shading", c) for face in np.unique(picture.face[picture.face >= 0]) for c in _shading(picture, face)),
-        *(("field", c) for c in _field(picture)),
+        *(one for pair in touching for one in _crease(picture, *pair)),
+        *(one for pair in pairs for one in _edge(picture, warp, *pair)),
+        *(one for face in np.unique(picture.face[picture.face >= 0]) for one in _shading(picture, face)),
+        *(one for one in _field(picture)),
     ):
         kinds.append(kind)
-        columns.append((TOLERANCE[kind] * change).astype(np.float32))
+        columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
     return FlawColumns(np.array(kinds), np.array(columns, np.float32).reshape(len(columns), int(used.sum())))
 
 
@@ -142,19 +159,26 @@ def _touching(
     return found
 
 
-def _crease(picture: _Picture, one: int, other: int) -> Iterator[NDArray[np.float64]]:
-    """(n,) changes by a soft corner of two faces, on either side of it, alike in all bands or in the other's colour."""
-    for side, opposite in ((one, other), (other, one)):
-        away = distance_transform_edt(picture.face != opposite)
-        for width in _CREASE_WIDTHS_PX:
-            near = np.where((picture.face == side) & (away < _CREASE_REACH * width), np.exp(-away / width), 0.0)
-            if not near.any():
-                continue
-            yield (near * picture.signal)[picture.used]
+def _crease(picture: _Picture, one: int, other: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
+    """(n,) changes by a soft corner of two faces: reflected light blurred along it, and each side by itself."""
+    apart = [distance_transform_edt(picture.face != face) for face in (one, other)]
+    both = (picture.face == one) | (picture.face == other)
+    near = both & (np.maximum(*apart) < _CREASE_REACH)
+    if not near.any():
+        return
+    for width in _BLUR_WIDTHS_PX:
+        spread = (0, width, width)
+        even = gaussian_filter(picture.indirect * both, spread, mode="nearest")
+        even /= np.maximum(gaussian_filter(both.astype(float), width, mode="nearest"), 1e-3)
+        change = np.where(near, (even - picture.indirect) * picture.reflectance, 0.0)
+        yield "creases:blur", change[picture.used]
+    for side, opposite, away in ((one, other, apart[1]), (other, one, apart[0])):
+        beside = np.where((picture.face == side) & (away < _CREASE_REACH), np.exp(-away / _SIDE_PX), 0.0)
+        yield "creases:side", (_SIDE_TOLERANCE * beside * picture.signal)[picture.used]
         colour = _colour(picture, opposite)
-        if colour.std() > 0.1:
-            near = np.where(picture.face == side, np.exp(-away / _CREASE_WIDTHS_PX[-1]), 0.0)
-            yield (near * (colour - colour.mean())[:, None, None] * picture.signal)[picture.used]
+        if colour.std() > _COLOURED:
+            coloured = beside * (colour - colour.mean())[:, None, None]
+            yield "creases:colour", (_SIDE_TOLERANCE * coloured * picture.signal)[picture.used]
 
 
 def _colour(picture: _Picture, face: int) -> NDArray[np.float64]:
@@ -164,7 +188,7 @@ def _colour(picture: _Picture, face: int) -> NDArray[np.float64]:
     return np.asarray(level / max(level.mean(), 1e-9))
 
 
-def _edge(picture: _Picture, warp: Warp, one: int, other: int) -> Iterator[NDArray[np.float64]]:
+def _edge(picture: _Picture, warp: Warp, one: int, other: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) changes by a shift of the border of two faces by a pixel, and by its turn."""
     index = {int(face): i for i, face in enumerate(warp.faces)}
     if one not in index or other not in index:
@@ -180,11 +204,11 @@ def _edge(picture: _Picture, warp: Warp, one: int, other: int) -> Iterator[NDArr
     place[rows, columns] = along / max(np.abs(along).max(), 1e-9)
     step = np.moveaxis(warp.layers[index[one]] - warp.layers[index[other]], -1, 0) * on_border
     level = picture.signal.sum() / max(warp.base.sum(), 1e-30)
-    for shape in (np.ones_like(place), place):
-        yield (level * shape * step)[picture.used]
+    for part, shape in (("shift", np.ones_like(place)), ("turn", place)):
+        yield f"edges:{part}", (level * shape * step)[picture.used]
 
 
-def _shading(picture: _Picture, face: int) -> Iterator[NDArray[np.float64]]:
+def _shading(picture: _Picture, face: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) slow relative changes over a face, alike in all bands or rising with the band."""
     where = picture.face == face
     if where.sum() < _MIN_FACE_PX:
@@ -195,12 +219,13 @@ def _shading(picture: _Picture, face: int) -> Iterator[NDArray[np.float64]]:
     for number, shape in enumerate((np.ones_like(u), u, v, u * u - 1 / 3, u * v, v * v - 1 / 3)):
         over_face = np.zeros(picture.face.shape)
         over_face[rows, columns] = shape
-        yield (over_face * picture.signal)[picture.used]
+        order = 0 if number == 0 else 1 if number < 3 else 2
+        yield f"shading:{order}", (over_face * picture.signal)[picture.used]
         if number < 3:
-            yield (over_face * slope * picture.signal)[picture.used]
+            yield "shading:colour", (over_face * slope * picture.signal)[picture.used]
 
 
-def _field(picture: _Picture) -> Iterator[NDArray[np.float64]]:
+def _field(picture: _Picture) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) slow relative changes over the picture, alike in all bands."""
     height, width = picture.face.shape
     v, u = (np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width
@@ -208,4 +233,4 @@ def _field(picture: _Picture) -> Iterator[NDArray[np.float64]]:
         for across in range(_FIELD_ORDER + 1):
             if down or across:
                 wave = np.cos(np.pi * down * v)[:, None] * np.cos(np.pi * across * u)
-                yield (wave * picture.signal)[picture.used]
+                yield "field", (wave * picture.signal)[picture.used]

@@ -11,7 +11,7 @@ within the kind's bound. Deviations of single pixels, alike in all bands, whiten
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ...predict import PictureErrors
+from ...predict import PictureErrors, cells_and_columns
 from ..linear_model import LinearModel
 from .columns import FlawColumns
 
@@ -89,6 +89,8 @@ class FlawModel:
     columns: NDArray[np.float32]
     #: (k, n) the same as given, DN.
     change: NDArray[np.float32]
+    #: (band, y, x) predicted signal, DN.
+    signal: NDArray[np.float64]
 
     @cached_property
     def products(self) -> NDArray[np.float64]:
@@ -145,37 +147,41 @@ class FlawModel:
         volume = np.linalg.slogdet(inside)[1]
         return float(square - (prior * aim) @ np.linalg.solve(inside, prior * aim) + volume)
 
-    def amplitude(self, fitted: FittedFlaws, residual: NDArray, shape: NDArray) -> tuple[float, float]:
-        """Multiple of a whitened shape in a whitened residual beside flaws, and its standard deviation."""
-        along = fitted.covariance @ self._aim(shape)
-        weighted = shape - self.columns @ along.astype(np.float32)
-        size = max(float(weighted @ shape), 1e-30)
-        return float(weighted @ residual) / size, size**-0.5
+    def weighted(self, fitted: FittedFlaws, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Whitened columns (n + 11, p) times the inverse covariance of the residual beside flaws."""
+        along = self.columns.T @ columns.astype(np.float32)
+        return np.asarray(columns - self.columns @ (fitted.covariance @ along).astype(np.float32))
 
     def part(self, fitted: FittedFlaws, kind: str = "") -> NDArray[np.float64]:
         """(n + 11,) change by the fitted flaws of one kind or all but shared errors, in the whitened model."""
-        own = self.kind == kind if kind else self.kind != _SHARED
+        own = self._own(kind) if kind else self.kind != _SHARED
         return np.asarray(self.columns[:, own] @ fitted.amount[own].astype(np.float32), float)
+
+    def _own(self, kind: str) -> NDArray[np.bool_]:
+        """(k,) columns of a kind, in all its forms."""
+        return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
     def change_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
         """(n,) change of the used samples by all fitted flaws, DN."""
         own = self.kind != _SHARED
         return np.asarray(fitted.amount[own].astype(np.float32) @ self.change[own], float)
 
-    def widths_dn(self, fitted: FittedFlaws) -> list[NDArray[np.float64]]:
-        """One standard deviation of every column (n,) at the fitted widths, DN."""
-        prior, own = self._prior(fitted.width), self.kind != _SHARED
-        return [float(width) * change for width, change in zip(prior[own], self.change[own], strict=True)]
+    def counted_in(self, plain: LinearModel, fitted: FittedFlaws) -> LinearModel:
+        """A linear model without errors in its covariance, with the flaws and shared errors in it."""
+        columns = [
+            width * change / plain.sigma for width, change in zip(self._prior(fitted.width), self.change, strict=True)
+        ]
+        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns))
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a whitened residual (n + 11,), the largest first."""
         count, found = self.model.count, []
-        for kind in dict.fromkeys(self.kind):
+        for kind in dict.fromkeys(str(each).partition(":")[0] for each in self.kind):
             if kind == _SHARED:
                 continue
-            part = self.part(fitted, str(kind))
-            size = float(part @ part) / count
-            found.append(Flaw(str(kind), size, fitted.width[str(kind)], self._heldout(fitted, residual, str(kind))))
+            part, own = self.part(fitted, kind), self._own(kind)
+            width = float(self._prior(fitted.width)[own].max())
+            found.append(Flaw(kind, float(part @ part) / count, width, self._heldout(fitted, residual, kind)))
         if self.pixel_error > 0 and self.model.errors is not None:
             cells = self.model.errors
             weight = float(cells.weight @ cells.weight)
@@ -184,7 +190,7 @@ class FlawModel:
 
     def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
-        own, count = self.kind == kind, self.model.count
+        own, count = self._own(kind), self.model.count
         rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
         rows, columns = np.indices(self.model.used.shape[1:])
         board = (rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2 == 1
@@ -192,7 +198,7 @@ class FlawModel:
         gains = np.zeros(2)
         for inside in (white, ~white):
             one = self.columns[:count, own][inside]
-            ridge = np.diag(np.full(own.sum(), 1 / fitted.width[kind] ** 2))
+            ridge = np.diag(1 / self._prior(fitted.width)[own] ** 2)
             amount = np.linalg.solve(one.T.astype(float) @ one + ridge, one.T @ rest[inside])
             for place, part in enumerate((inside, ~inside)):
                 change = self.columns[:count, own][part] @ amount
@@ -221,23 +227,22 @@ def build_flaw_model(
     FlawModel
         In the covariance with single pixels' deviations.
     """
-    plain = _with_columns(model, 0.0, given, model.shared_errors)
+    plain = _with_columns(model, 0.0, given, signal)
     left = residual - plain.part(fitted := plain.fit(residual)) - plain.part(fitted, _SHARED)
     error = _pixel_error(model, signal, left)
     if error == 0:
         return plain
-    pixels = _pixel_errors(model, signal, error)
-    return _with_columns(model.counting(pixels), error, given, model.shared_errors)
+    return _with_columns(model, error, given, signal)
 
 
-def _with_columns(model: LinearModel, error: float, given: FlawColumns, shared: NDArray) -> FlawModel:
-    """Columns whitened and projected."""
-    columns = [model.whiten_used(change.astype(float)).astype(np.float32) for change in given.change]
-    sigma = model.sigma
-    columns += [model.whiten_used(column[: model.count] * sigma).astype(np.float32) for column in shared.T]
-    kind = np.append(given.kind, np.full(shared.shape[1], _SHARED))
-    change = np.vstack([given.change, (shared[: model.count] * sigma[:, None]).T.astype(np.float32)])
-    return FlawModel(model, error, kind, np.array(columns).T.copy(), change)
+def _with_columns(plain: LinearModel, error: float, given: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
+    """Columns whitened and projected, with the errors that bands and faces share."""
+    model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
+    shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
+    change = np.vstack([given.change, shared])
+    columns = np.array([model.whiten_used(one.astype(float)) for one in change], np.float32)
+    kind = np.append(given.kind, np.full(len(shared), _SHARED))
+    return FlawModel(model, error, kind, columns.T.copy(), change, signal)
 
 
 def _pixel_index(model: LinearModel) -> NDArray[np.int64]:
@@ -262,11 +267,9 @@ def _pixel_error(model: LinearModel, signal: NDArray[np.float64], residual: NDAr
     return float(np.sqrt(np.clip(common - max(beside / max(weights, 1e-300), 0.0), 0.0, _MAX_PIXEL_ERROR**2)))
 
 
-def _pixel_errors(model: LinearModel, signal: NDArray[np.float64], error: float) -> PictureErrors:
-    """Deviations of single pixels as a covariance."""
-    weight = error * signal[model.used] / model.sigma
+def _pixel_errors(
+    model: LinearModel, signal: NDArray[np.float64], error: float, columns: Sequence[NDArray] = ()
+) -> PictureErrors:
+    """Deviations of single pixels as a covariance, with further errors (n,) over sigma."""
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
-    squares = np.bincount(cell, weight**2)
-    shrink = (1 - 1 / np.sqrt(1 + squares)) / np.maximum(squares, 1e-300)
-    none = np.zeros((len(cell), 0), np.float32)
-    return PictureErrors(cell.astype(np.int32), weight.astype(np.float32), shrink, none, np.zeros(0))
+    return cells_and_columns(cell, error * signal[model.used] / model.sigma, columns)
