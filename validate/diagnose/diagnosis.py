@@ -14,7 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, likeliest_causes, with_alternatives
+from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
     SHAPE_ERROR,
@@ -329,20 +329,16 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
-    remains = something_remains(start, start.residual, start.residual)
     if beside.evident or len(effects) < len(search.selected):
+        # the base is off: further effects, and all numbers, with what it may be off by in the covariance
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
         verdicts = (*again.verdicts, *(verdict for verdict in verdicts if not verdict.holds))
         search = replace(by_size, linearised=again.linearised)
         return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts)
-    if not by_size.selected and not remains:
+    if not effects and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-        effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
-    assessed = search.assessed
-    if len(effects) < len(search.selected):
-        assessed = with_alternatives(search.linearised, effects, signatures)
-    return _Judged(by_size, search, effects, assessed, beside, verdicts)
+    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts)
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

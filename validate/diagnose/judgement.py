@@ -10,7 +10,7 @@ from cboxlab.rendering.chain import after_stage
 from numpy.typing import NDArray
 
 from ..compare import Validation
-from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
+from .alternatives import SelectedEffect, confirmed_where_held_out, with_alternatives
 from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, price_of, square
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -41,10 +41,10 @@ _MAX_FLAWED = 0.6
 _MIN_FLAW = 0.01
 
 #: Number of effects with which the widths of flaws are fitted again, best ones at the widths before.
-_MAX_REFITTED = 6
+_MAX_REFITTED = 4
 
 #: Rounds of the fit of amplitude and widths in turn.
-_ROUNDS = 3
+_ROUNDS = 2
 
 #: Reflectance by which light is divided, at least.
 _DARK = 0.01
@@ -278,15 +278,13 @@ def selected_beside_flaws(
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, beside), [*selected, best])
         beside = _beside(linearised, selected)
-    judged = _judged(linearised, beside)
-    if selected:
-        selected, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
-        selected, _ = confirmed_where_held_out(judged, selected, assessed, signatures)
     selected, beside, verdicts = confirmed_beside_flaws(linearised, selected)
-    judged = _judged(linearised, beside)
-    selected = refitted_together(judged, selected) if selected else []
-    selected, assessed = with_better_alternatives(judged, selected, signatures)
-    return SelectedBesideFlaws(linearised, selected, assessed, beside, verdicts)
+    if selected:
+        selected = refitted_together(_judged(linearised, beside), selected)
+        assessed = with_alternatives(linearised, selected, signatures)
+        selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
+        return SelectedBesideFlaws(linearised, selected, assessed, beside, verdicts)
+    return SelectedBesideFlaws(linearised, [], [], beside, verdicts)
 
 
 def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:

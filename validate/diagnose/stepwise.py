@@ -202,7 +202,13 @@ def _forward_selection(
     settings, plain, model, residual = validation.model.render, first, linearised.model, linearised.model.residual
     selected: list[Candidate] = []
     while (
-        best := first_significant(candidates, residual, model, residual_with_exact(linearised, selected))
+        best := first_significant(
+            candidates,
+            residual,
+            model,
+            residual_with_exact(linearised, selected),
+            residual_with_rendered(linearised, selected),
+        )
     ) is not None:
         completed = 0.75 + 0.2 * (len(selected) + 1) / MAX_EFFECTS
         part = share(progress, completed - 0.2 / MAX_EFFECTS, completed)
@@ -221,7 +227,8 @@ def _forward_selection(
         rest = [s for s in signatures if s.hypothesis.effect.id not in selected_ids]
         problem = linearised.problem(selected)
         model = problem.model
-        least = least_gain_of_any(model, residual, residual_with_exact(linearised, selected))
+        exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
+        least = least_gain_of_any(model, residual, exact, rendered)
         candidates = best_singles(problem, rest, residual, _CANDIDATES_FITTED_NEXT, least=least, progress=part)
     return plain, linearised, selected, signatures
 

@@ -41,7 +41,7 @@ _MIN_WIDTH = 0.01
 _MAX_PIXEL_ERROR = 0.005
 
 #: Rounds of the widths' fit.
-_ROUNDS = 25
+_ROUNDS = 12
 
 #: Side of the blocks of pixels that are held out in turn, px.
 _HELDOUT_BLOCK_PX = 8
