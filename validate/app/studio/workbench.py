@@ -114,7 +114,7 @@ class Workbench:
         """
         folder = path_of_name(self.root, capture, "capture")
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
-            self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
+            self._begin(Study.read(folder, cache=self.cache, calibrated_study=self._study, progress=progress))
             return
         loaded = load_capture(folder)
         start = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
