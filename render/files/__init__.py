@@ -16,7 +16,7 @@ from .declared import (
     stated_in,
 )
 from .dng import write_dng
-from .exr_channels import write_channels
+from .exr_channels import require_exr_size, write_channels
 from .headers import Window, common_pixels, window_in_file, window_of
 from .previews import raw_to_srgb, scene_white, xyz_weights
 from .raw_files import write_raw
@@ -42,6 +42,7 @@ __all__ = [
     "raw_to_srgb",
     "read_cube",
     "read_picture",
+    "require_exr_size",
     "require_used",
     "scene_white",
     "stated_in",
