@@ -90,7 +90,9 @@ _FOLDERS: ContextVar[tuple[Path, ...] | None] = ContextVar("folders", default=No
 
 @contextmanager
 def inputs_below(*folders: Path) -> Iterator[None]:
-    """Refuse inputs outside folders, however files refer to each other, in the block and on its thread.
+    """Refuse inputs outside folders in the block, on its thread.
+
+    Files that other files name are refused, too.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ def inputs_below(*folders: Path) -> Iterator[None]:
 
 
 def _require_allowed_folder(path: Path, expected: str) -> None:
-    """Require that a path is below the folders of ``inputs_below``, before anything says whether it exists."""
+    """Require that a path is below the folders of ``inputs_below``, whether or not it exists."""
     folders = _FOLDERS.get()
     if folders is None:
         return

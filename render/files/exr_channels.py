@@ -85,7 +85,7 @@ def read_channels(path: Path) -> ExrChannels:
 
 
 def require_exr_size(path: Path) -> None:
-    """Require that a file's header states no more pixels than the file can hold, and than the program reads.
+    """Require that a header states no more pixels than the limit, and than the file can hold.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
 
 
 def _require_address_space() -> None:
-    """Raise InputError for a limit (ulimit -v) at which compiled libraries end without a message."""
+    """Raise InputError for a limit of address space that compiled libraries do not survive."""
     if resource is None:
         return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
