@@ -63,6 +63,16 @@ class Lens:
         """Whether the camera's k1 is the whole distortion, and pixels are square."""
         return self == PLAIN_LENS
 
+    def record(self) -> dict[str, str | float]:
+        """Formula and terms of the lens.
+
+        Returns
+        -------
+        dict
+            Values for JSON, by field.
+        """
+        return {"model": self.model, **{term: float(getattr(self, term)) for term in LENS_TERMS[self.model]}}
+
     def distorted(self, slopes: NDArray[np.float64], k1: float) -> NDArray[np.float64]:
         """Distorted slopes of rays.
 

@@ -173,8 +173,8 @@ def view_scatter(
         points, fit = survey
         measured.append((points.points_mm[fit.in_use], points.image_px[fit.in_use]))
         own = fit.camera if lens is None else lens
-        pose = {"position_mm": fit.camera.position_mm, "rotation": fit.camera.rotation}
-        cameras.append(replace(own, covariance=None, **pose))
+        pose = fit.camera
+        cameras.append(replace(own, covariance=None, position_mm=pose.position_mm, rotation=pose.rotation))
         fixed = [fit.point_sigma_px]
     for _ in range(_ROUNDS):
         sigmas = np.array([*np.maximum(scatter, _LOWEST_SHARE * np.median(scatter)), *fixed])

@@ -61,7 +61,7 @@ def starting_cameras(
             matrix = np.array([[lens.focal_length_px, 0, u], [0, lens.focal_length_px, v], [0, 0, 1]])
             distortion = np.array([lens.k1, 0, 0, 0, 0])
             if not lens.lens.one_term:
-                images = [(lens.focal_length_px * lens.slopes(*i.T) + lens.principal_point_px) for _, i in views]
+                images = [_straight(lens, image) for _, image in views]
             straight = distortion if lens.lens.one_term else np.zeros(5)
             poses = [
                 cv2.solvePnP(world, image, matrix, straight, flags=cv2.SOLVEPNP_IPPE)
@@ -80,6 +80,11 @@ def starting_cameras(
         for turn, shift in zip(turns, shifts, strict=True)
     ]
     return cameras if lens is None else [replace(camera, lens=lens.lens) for camera in cameras]
+
+
+def _straight(lens: Camera, image: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, 2) image positions without the distortion of a lens, px."""
+    return (lens.focal_length_px * lens.slopes(*image.T) + lens.principal_point_px).astype(np.float32)
 
 
 def adjust(
