@@ -3,7 +3,7 @@
 from .capture import Capture, FrameTable, load_capture
 from .first_manifest import FirstManifest, write_first_manifest
 from .labels import Label
-from .manifest import BandTable, BracketTable, DarkTable, FlatTable, ReferenceTable
+from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
 from .manifest_faults import nearest
 from .mosaic import (
     band_channels,
@@ -25,7 +25,9 @@ __all__ = [
     "FlatTable",
     "FrameTable",
     "Label",
+    "LensTable",
     "ReferenceTable",
+    "TargetTable",
     "band_channels",
     "brighter_channel_notes",
     "channel_lattice",
