@@ -445,15 +445,18 @@ class Manifest(_Table):
             for table in tables if key in defaults else ():
                 rows = filled.get(table)
                 if isinstance(rows, list | tuple):
-                    filled[table] = [
-                        {key: defaults[key], **row} if isinstance(row, dict) else row for row in rows
-                    ]
+                    filled[table] = [{key: defaults[key], **row} if isinstance(row, dict) else row for row in rows]
         return filled
 
     @property
     def is_absolute(self) -> bool:
         """Whether the capture claims an absolute scale."""
         return self.scale is None
+
+    @property
+    def is_free_by_band(self) -> bool:
+        """Whether each band has a free factor: as claimed, or since the colour of the lens is not stated."""
+        return self.scale == "free-by-band" or (self.scale == "free" and self.lens.transmittance is None)
 
     @property
     def darks(self) -> tuple[DarkTable, ...]:

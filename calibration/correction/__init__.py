@@ -6,16 +6,19 @@ from .dark import DarkLibrary, read_darks
 from .defects import hot_pixels
 from .full_well import with_full_well
 from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
+from .nominal_fall_off import LensAxis, fall_off_terms
 from .repeat_light import with_steady_light
 
 __all__ = [
     "ROUNDING_VARIANCE",
     "CorrectedBands",
     "DarkLibrary",
+    "LensAxis",
     "NoiseModel",
     "correct",
     "correct_bands",
     "evaluate_variance",
+    "fall_off_terms",
     "hot_pixels",
     "measure_noise",
     "read_darks",

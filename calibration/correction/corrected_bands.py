@@ -17,6 +17,8 @@ from .correction import FlatField, correct, evaluate_variance, read_flat, with_m
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
 from .noise import NoiseModel
+from .nominal_fall_off import LensAxis, nominal_flat, with_pixel_scatter
+from .picture_noise import pixel_scatter
 
 __all__ = ["CorrectedBands", "correct_bands"]
 
@@ -33,6 +35,30 @@ class CorrectedBands(FrozenMappings):
     flats: Mapping[str, FlatField]
     #: Assumptions of the correction, one sentence each, without repetition.
     notes: tuple[str, ...]
+    #: Axis of the lens whose nominal fall-off stands for flats that were not taken; None where it does not.
+    nominal_axis: LensAxis | None = None
+    #: Relative standard deviation of the pixels' sensitivities, in the variance where no flats were taken, else 0.
+    pixel_scatter: float = 0.0
+
+    def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
+        """Further variance by which the bands' errors of a pixel's sensitivity count as independent.
+
+        Without flats all bands of a pixel have the same unknown sensitivity. Its variance times the number of bands
+        that see the pixel gives a change of all bands its right uncertainty, and one of a single band too large a one.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) expectation of the corrected signals, DN.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats.
+        """
+        seen = np.sum(self.images["mask"].values == 0, axis=0)
+        signal = np.asarray(expected_signal, float)
+        return np.maximum(seen - 1, 0) * (self.pixel_scatter * signal) ** 2
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -81,8 +107,29 @@ def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict
     return {band: channel_mask(mosaic.pattern, capture.shape, channels[band]) for band in bands}
 
 
+def _nominal_flats(
+    capture: Capture, axis: LensAxis, dark: DarkLibrary, noise: NoiseModel, of_channel: Mapping[str, NDArray | None]
+) -> tuple[dict[str, FlatField], float]:
+    """By band, the nominal flat field with the scatter of the pixels' sensitivities, and that scatter."""
+    flat = nominal_flat(axis, capture.shape, dark)
+    scatters = []
+    for band in capture.manifest.band:
+        frames = correct(capture, band, flat, dark, noise)
+        variance = evaluate_variance(frames.coefficients, frames.signal)
+        in_channel = of_channel[band.id]
+        usable = ~frames.saturated if in_channel is None else ~frames.saturated & in_channel
+        scatters.append(pixel_scatter(frames.signal, variance, usable, capture.cell or (1, 1)))
+    finite = [scatter for scatter in scatters if np.isfinite(scatter)]
+    scatter = float(np.median(finite)) if finite else 0.0
+    return dict.fromkeys(capture.band_ids, with_pixel_scatter(flat, scatter)), scatter
+
+
 def correct_bands(
-    capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
+    capture: Capture,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channels: Mapping[str, str] | None = None,
+    nominal_axis: LensAxis | None = None,
 ) -> CorrectedBands:
     """Correct the frames of every band by equation 1 of Pattanaik et al. 1997.
 
@@ -103,6 +150,9 @@ def correct_bands(
     channels
         With a mosaic, the channel of each band, such as "R"; it becomes the coordinate ``channel``. The signals of the
         other channels' pixels stay in the image, masked. None without a mosaic.
+    nominal_axis
+        Axis of the lens, whose cosine-fourth fall-off takes the place of flats where no band has one; None for a
+        uniform field in their place.
 
     Returns
     -------
@@ -128,11 +178,20 @@ def correct_bands(
     if manifest.flat == "divided":
         notes.append("the flat was divided beforehand: its noise is not included, vignetting is not masked")
     without_flat = [band.id for band in manifest.band if not capture.flats(band.id)]
-    if without_flat and manifest.flat != "divided":
-        bands_without_flat = ", ".join(without_flat)
-        notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
-    of_channel = _channel_masks(capture, channels)
-    measured_flats = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
+    of_channel, scatter = _channel_masks(capture, channels), 0.0
+    if len(without_flat) < len(manifest.band) or manifest.flat == "divided":
+        nominal_axis = None
+    if nominal_axis is None:
+        measured_flats = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
+        if without_flat and manifest.flat != "divided":
+            bands_without_flat = ", ".join(without_flat)
+            notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
+    else:
+        measured_flats, scatter = _nominal_flats(capture, nominal_axis, dark, noise, of_channel)
+        notes.append(
+            "no flat fields: the fall-off is nominal, cos^4 of the field angle, and pixels' sensitivities scatter by "
+            f"{scatter:.2%} (estimated from neighbours); what a lens falls off further is fitted with a model"
+        )
     for band in manifest.band:
         same_aperture = [measured_flats[other.id] for other in manifest.band if other.f_number == band.f_number]
         flat = with_mean_of_all_pixels(band.id, measured_flats[band.id], same_aperture, of_channel[band.id])
@@ -154,10 +213,10 @@ def correct_bands(
         [
             "repeats averaged",
             "dark subtracted" if dark.exposure_s.size else "no dark subtracted",
-            "flat divided" if manifest.flats else "no flat divided",
+            "flat divided" if manifest.flats else "nominal fall-off divided" if nominal_axis else "no flat divided",
             *notes,
         ]
     )
     if channels is not None:
         images = images.assign_coords(channel=("band", [channels[band] for band in capture.band_ids]))
-    return CorrectedBands(images, coefficients, flats, tuple(dict.fromkeys(notes)))
+    return CorrectedBands(images, coefficients, flats, tuple(dict.fromkeys(notes)), nominal_axis, scatter)

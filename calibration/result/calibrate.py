@@ -23,6 +23,7 @@ from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, st
 from ..correction import (
     CorrectedBands,
     DarkLibrary,
+    LensAxis,
     NoiseModel,
     correct_bands,
     measure_noise,
@@ -169,6 +170,24 @@ def _camera(
         return None, None, [f"no camera: {explained.what}"], (explained,)
 
 
+def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
+    """Axis of the lens by the fitted camera, else by its nominal focal length, for a capture with a free scale."""
+    manifest = capture.manifest
+    if manifest.is_absolute:
+        return None
+    if fit is not None:
+        u, v = fit.camera.principal_point_px
+        return LensAxis(fit.camera.focal_length_px, float(u), float(v))
+    focal, pitch, crop = manifest.lens.focal_length_mm, manifest.camera.pixel_pitch_um, manifest.crop
+    if focal is None or pitch is None:
+        return None
+    height, width = capture.shape
+    u, v = (width - 1) / 2, (height - 1) / 2
+    if crop is not None:
+        u, v = (crop.full_width_px - 1) / 2 - crop.u0_px, (crop.full_height_px - 1) / 2 - crop.v0_px
+    return LensAxis(1e3 * focal / pitch, u, v)
+
+
 def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """Calibration of a capture, as far as its data allow.
 
@@ -195,9 +214,9 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     dark = read_darks(capture)
     noise = measure_noise(capture, dark)
     channels = band_channels(capture)
-    bands = correct_bands(capture, dark, noise, channels)
-    radiometry = measure_constant(capture, bands, dark, noise, channels)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
+    bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
+    radiometry = measure_constant(capture, bands, dark, noise, channels)
     notes = [
         *file_mosaic_notes(capture),
         *noise.notes,

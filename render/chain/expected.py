@@ -101,7 +101,7 @@ def _corrected(counts: Counts, sensing: Sensing) -> NDArray[np.float64]:
         )
     )
     ratios = np.ones(len(counts.bands))
-    response = np.ones_like(flat)
+    response = np.maximum(sensing.flat, SMALLEST_RESPONSE)  # nominal where no flat was taken, 1 without any
     for band, good in enumerate(sensing.good):
         if sensing.flat_level[band] > 0:
             relative = flat[band] / flat[band][sensing.usable[band]].mean()

@@ -109,8 +109,9 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
     InputError
         If the capture has neither reference frames nor the data for the constant C.
     """
-    capture, constant = calibration.capture, calibration.radiometry.constant
-    if constant is None:
+    capture, radiometry = calibration.capture, calibration.radiometry
+    constant, of_bands = radiometry.constant, radiometry.band_constants
+    if constant is None or of_bands is None:
         fault = "neither usable reference frames nor focal length, pixel pitch and gain"
         raise InputError(capture.folder / "capture.toml", fault, "one of them, for the constant C")
     bands = calibration.bands
@@ -132,7 +133,7 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
 
     factors = [0.0 if s.reference is None else optical_factor(capture, s.reference) or 0.0 for s in sources]
     return Sensing(
-        curves=over_field(capture_factors(capture, constant, calibration.channels, FILTER_GRID), camera),
+        curves=over_field(capture_factors(capture, of_bands, calibration.channels, FILTER_GRID), camera),
         flat_radiance=np.stack([s.flat_radiance for s in sources]),
         reference_radiance=np.stack([s.reference_radiance for s in sources]),
         flat=np.stack([flat.response for flat in flats]),
