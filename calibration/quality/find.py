@@ -8,6 +8,7 @@ from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
+from .brackets import check_brackets
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_spectra_content
 from .counts import check_counts
@@ -81,6 +82,7 @@ def find_suspicions(
         *check_spectra_content(capture),
         *check_names(capture, stacks),
         *check_exposures(stacks),
+        *check_brackets(bands),
         *check_schedule(stacks),
         *check_counts(capture, stacks, dark, noise),
         *check_noise(capture, stacks, dark, noise),
