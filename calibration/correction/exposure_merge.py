@@ -158,7 +158,7 @@ def merge_exposures(exposures: Sequence[Exposure], cell: tuple[int, int] = (1, 1
     signals = np.stack([exposure.frames.signal for exposure in exposures])
     terms = np.stack([exposure.frames.coefficients for exposure in exposures])
     used = np.stack([exposure.unsaturated for exposure in exposures])
-    saturated = ~used.any(axis=0)
+    saturated: NDArray[np.bool_] = ~np.any(used, axis=0)
     used[int(np.argmin(ratios)), saturated] = True
     a = ratios[:, None, None]
     # to begin with, all light over all time

@@ -215,7 +215,7 @@ def _different_flats(capture: Capture) -> tuple[FlatTable, ...]:
 
 def _samples_of_bands(capture: Capture, bias: NDArray[np.float64]) -> tuple[list[_Samples], NoiseSource]:
     """Samples of the scene's frames: of repeats where a band has them, else of neighbouring pixels."""
-    tables = [*capture.manifest.band, *capture.manifest.bracket]
+    tables: list[FrameTable] = [*capture.manifest.band, *capture.manifest.bracket]
     repeated = [table for table in tables if len(table.frames) > 1]
     of_repeats = [_samples(capture.frames(table), bias, capture.saturation_dn, is_dark=False) for table in repeated]
     of_repeats = [samples for samples in of_repeats if samples.charge.size]

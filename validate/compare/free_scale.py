@@ -97,7 +97,8 @@ class FreeScale:
 
 def _terms(bands: CorrectedBands) -> NDArray[np.float64]:
     """(k, y, x) shapes of the further fall-off; k = 0 where flats were taken."""
-    shape: tuple[int, int] = bands.images["signal"].shape[1:]
+    height, width = bands.images["signal"].shape[1:]
+    shape = height, width
     return np.zeros((0, *shape)) if bands.nominal_axis is None else fall_off_terms(bands.nominal_axis, shape)
 
 
