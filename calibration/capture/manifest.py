@@ -33,6 +33,7 @@ __all__ = [
     "LensTable",
     "Manifest",
     "MosaicTable",
+    "NoiseTable",
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
@@ -374,6 +375,18 @@ class CropTable(_Table):
     full_height_px: Count = _key("rows of the whole frame", "1024")
 
 
+class NoiseTable(_Table):
+    """The noise of merged pictures: every frame holds floating-point values in place of counts."""
+
+    kind: Literal["repeats", "poisson", "estimated"] = _key(
+        "where it is known from: 'repeats' of the frames, 'poisson' by the two keys below, or 'estimated' from "
+        "neighbouring pixels",
+        '"poisson"',
+    )
+    gain_e_per_unit: Positive | None = _key("of 'poisson': electrons per unit of the pictures", "1.2e4", None)
+    read_noise_e: NotNegative | None = _key("of 'poisson': rms noise of a dark pixel, electrons", "8.0", None)
+
+
 class DefaultsTable(_Table):
     """Values for every table of frames that does not state its own."""
 
@@ -431,6 +444,7 @@ class Manifest(_Table):
     mosaic: MosaicTable | None = None
     labels: LabelsTable | None = None
     crop: CropTable | None = None
+    noise: NoiseTable | None = None
     defaults: DefaultsTable | None = None
 
     @model_validator(mode="before")

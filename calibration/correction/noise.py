@@ -64,6 +64,8 @@ class NoiseModel:
     notes: tuple[str, ...] = ()
     #: Where the shot noise comes from.
     source: NoiseSource = "flats"
+    #: Variance of rounding, DN^2; 0 for merged pictures of floating-point values.
+    rounding_dn2: float = ROUNDING_VARIANCE
 
     @property
     def shot_dn(self) -> float:
@@ -73,7 +75,7 @@ class NoiseModel:
     @property
     def floor_dn2(self) -> float:
         """Variance of a count without charge (read noise and rounding), DN^2."""
-        return (self.shot_dn * (self.read_noise_e or 0.0)) ** 2 + ROUNDING_VARIANCE
+        return (self.shot_dn * (self.read_noise_e or 0.0)) ** 2 + self.rounding_dn2
 
     @property
     def rounding_error_dn(self) -> float:
@@ -83,6 +85,8 @@ class NoiseModel:
         misses a level x by the sum over k of (-1)^k exp(-2 pi^2 k^2 sigma^2) sin(2 pi k x) / (pi k). It is 0.2 DN at
         sigma = 0.1, 0.002 at 0.5 (Widrow and Kollar, Quantization Noise, 2008).
         """
+        if self.rounding_dn2 == 0:
+            return 0.0
         sigma_dn, k = self.shot_dn * (self.read_noise_e or 0.0), np.arange(1, _HARMONICS)
         waves = np.exp(-2 * (np.pi * k * sigma_dn) ** 2) / (np.pi * k)
         return float(np.sqrt(np.sum(waves**2) / 2))

@@ -18,6 +18,8 @@ __all__ = ["clipped_variance", "pixel_scatter", "second_differences", "smooth_pi
 _GAIN = 6.0
 #: Standard deviations beyond which a difference is an edge and no noise.
 _CLIP = 3.0
+#: Levels of light at which the scatter of the differences is taken.
+_LEVELS = 12
 #: Rounds by which edges are found: their neighbours then no longer widen the limit.
 _EDGE_ROUNDS = 8
 #: Rounds of clipping: the variance then changes by less than 0.1 %.
@@ -96,7 +98,7 @@ def smooth_pixels(
     Parameters
     ----------
     picture
-        (y, x) signal, above 0 where usable.
+        (y, x) signal.
     usable
         (y, x) True for pixels used.
     step
@@ -105,21 +107,19 @@ def smooth_pixels(
     Returns
     -------
     NDArray
-        (y, x) True where no second difference nearby, relative to the signal, exceeds three standard deviations.
+        (y, x) True where no second difference nearby exceeds three standard deviations of those at its level of light.
     """
     smooth = usable
     reach = np.ones([2 * size + 1 for size in step], bool)
     for _ in range(_EDGE_ROUNDS):
-        differences, means = second_differences(picture, smooth, step)
-        sigma = float(np.sqrt(clipped_variance(differences / means)))
-        if not np.isfinite(sigma):
+        level, sigma = _sigma_by_level(*second_differences(picture, smooth, step))
+        if not level.size:
             break
         edges = np.zeros(picture.shape, bool)
         for axis, size in enumerate(step):
             first, middle, last = _triples(picture, axis, size)
-            large = (
-                np.abs(first - 2 * middle + last) > _CLIP * sigma * np.sqrt(_GAIN) * np.abs(first + middle + last) / 3
-            )
+            expected = np.interp((first + middle + last) / 3, level, sigma)
+            large = np.abs(first - 2 * middle + last) > _CLIP * np.sqrt(_GAIN) * expected
             large &= np.logical_and.reduce(_triples(usable, axis, size))
             inside = [slice(None), slice(None)]
             inside[axis] = slice(size, picture.shape[axis] - size)
@@ -129,6 +129,17 @@ def smooth_pixels(
             break
         smooth = remaining
     return smooth
+
+
+def _sigma_by_level(
+    differences: NDArray[np.float64], means: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Ascending levels of light, and the standard deviation of the differences at each; empty for too few pixels."""
+    groups = np.array_split(np.argsort(means), max(1, min(_LEVELS, means.size // _FEWEST)))
+    variances = np.array([clipped_variance(differences[group]) for group in groups])
+    levels = np.array([means[group].mean() if group.size else np.nan for group in groups])
+    finite = np.isfinite(variances) & np.isfinite(levels)
+    return levels[finite], np.sqrt(variances[finite])
 
 
 def pixel_scatter(

@@ -26,11 +26,12 @@ from ..correction import (
     LensAxis,
     NoiseModel,
     correct_bands,
+    measure_merged_noise,
     measure_noise,
     read_darks,
     with_full_well,
 )
-from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
+from ..detector import NO_STUDY, Linearity, SensorStudy, measure_linearity, study_sensor
 from ..geometry import CameraFit, TargetFit, calibrate_camera
 from ..instrument import BandResponse, Mask, interpolated_channel
 from ..quality import Suspicion, explain_points, find_suspicions
@@ -210,9 +211,9 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     InputError
         For faulty frames and for surveyed points that cannot determine a camera.
     """
-    capture = with_full_well(capture)
+    capture = capture if capture.is_merged else with_full_well(capture)
     dark = read_darks(capture)
-    noise = measure_noise(capture, dark)
+    noise = measure_merged_noise(capture) if capture.is_merged else measure_noise(capture, dark)
     channels = band_channels(capture)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
     bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
@@ -239,10 +240,11 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
             "each band's pixels in it, given to all its pixels"
         )
     responses = colour = None
-    linearity = measure_linearity(capture, dark, noise, channels)
+    # merged pictures are no counts: their sensor cannot be studied
+    linearity = None if capture.is_merged else measure_linearity(capture, dark, noise, channels)
     if linearity is None:
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
-    sensor = study_sensor(capture, bands, dark, noise, channels)
+    sensor = NO_STUDY if capture.is_merged else study_sensor(capture, bands, dark, noise, channels)
     notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
     patches = measure_patches(capture, bands, noise, linearity)
     if patches is not None:
