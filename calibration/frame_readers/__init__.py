@@ -27,6 +27,7 @@ __all__ = [
     "frame_header",
     "pattern_of",
     "read_pictures",
+    "read_values",
     "reader_of",
     "suffixes",
 ]
@@ -198,3 +199,39 @@ def read_pictures(path: Path, pictures: range | None = None) -> NDArray[np.uint1
         expected = f"{(len(pictures), *header.shape)} as in the file's header"
         raise InputError(path, f"pictures of shape {counts.shape}", expected)
     return counts
+
+
+def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64]:
+    """Values of pictures of a file, as merged exposures have them.
+
+    Parameters
+    ----------
+    path
+        The file. A format of counts gives its counts.
+    pictures
+        Numbers of the pictures, from 0; all of them where left out.
+
+    Returns
+    -------
+    NDArray
+        (n, y, x) values as stored, first row at the top.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or damaged, and for a package that is not installed.
+    """
+    header, reader = frame_header(path), _usable_reader(path)
+    pictures = range(header.pictures) if pictures is None else pictures
+    if reader.values is None:
+        return read_pictures(path, pictures).astype(np.float64)
+    try:
+        values = reader.values(path, pictures)
+    except InputError:
+        raise
+    except Exception as error:
+        raise _unreadable(path, reader, error) from None
+    if values.shape != (len(pictures), *header.shape):
+        expected = f"{(len(pictures), *header.shape)} as in the file's header"
+        raise InputError(path, f"pictures of shape {values.shape}", expected)
+    return values

@@ -5,6 +5,7 @@ from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
 from .edge_alignment import refine_geometry
 from .excess import Region, regions_of
 from .failure import OUTSIDE, Failure, Part
+from .free_scale import FreeScale, free_columns
 from .maps import read_map, write_map, write_maps
 from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
 from .pipeline import (
@@ -32,6 +33,7 @@ __all__ = [
     "Comparison",
     "DifferenceStatistics",
     "Failure",
+    "FreeScale",
     "NuisanceFit",
     "Nuisances",
     "Part",
@@ -46,6 +48,7 @@ __all__ = [
     "compared",
     "failures",
     "fit_lamp_scale",
+    "free_columns",
     "held_lamp_scale",
     "prepare",
     "read_map",
