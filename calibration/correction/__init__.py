@@ -1,12 +1,19 @@
 """From raw frames to corrected band images: dark frames, flat fields, defects, noise, masks."""
 
-from .corrected_bands import CorrectedBands, correct_bands
-from .correction import correct, evaluate_variance, uniform_flat
-from .dark import DarkLibrary, read_darks
-from .defects import hot_pixels
-from .full_well import with_full_well
-from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
-from .repeat_light import with_steady_light
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .corrected_bands import CorrectedBands, correct_bands
+    from .correction import correct, evaluate_variance, uniform_flat
+    from .dark import DarkLibrary, read_darks
+    from .defects import hot_pixels
+    from .full_well import with_full_well
+    from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
+    from .repeat_light import with_steady_light
 
 __all__ = [
     "ROUNDING_VARIANCE",
@@ -23,3 +30,5 @@ __all__ = [
     "with_full_well",
     "with_steady_light",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

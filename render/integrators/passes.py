@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.hidden_dask import show_dask
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import variant
@@ -106,6 +107,7 @@ def distributed(jobs: list[RenderJob], scheduler: str) -> Iterator[tuple[RenderJ
     InputError
         If Dask is not installed or no scheduler answers.
     """
+    show_dask()
     try:
         import distributed as dask
     except ImportError:
