@@ -120,7 +120,7 @@ class Bench:
             after = self.light(self.scene, int(values["max_bounces"])).picture()
         else:
             after = self.light(applied.apply(self.scene)).picture()
-        return predictor.changed_alike(self.picture, self.before, after, None)
+        return predictor.with_change_of(self.picture, self.before, after, None)
 
     def row(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
         """What the table says of one effect."""
