@@ -10,13 +10,15 @@ from collections.abc import Sequence
 from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+
+if TYPE_CHECKING:
+    import trimesh
 
 __all__ = [
     "Mesh",
@@ -220,6 +222,9 @@ def box_mesh(center_mm: ArrayLike, size_mm: ArrayLike, yaw_deg: float) -> Mesh:
     Mesh
         8 vertices, mm, and 12 triangles.
     """
+    import trimesh  # slow to import
+    from scipy.spatial.transform import Rotation
+
     shape = trimesh.creation.box(extents=np.asarray(size_mm, float))
     turned = Rotation.from_euler("y", yaw_deg, degrees=True).apply(np.asarray(shape.vertices, float))
     return turned + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
@@ -240,6 +245,8 @@ def sphere_mesh(center_mm: ArrayLike, radius_mm: float) -> Mesh:
     Mesh
         20,480 triangles. The distances of their points from the centre are within 0.02 % of the radius.
     """
+    import trimesh  # slow to import
+
     shape = trimesh.creation.icosphere(_SPHERE_DIVISIONS)
     scale = radius_mm * np.sqrt(4 * np.pi / shape.area)
     return scale * np.asarray(shape.vertices) + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
@@ -260,6 +267,8 @@ def turned_about_vertical(vertices_mm: ArrayLike, yaw_deg: float) -> NDArray[np.
     NDArray
         (n, 3) turned vertices, mm.
     """
+    from scipy.spatial.transform import Rotation  # slow to import
+
     vertices = np.asarray(vertices_mm, float)
     height = vertices[:, 1]
     footprint = np.unique(vertices[height < height.min() + STANDING_MM], axis=0)
@@ -343,6 +352,8 @@ def file_uv(path: Path) -> NDArray[np.float64] | None:
 
 def _loaded(path: Path) -> trimesh.Trimesh:
     """Mesh of a file; InputError if it cannot be read."""
+    import trimesh  # slow to import
+
     expected = "a readable mesh: .obj, .ply or .stl"
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("obj", "ply", "stl"):
