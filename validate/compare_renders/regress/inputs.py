@@ -22,7 +22,7 @@ from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ...predict import transported
-from .naming import named_changes
+from .naming import named_changes, pattern_alone
 from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
 from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
 from .variants import Variants, build_variants, mismatch
@@ -173,7 +173,9 @@ def regress_pictures(
     outcome, comparison = regress_sides(baseline, candidate, surfaces, false_alarms)
     progress.part(0.2)
     changes: tuple[NamedChange, ...] = ()
-    if not outcome.same:
+    if outcome.is_pattern:
+        changes = (pattern_alone(outcome.cancelling or ""),)
+    elif not outcome.same:
         variants = variants or _variants(view, baseline, candidate, notes)
         changes = _mislabelled(baseline, candidate, surfaces, false_alarms)
         changes = changes or named_changes(comparison, variants, progress)

@@ -15,7 +15,8 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.stats import t
 
-from .pooled import PooledMean
+from .patterns import FIXED_TEXTURE
+from .pooled import CANCELLING, PooledMean
 
 __all__ = [
     "UNKNOWN",
@@ -119,6 +120,34 @@ class Outcome(FrozenMappings):
         """Whether the best name leaves no more than noise and error of shapes; None without one."""
         return None if self.best_name is None else self.best_name.fits
 
+    @property
+    def cancelling(self) -> str | None:
+        """Pattern whose means cancel, in words; None without one that decides.
+
+        A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one.
+        """
+        rows = {kind: row for kind in reversed(CANCELLING) for row in self.of_kind(kind) if row.different}
+        moved = any(row.different for row in self.of_kind("pattern"))
+        if not rows or (moved and not {"grid", "dark"} & set(rows)):
+            return None
+        if "dark" in rows:
+            return f"{rows['dark'].pixels} {rows['dark'].name}"
+        order = ("grid", "steps", "tile", "line", "texture")
+        row = next(rows[kind] for kind in order if kind in rows)
+        return f"{row.name}, {abs(row.difference):.2g} of the light"
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether nothing differs but a pattern whose means cancel, away from edges."""
+        edges = [row for row in self.of_kind("texture") if row.name != FIXED_TEXTURE]
+        others = [row for row in self.deciding if row.kind not in CANCELLING or row in edges]
+        return not self.same and (not others or (self._grid and set(others) <= set(edges)))
+
+    @property
+    def _grid(self) -> bool:
+        """Whether a periodic pattern decides, which scatters pixels at edges, too."""
+        return any(row.different for row in self.of_kind("grid"))
+
     def of_kind(self, kind: str) -> tuple[PooledMean, ...]:
         """Tests of one kind of pool.
 
@@ -163,7 +192,12 @@ class Outcome(FrozenMappings):
             "surfaces": {row.name: _record(row) for row in self.of_kind("surface")},
             "bands": {row.name: _record(row) for row in self.of_kind("band")},
             "strata": {row.name: _record(row) for row in self.of_kind("stratum")},
-            "patterns": {row.name: {**_record(row), "unit": row.unit} for row in self.of_kind("pattern")},
+            "patterns": {
+                row.name: {**_record(row), "unit": row.unit}
+                for kind in ("pattern", *CANCELLING)
+                for row in self.of_kind(kind)
+            },
+            "cancelling": self.cancelling,
             "even": {row.name: _record(row) for row in self.of_kind("even")},
             "blocks": {row.name: _record(row) for row in self.of_kind("block")},
             "deciding": [f"{row.kind}: {row.name}" for row in self.deciding],
