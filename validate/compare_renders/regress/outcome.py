@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 from scipy.stats import t
 
@@ -35,6 +36,10 @@ UNKNOWN = "unknown"
 
 #: Remaining part of the light below which it is stated itself, not as a difference in per cent.
 _LITTLE_LIGHT = 1e-3
+#: Largest number of rows in the table of deciding pools.
+_MOST_ROWS = 8
+#: Largest number of names in sentences.
+_MOST_NAMES = 3
 #: Deciding pools listed for GitHub.
 _MAX_GITHUB_POOLS = 3
 #: Probability of the one-sided limit of ``Outcome.equivalence_95``.
@@ -169,6 +174,57 @@ class Outcome(FrozenMappings):
         rows = [row for row in self.pools if row.different]
         return tuple(sorted(rows, key=lambda row: row.probability / row.critical))
 
+    def lines(self) -> list[str]:
+        """Verdict and named change in sentences.
+
+        Returns
+        -------
+        list of str
+            The verdict first.
+        """
+        whole = self.whole
+        size = as_percent(whole.difference, "the baseline", unit="%")
+        text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {whole.sigma:.3%}"]
+        if self.same:
+            text.append(f"The mean light agrees within {self.equivalence_95:.3%} at 95 %.")
+        text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
+        if self.cancelling:
+            text.append(f"Pattern whose means cancel: {self.cancelling}.")
+        for index, named in enumerate(self.named[:_MOST_NAMES]):
+            start = "Cause" if named.change == UNKNOWN else "Named" if named.fits else "Most like"
+            start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
+            text.append(f"{start}: {change_text(named)}, probability {named.probability:.2f}")
+        if self.fits is not None and math.isfinite(self.left_chi2_per_number):
+            fit = "it fits" if self.fits else "it does not fit"
+            left = self.left_chi2_per_number
+            text.append(f"The best name leaves a χ² per number of {left:.2f} (noise: about 1): {fit}.")
+        if self.outliers:
+            text.append(
+                f"• {self.outliers} outlying pixels (fireflies) are not included in the means; they contain "
+                f"{self.outlier_share:+.3%} of the light"
+            )
+        return [*text, *(f"• {note}" for note in self.notes)]
+
+    def tables(self) -> list[Table]:
+        """Surfaces, and the pools that decided.
+
+        Returns
+        -------
+        list of Table
+            Tables with rows.
+        """
+        numbers = ("difference, %", "± %", "sigmas", "detectable, %")
+        surfaces = tuple((row.name, *_cells(row)) for row in self.of_kind("surface"))
+        decided = tuple(
+            (f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
+            for row in self.deciding[:_MOST_ROWS]
+        )
+        found = (
+            Table("Surfaces", ("surface", *numbers), surfaces),
+            Table("What decided", ("pool", *numbers), decided),
+        )
+        return [table for table in found if table.rows]
+
     def to_dict(self) -> dict[str, Any]:
         """Content of the JSON file.
 
@@ -209,6 +265,14 @@ class Outcome(FrozenMappings):
             "notes": list(self.notes),
         }
         return {key: _finite(value) for key, value in record.items()}
+
+
+def _cells(row: PooledMean) -> tuple[str, ...]:
+    """Numbers of a test as text."""
+    percent = 100.0 if row.unit == "1" else 1.0
+    size = as_percent(row.difference, "it", ".3g") if row.unit == "1" else f"{row.difference:.3g}"
+    numbers = (percent * row.sigma, row.statistic, percent * row.detectable)
+    return (size, *(f"{value:.3g}" for value in numbers))
 
 
 def _record(row: PooledMean) -> dict[str, Any]:
@@ -353,10 +417,13 @@ def github_lines(outcome: Outcome) -> list[str]:
     list of str
         A notice where the pictures are the same; otherwise an error for the verdict and for the clearest pools.
     """
+    file = Path(outcome.candidate)
+    place = f"file={_escaped(outcome.candidate)},line=1," if file.is_file() else ""
     if outcome.same:
-        return [f"::notice title=cbox regress::{_escaped(summary(outcome))}"]
-    return [f"::error title=cbox regress::{_escaped(summary(outcome))}"] + [
-        f"::error title=cbox regress::{_escaped(_pool_text(row))}" for row in outcome.deciding[:_MAX_GITHUB_POOLS]
+        return [f"::notice {place}title=cbox regress::{_escaped(summary(outcome))}"]
+    return [f"::error {place}title=cbox regress::{_escaped(summary(outcome))}"] + [
+        f"::error {place}title=cbox regress::{_escaped(_pool_text(row))}"
+        for row in outcome.deciding[:_MAX_GITHUB_POOLS]
     ]
 
 

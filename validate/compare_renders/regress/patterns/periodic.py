@@ -26,6 +26,8 @@ _MIN_BLOCKS = 12
 _MIN_SMOOTH_PART = 0.5
 #: Probability of one harmonic among all frequencies, below which it tells the period of a pattern.
 _HARMONIC = 1e-2
+#: Amplitude of a harmonic over that of the clearest frequency, above which it is none of the smooth parts' outline.
+_HARMONIC_PART = 0.3
 #: Fewest pixels of a phase of a pattern that is removed.
 _MIN_PHASE_PX = 8
 #: Part of a grid's variance that a checkerboard explains, from which the grid is called one.
@@ -49,9 +51,10 @@ def periodic(difference: Difference) -> Finding | None:
     if not tests:
         return None
     looks = sum(test[1].size for test in tests)
-    edge, probability, blocks = min(tests, key=lambda test: float(test[1].min()))
+    edge, probability, strength, blocks = min(tests, key=lambda test: float(test[1].min()))
     least = float(probability.min())
-    clear = np.argwhere(probability <= max(least, _HARMONIC / probability.size))
+    strong = strength >= _HARMONIC_PART * strength[np.unravel_index(probability.argmin(), probability.shape)]
+    clear = np.argwhere(strong & (probability <= max(least, _HARMONIC / probability.size)))
     down, across = (edge // gcd(edge, *(int(k) for k in clear[:, axis])) for axis in (0, 1))
     folded = _folded(difference, down, across)
     size = float(np.sqrt(np.mean(folded**2)))
@@ -83,8 +86,8 @@ def without_period(difference: Difference, finding: Finding) -> NDArray[np.float
     return np.asarray(folded[rows % down, columns % across])
 
 
-def _tested(difference: Difference, edge: int) -> tuple[int, NDArray[np.float64], int] | None:
-    """Edge of blocks, (edge, edge // 2 + 1) probabilities by frequency, count of blocks."""
+def _tested(difference: Difference, edge: int) -> tuple[int, NDArray[np.float64], NDArray[np.float64], int] | None:
+    """Edge of blocks, (edge, edge // 2 + 1) probabilities and amplitudes by frequency, count of blocks."""
     height, width = (size // edge * edge for size in difference.level.shape)
     if not (height and width):
         return None
@@ -102,7 +105,7 @@ def _tested(difference: Difference, edge: int) -> tuple[int, NDArray[np.float64]
     smooth, values, pixels = smooth[used], cut(difference.relative)[used], pixels[used]
     centred = np.where(smooth, values - (values.sum(axis=(1, 2)) / pixels)[:, None, None], 0.0)
     spectra = np.fft.rfft2(centred) / pixels[:, None, None]
-    return edge, _hotelling(spectra), count
+    return edge, _hotelling(spectra), np.abs(spectra.mean(axis=0)), count
 
 
 def _hotelling(spectra: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ def _tested(difference: Difference, variance: NDArray, name: str, group: NDArray
     used = group & (scale > 0)
     if not used.any():
         return None
-    sums = np.bincount(blocks[used], excess[used] / scale[used] ** 2)
+    sums = np.bincount(blocks[used], excess[used] / scale[used] ** 2).astype(float)
     terms = sums[np.bincount(blocks[used]) > 0]
     if terms.size < _MIN_TERMS:
         return None
