@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter
     from cboxlab.validation.api import Study, calibrate, diagnose, render, simulate, validate
     from cboxlab.validation.compare_renders.regress import assert_same_light
+    from cboxlab.validation.dataset import Dataset, create_dataset, open_dataset
 
     __version__: str
 
 __all__ = [
     "Cancelled",
+    "Dataset",
     "Declared",
     "InputError",
     "Progress",
@@ -32,10 +34,12 @@ __all__ = [
     "__version__",
     "assert_same_light",
     "calibrate",
+    "create_dataset",
     "diagnose",
     "load_capture",
     "load_model",
     "load_scene",
+    "open_dataset",
     "render",
     "simulate",
     "validate",
@@ -44,6 +48,7 @@ __all__ = [
 #: Package of each name, below ``cboxlab``.
 _HOMES = {
     "Cancelled": "utils.progress",
+    "Dataset": "validation.dataset",
     "Declared": "rendering.files",
     "InputError": "scenes",
     "Progress": "utils.progress",
@@ -51,10 +56,12 @@ _HOMES = {
     "Study": "validation.api",
     "assert_same_light": "validation.compare_renders.regress",
     "calibrate": "validation.api",
+    "create_dataset": "validation.dataset",
     "diagnose": "validation.api",
     "load_capture": "calibration.capture",
     "load_model": "rendering.model",
     "load_scene": "scenes",
+    "open_dataset": "validation.dataset",
     "render": "validation.api",
     "simulate": "validation.api",
     "validate": "validation.api",

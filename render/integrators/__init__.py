@@ -2,6 +2,7 @@
 
 from ..image import RenderJob
 from .choice import render
+from .passes import TIMEOUT_S
 from .precision import (
     BATCHES,
     MOST_PASSES,
@@ -15,6 +16,7 @@ from .stock import render_stock
 __all__ = [
     "BATCHES",
     "MOST_PASSES",
+    "TIMEOUT_S",
     "RenderJob",
     "fireflies",
     "relative_error",
