@@ -67,20 +67,20 @@ class Numbers:
         if self.form == "constant":
             return v[0]
         if self.form == "uniform":
-            return float(generator.uniform(*v))
+            return float(generator.uniform(v[0], v[1]))
         if self.form == "log_uniform":
-            return float(np.exp(generator.uniform(*np.log(v))))
+            return float(np.exp(generator.uniform(*np.log(v[:2]))))
         if self.form == "integer":
             return float(generator.integers(int(v[0]), int(v[1]), endpoint=True))
         if self.form == "choice":
             return v[_index(generator, len(v), self.weights)]
         for _ in range(_MOST_DRAWS):
-            number = float(generator.normal(*v))
+            number = float(generator.normal(v[0], v[1]))
             if not self.within or self.within[0] <= number <= self.within[1]:
                 return number
         bounds = f"within = [{self.within[0]:g}, {self.within[1]:g}]"
-        found = f"normal = [{v[0]:g}, {v[1]:g}] with {bounds}, which none of {_MOST_DRAWS} draws met"
-        raise InputError("recipe", found, "bounds that the distribution reaches")
+        fault = f"normal = [{v[0]:g}, {v[1]:g}] with {bounds}, which none of {_MOST_DRAWS} draws met"
+        raise InputError("recipe", fault, "bounds that the distribution reaches")
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def numbers(value: object) -> Numbers:
     return Numbers(kind, values, within, weights)
 
 
-def _between(low: float, high: float, whole: bool = False) -> Callable[[object], Numbers]:
+def _between(low: float, high: float, integral: bool = False) -> Callable[[object], Numbers]:
     """Reader of a distribution that cannot leave bounds."""
 
     def read(value: object) -> Numbers:
@@ -192,7 +192,7 @@ def _between(low: float, high: float, whole: bool = False) -> Callable[[object],
             bounds = f"numbers from {low:g} to {high:g}" if np.isfinite(high) else f"numbers of {low:g} or more"
             hint = " (give a normal distribution bounds: within = [low, high])" if distribution.form == "normal" else ""
             raise ValueError(bounds + hint)
-        if whole and (distribution.form not in ("constant", "integer", "choice") or _fractional(distribution)):
+        if integral and (distribution.form not in ("constant", "integer", "choice") or _fractional(distribution)):
             raise ValueError("a whole number, { integer = [low, high] } or a choice of whole numbers")
         return distribution
 
@@ -233,7 +233,7 @@ def WholeNumbers(low: float, high: float) -> Any:
     type
         An annotation for pydantic.
     """
-    return Annotated[Numbers, BeforeValidator(_between(low, high, whole=True))]
+    return Annotated[Numbers, BeforeValidator(_between(low, high, integral=True))]
 
 
 def _choice(value: object) -> Choice:

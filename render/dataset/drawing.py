@@ -33,8 +33,14 @@ __all__ = ["Box", "draw_box", "part_of"]
 #: Draws of a geometry after which the recipe is refused.
 ATTEMPTS = 500
 
-#: Streams of random numbers of a geometry, by purpose.
-_GEOMETRY, _SPECTRA, _RENDER, _PART = range(4)
+#: Stream of random numbers of rooms, blocks, lamps' places and cameras; streams differ in this number alone.
+_GEOMETRY = 0
+#: Stream of paints, spectra, powers and effects.
+_SPECTRA = 1
+#: Stream of the seed of the rendering.
+_RENDER = 2
+#: Stream of the part of the data set.
+_PART = 3
 
 #: Name of a material, surface or block in an effect's table that stands for any of its kind.
 ANY = "any"
@@ -239,8 +245,8 @@ def _geometry(recipe: Recipe, generator: np.random.Generator) -> _Geometry:
         if blocked_share(corner, np.array([rectangle.width, rectangle.depth]), plain) > recipe.most_blocked:
             raise _Rejected("a lamp is hidden")
     cameras: dict[str, Camera] = {}
-    for table in recipe.camera:
-        cameras.update(_cameras(table, room, generator))
+    for camera in recipe.camera:
+        cameras.update(_cameras(camera, room, generator))
     return _Geometry(room, walls, solids, lamps, cameras)
 
 

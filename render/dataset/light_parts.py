@@ -84,7 +84,7 @@ def light_parts(image: RenderedImage, scene: Scene) -> LightParts:
 
 
 def _albedo(image: RenderedImage, scene: Scene) -> NDArray[np.float64]:
-    """(y, x, w) reflectance of each pixel's surfaces by their areas; lamps count with their reflectance."""
+    """(y, x, w) reflectance of each pixel's surfaces and lamps, by their areas."""
     names, count = list(scene.materials), len(scene.surfaces)
     index = [names.index(surface.material) for surface in scene.surfaces]
     of_surface = scene.reflectances(image.wavelength_nm)

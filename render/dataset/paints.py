@@ -64,14 +64,14 @@ def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, 
         raise InputError(where, f"'{name}'", _REFLECTANCE_NAMES, suggestion(source, _COLLECTIONS))
     if separator:
         if member not in spectra:
-            known = list(spectra)
-            listed = ", ".join(known[:12]) + (", ..." if len(known) > 12 else "")
-            raise InputError(where, f"'{member}' in {source}", f"one of {listed}", suggestion(member, known))
+            members = list(spectra)
+            listed = ", ".join(members[:12]) + (", ..." if len(members) > 12 else "")
+            raise InputError(where, f"'{member}' in {source}", f"one of {listed}", suggestion(member, members))
         spectra = {member: spectra[member]}
     for key, spectrum in spectra.items():
         if spectrum.values.min() < 0 or spectrum.values.max() > 1:
-            found = f"{spectrum.values.min():g} to {spectrum.values.max():g} in {source}:{key}"
-            raise InputError(where, found, "reflectances from 0 to 1")
+            bounds = f"{spectrum.values.min():g} to {spectrum.values.max():g} in {source}:{key}"
+            raise InputError(where, bounds, "reflectances from 0 to 1")
     return tuple((f"{source}:{key}", spectrum) for key, spectrum in spectra.items())
 
 
@@ -166,9 +166,10 @@ def _reflectance(wavelength_nm: object, values: object) -> Spectrum:
 
 
 def _munsell() -> dict[str, Spectrum]:
-    """Reflectances of Munsell's colours of 1929: spectra of their published colours under illuminant C.
+    """Reflectances of Munsell's colours of 1929.
 
-    They are recovered by the method of Otsu, Yamamoto and Hachisuka 2018.
+    They are spectra of the published colours under illuminant C, recovered by the method of Otsu, Yamamoto and
+    Hachisuka 2018.
     """
     from colour import MSDS_CMFS, MUNSELL_COLOURS, SDS_ILLUMINANTS, SpectralShape, xyY_to_XYZ
     from colour.recovery import XYZ_to_sd_Otsu2018

@@ -10,11 +10,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation, suggestion
+from cboxlab.utils.faults import combined, faults_of_validation, shown, suggestion
 from cboxlab.utils.input_files import read_toml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ..effects import apply_checked
+from ..model import named_effect
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
 from .paints import light_source, reflectance_source
 
@@ -178,7 +180,7 @@ class PictureTable(_Table):
     def wavelength_nm(self) -> NDArray[np.float64]:
         """(w,) wavelengths, nm."""
         count = int((self.last_nm - self.first_nm) / self.step_nm + 1e-9) + 1
-        return self.first_nm + self.step_nm * np.arange(count)
+        return np.asarray(self.first_nm + self.step_nm * np.arange(count), np.float64)
 
 
 class PartsTable(_Table):
@@ -215,12 +217,36 @@ class Recipe(_Table):
     effect: list[EffectTable] = []
     sensor: list[SensorTable] = []
 
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the content, without the number of boxes: a larger set begins like a smaller one."""
+    def digest(self, folder: Path) -> str:
+        """SHA-256 of everything on which the pictures depend.
+
+        The number of boxes is left out, since a larger set begins like a smaller one.
+
+        Parameters
+        ----------
+        folder
+            Folder of the recipe, to which its files are relative.
+
+        Returns
+        -------
+        str
+            Hexadecimal digits.
+        """
         content = self.model_dump(mode="json", exclude={"boxes", "description", "license"})
         content["effect"] = [{**entry.parameters, "id": entry.id, "p": entry.probability} for entry in self.effect]
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        result = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+        for name in self.files:
+            result.update(hashlib.sha256((folder / name).read_bytes()).digest())
+        return result.hexdigest()
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the files that it names: tables of spectra, effect files, sensor cameras."""
+        names = [source for paint in self.paint.values() for source in paint.reflectance.names]
+        names += [source for lamp in self.lamp for source in lamp.spectrum.names]
+        tables = [name[: name.index(".csv") + 4] for name in names if ".csv" in name]
+        others = [*(entry.id for entry in self.effect), *(sensor.camera for sensor in self.sensor)]
+        return sorted({*tables, *(name for name in others if name.endswith(".toml"))})
 
 
 def load_recipe(path: Path) -> Recipe:
@@ -270,8 +296,8 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
             faults.append(InputError(where, f"'{truth}'", f"one of {', '.join(TRUTHS)}", suggestion(truth, TRUTHS)))
     p = recipe.picture
     if not 2 <= (p.last_nm - p.first_nm) / p.step_nm + 1 < 2000:
-        found = f"{p.first_nm:g} to {p.last_nm:g} nm by {p.step_nm:g} nm"
-        faults.append(InputError(f"{path}: picture", found, "2 to 2000 wavelengths, ascending"))
+        grid = f"{p.first_nm:g} to {p.last_nm:g} nm by {p.step_nm:g} nm"
+        faults.append(InputError(f"{path}: picture", grid, "2 to 2000 wavelengths, ascending"))
     total = recipe.parts.train + recipe.parts.validation + recipe.parts.test
     if abs(total - 1) > 1e-9:
         faults.append(InputError(f"{path}: parts", f"shares of sum {total:g}", "shares of sum 1"))
@@ -280,7 +306,32 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
         if len(set(names)) < len(names):
             faults.append(InputError(f"{path}: {kind}", f"names {', '.join(names)}", "each name once"))
     faults += [fault for fault in _source_faults(path, recipe) if fault is not None]
+    for index, entry in enumerate(recipe.effect):
+        faults += _effect_faults(f"{path}: effect[{index}]", entry, path.parent)
     return faults
+
+
+def _effect_faults(where: str, entry: EffectTable, folder: Path) -> list[InputError]:
+    """Faults of an effect and of the ends of its parameters' distributions; names are checked in each box."""
+    ends: list[dict[str, Any]] = [{}, {}]
+    for name, value in entry.parameters.items():
+        texts = value if isinstance(value, list) else [value]
+        if texts and all(isinstance(text, str) for text in texts):
+            ends[0][name] = ends[1][name] = texts[0]
+            continue
+        try:
+            low_and_high = numbers(value).support
+        except ValueError as fault:
+            return [InputError(f"{where}.{name}", shown(value), str(fault))]
+        for end, number in zip(ends, low_and_high, strict=True):
+            end[name] = number
+    try:
+        effect = named_effect(entry.id, folder)
+        for end in ends:
+            apply_checked(effect, end, where)
+    except InputError as fault:
+        return [fault]
+    return []
 
 
 def _source_faults(path: Path, recipe: Recipe) -> list[InputError | None]:
@@ -302,7 +353,7 @@ def _source_faults(path: Path, recipe: Recipe) -> list[InputError | None]:
         where = f"lamp[{index}]"
         faults += [fault(f"{where}.spectrum", light_source, source) for source in lamp.spectrum.names]
         if ("planck" in lamp.spectrum.names) != (lamp.temperature_k is not None):
-            found = "no temperature" if lamp.temperature_k is None else "a temperature without the spectrum 'planck'"
+            excess = "no temperature" if lamp.temperature_k is None else "a temperature without the spectrum 'planck'"
             expected = "a distribution of temperatures where spectrum lists 'planck', none elsewhere"
-            faults.append(InputError(f"{path}: {where}.temperature_k", found, expected))
+            faults.append(InputError(f"{path}: {where}.temperature_k", excess, expected))
     return faults

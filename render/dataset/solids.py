@@ -1,4 +1,4 @@
-"""Blocks and spheres that stand on a floor: where they meet, and which light they catch first."""
+"""Blocks and spheres on a floor: whether they meet, and the light that they catch first."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def any_meet(solids: Sequence[Solid], gap_mm: float) -> bool:
 
 
 def _distance(a: Solid, b: Solid) -> float:
-    """Lower bound of the distance of two solids, mm, that is above 0 where they are apart; below 0 where they meet."""
+    """Lower bound of the distance of two solids, mm; below 0 if they meet."""
     if a.ball and b.ball:
         return float(np.linalg.norm(a.centre_mm - b.centre_mm) - a.half_mm[0] - b.half_mm[0])
     if a.ball or b.ball:

@@ -1,4 +1,4 @@
-"""The points that a camera sees: depth, position, normal and surface at pixel centres, and shadows.
+"""Visible points: depth, position, normal and surface at pixel centres, and shadows.
 
 The ray's triangle is found by the kernel, in single precision. Its point is then computed in double precision from the
 triangle's plane, or from the sphere of a ball.
@@ -26,7 +26,7 @@ SHADOW_SAMPLES = 64
 
 @dataclass(frozen=True, eq=False)
 class VisiblePoints:
-    """What the rays through pixel centres meet; NaN or NOTHING where they meet no lit side."""
+    """Points on the rays through pixel centres; NaN or NOTHING where they meet no lit side."""
 
     #: (y, x, 3) point, mm.
     position_mm: NDArray[np.float64]

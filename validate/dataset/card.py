@@ -66,7 +66,7 @@ def write_card(layout: Layout, recipe: Recipe, records: Sequence[dict[str, Any]]
     lines = [
         f"# {recipe.name}",
         "",
-        recipe.description or "Synthetic spectral pictures of boxes with the truth beside them.",
+        recipe.description or "Synthetic spectral pictures of boxes with the truth about them.",
         "",
         f"- Pictures: {len(records)} of {recipe.boxes} boxes; "
         + ", ".join(f"{parts[name]} {name}" for name in ("train", "validation", "test")),

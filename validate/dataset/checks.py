@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.dataset import Box
-from cboxlab.rendering.files import camera_of_attribute
 from cboxlab.rendering.image import NOTHING
 from cboxlab.rendering.model import model_cube_inputs
+from cboxlab.scenes.camera import Camera
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
@@ -75,7 +75,8 @@ def check_picture(cube: xr.Dataset, box: Box, noise: float, mantissa_bits: int) 
         faults.append(f"noise: the relative standard error is {reached:.2%}, asked for was {noise:.2%}")
     rounding = 2.0 ** -(mantissa_bits + 1)
     faults += _energy_faults(cube, box, radiance, error, rounding)
-    faults += _label_faults(cube, rounding)
+    camera = model_cube_inputs(box.model, box.cameras[cube.attrs["camera_name"]])[1]
+    faults += _label_faults(cube, camera, rounding)
     figures["edge_fit"] = _edge_fit(cube)
     return Checks(tuple(faults), figures)
 
@@ -111,26 +112,23 @@ def _peak(lamp: object) -> float:
     return float(np.max(pattern)) if pattern is not None else 1 / (edge + (1 - edge) * 4 / 9)
 
 
-def _label_faults(cube: xr.Dataset, rounding: float) -> list[str]:
+def _label_faults(cube: xr.Dataset, camera: Camera, rounding: float) -> list[str]:
     """Faults of labels and points against the camera."""
     faults = []
     surface = cube["surface"].values
-    camera = camera_of_attribute(cube.attrs["camera"])
-    if "position" in cube and camera is not None:
+    if "position" in cube:
         position = cube["position"].values.astype(np.float64)
-        seen = np.isfinite(position).all(axis=-1)
-        rows, columns = np.nonzero(seen)
-        image = camera.project(position[seen])
+        visible = np.isfinite(position).all(axis=-1)
+        rows, columns = np.nonzero(visible)
+        image = camera.project(position[visible])
         off = np.abs(image - np.stack([columns, rows], axis=1)).max() if len(image) else 0.0
-        # the camera's attribute holds ten parameters; an effect may distort it further
-        further = "lateral" in cube.attrs["effects"] or "distortion" in cube.attrs["effects"]
-        if off > _REPROJECTION_PX + 4 * rounding * max(surface.shape) * 10 and not further:
+        if off > _REPROJECTION_PX + 4 * rounding * max(surface.shape) * 10:
             faults.append(f"labels: a point lies {off:.3g} px from its pixel's centre")
-        toward = camera.position_mm - position[seen]
-        if "normal" in cube and (np.sum(toward * cube["normal"].values[seen], axis=1) <= 0).any():
+        toward = camera.position_mm - position[visible]
+        if "normal" in cube and (np.sum(toward * cube["normal"].values[visible], axis=1) <= 0).any():
             faults.append("labels: a normal points away from the camera")
-        alone = cube["coverage"].values.max(axis=-1) > 0.999999 if "coverage" in cube else np.zeros_like(seen)
-        other = alone & ~seen & (surface != NOTHING)
+        alone = cube["coverage"].values.max(axis=-1) > 0.999999 if "coverage" in cube else np.zeros_like(visible)
+        other = alone & ~visible & (surface != NOTHING)
         if alone.any() and other.sum() > _OTHER_LABELS * alone.sum():
             faults.append(f"labels: {int(other.sum())} pixels of one surface have no point at their centre")
     if "coverage" in cube:

@@ -50,7 +50,7 @@ class DatasetRun:
     #: Number of pictures that this run rendered.
     rendered: int
     #: Number of pictures that were there before.
-    kept: int
+    reused: int
     #: Duration of the run, s.
     seconds: float
     #: Sum of the seconds in which pictures were rendered and written, over all processes.
@@ -76,7 +76,7 @@ class DatasetRun:
             "folder": str(self.dataset.folder),
             "pictures": len(rows),
             "rendered": self.rendered,
-            "kept": self.kept,
+            "reused": self.reused,
             "failed": [{"picture": name, "faults": fault} for name, fault in self.failed],
             "seconds": round(self.seconds, 1),
             "picture_seconds": round(self.picture_seconds, 1),
@@ -98,7 +98,7 @@ class DatasetRun:
         lines = [
             f"{count} pictures, {record['bytes'] / 1e6:.1f} MB, relative standard error "
             f"{record['median_relative_standard_error']:.2%} (median picture)",
-            f"{self.rendered} rendered in {self.seconds:.0f} s ({self.per_hour:.0f} an hour), {self.kept} were there",
+            f"{self.rendered} rendered in {self.seconds:.0f} s ({self.per_hour:.0f} an hour), {self.reused} were there",
         ]
         lines += [f"• {name} failed and is kept apart: {fault}" for name, fault in self.failed[:10]]
         return lines

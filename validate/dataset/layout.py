@@ -1,4 +1,4 @@
-"""Files of a data set: its state, the folder of each box, the record of each picture, the index."""
+"""Files of a data set: state, folders of boxes, records of pictures, index."""
 
 from __future__ import annotations
 
@@ -225,18 +225,19 @@ def begin(recipe: Recipe, recipe_file: Path, folder: Path) -> Layout:
         If the folder holds anything else, another recipe, or pictures of other versions.
     """
     layout, path = Layout(folder), folder / STATE
-    content = {"format": FORMAT, "recipe": recipe.digest, "boxes": recipe.boxes, "versions": versions()}
+    digest, installed = recipe.digest(recipe_file.parent), versions()
+    content = {"format": FORMAT, "recipe": digest, "boxes": recipe.boxes, "versions": installed}
     if path.exists():
         state = read_state(folder)
-        if state["recipe"] != recipe.digest:
+        if state["recipe"] != digest:
             hint = "Name another folder with --out, or use the recipe.toml in that folder."
             raise InputError(
                 folder, f"a data set begun with another recipe than {recipe_file}", "the same recipe", hint
             )
         other = [
-            f"{name} {state['versions'].get(name)} (here {here})"
-            for name, here in content["versions"].items()  # type: ignore[attr-defined]
-            if state["versions"].get(name) != here
+            f"{name} {state['versions'].get(name)} (not {mine})"
+            for name, mine in installed.items()
+            if state["versions"].get(name) != mine
         ]
         if other:
             hint = "Install those versions, or name another folder with --out."

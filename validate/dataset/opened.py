@@ -150,8 +150,10 @@ class Dataset:
             with self[0] as first:
                 for name in names:
                     if name not in first:
-                        known = [str(key) for key in first.data_vars]
-                        raise InputError("variable", repr(name), f"one of {', '.join(known)}", suggestion(name, known))
+                        variables = [str(key) for key in first.data_vars]
+                        raise InputError(
+                            "variable", repr(name), f"one of {', '.join(variables)}", suggestion(name, variables)
+                        )
         return Arrays(self, names)
 
     def export(self, folder: str | Path, ending: str = ".hdr") -> list[Path]:
@@ -192,11 +194,11 @@ class Dataset:
             Paths in the data set; empty if all are whole.
         """
 
-        def whole(row: Mapping[str, Any]) -> bool:
+        def intact(row: Mapping[str, Any]) -> bool:
             path = self.folder / row["file"]
             return path.is_file() and file_hash(path) == row["sha256"]
 
-        return [row["file"] for row in self.index if not whole(row)]
+        return [row["file"] for row in self.index if not intact(row)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""One picture of a data set: the cube of a box through a camera, with the truth beside it."""
+"""One picture of a data set: the cube of a box through a camera, with the truth about it."""
 
 from __future__ import annotations
 
@@ -111,18 +111,18 @@ def _wanted(recipe: Recipe) -> set[str]:
 
 
 def _light(image: RenderedImage, changed: RenderedImage, scene: Scene, recipe: Recipe) -> dict[str, Any]:
-    """Radiance, its errors and its parts; `changed` is the image with the effects of light transport."""
+    """Radiance, its errors and its parts; `changed` has the effects of light transport."""
     every = np.eye(image.wavelength_nm.size)
     mean, variance = changed.project(every)
     axes, unit = ("y", "x", "wavelength"), {"units": RADIANCE_UNIT}
     parts = light_parts(image, scene)
     added = changed.mean(every) - image.mean(every) if changed is not image else np.zeros_like(mean)
-    names = ("reflections", *axes)
+    names = ("order", *axes)
     return {
         "radiance": (axes, mean, unit),
         "standard_error": (axes, np.sqrt(variance), {**unit, "batches": len(changed.coefficients)}),
         "xyz": (
-            ("y", "x", "xyz"),
+            ("y", "x", "tristimulus"),
             mean @ tristimulus_weights(image.wavelength_nm)
             if "xyz" in recipe.picture.truths
             else np.zeros((*mean.shape[:2], 3)),
@@ -175,9 +175,9 @@ def rounded(values: xr.DataArray, bits: int) -> xr.DataArray:
     plain = np.ascontiguousarray(values.values, np.float32)
     drop = _FULL_BITS - bits
     if drop > 0:
-        whole = plain.view(np.uint32).astype(np.uint64)
-        whole += (1 << (drop - 1)) - 1 + ((whole >> drop) & 1)
-        short = ((whole >> drop) << drop).astype(np.uint32).view(np.float32)
+        pattern = plain.view(np.uint32).astype(np.uint64)
+        pattern += (1 << (drop - 1)) - 1 + ((pattern >> drop) & 1)
+        short = ((pattern >> drop) << drop).astype(np.uint32).view(np.float32)
         plain = np.where(np.isfinite(plain), short, plain)
     return values.copy(data=plain)
 
@@ -208,21 +208,21 @@ def sensor_camera(sensor: SensorTable, folder: Path) -> Any:
 def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> Mapping[str, Any]:
     """Raw frames of a picture by a sensor, and developed ones where its mosaic is Bayer's."""
     camera = sensor_camera(sensor, folder)
-    seen = cube[["radiance", "standard_error", "surface"]]
+    cut = cube[["radiance", "standard_error", "surface"]]
     channels = [None] if camera.pattern is not None or len(camera.channels) == 1 else list(camera.channels)
     frames, exposures = [], []
     for number, channel in enumerate(channels):
-        usual = auto_exposure(seen, camera, channel)
+        usual = auto_exposure(cut, camera, channel)
         for index, factor in enumerate(sensor.exposures):
             exposures.append(usual * factor)
-            frames.append(simulate(seen, camera, usual * factor, seed + 31 * number + index, channel))
+            frames.append(simulate(cut, camera, usual * factor, seed + 31 * number + index, channel))
     name = sensor.name.replace("-", "_")
     along = (f"frame_{name}", "y", "x")
     channel_names = ", ".join(str(channel or "mosaic") for channel in channels for _ in sensor.exposures)
     notes = {"units": "DN", "camera": camera.name, "exposure_s": exposures, "channels": channel_names}
     arrays: dict[str, Any] = {f"raw_{name}": (along, np.stack(frames), notes)}
     try:
-        white = scene_white(seen)
+        white = scene_white(cut)
         pictures = [raw_to_srgb(frame, camera, s, white) for frame, s in zip(frames, exposures, strict=True)]
     except InputError:
         return arrays
@@ -231,7 +231,9 @@ def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> M
 
 
 def write_picture(path: Path, cube: xr.Dataset) -> None:
-    """Write a picture as NetCDF-4: each array deflated as one chunk, parts of light in a chunk each.
+    """Write a picture as NetCDF-4, each array deflated in one chunk.
+
+    Parts of light have a chunk each.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ _HOUR_S = 3600.0
 
 @dataclass(frozen=True)
 class Preview:
-    """What a recipe gives and costs."""
+    """Pictures and cost of a recipe."""
 
     #: The page with thumbnails and distributions.
     page: Path
@@ -73,7 +73,7 @@ class Preview:
 
 
 def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress = NO_PROGRESS) -> Preview:
-    """Write a page with thumbnails and distributions of a recipe, and measure the cost of one picture.
+    """Write a page with thumbnails and distributions, and measure the cost of one picture.
 
     Parameters
     ----------
@@ -101,13 +101,13 @@ def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress
     progress.stage("rendering thumbnails")
     grid = recipe.picture.wavelength_nm[:: max(1, -(-recipe.picture.wavelength_nm.size // _WAVELENGTHS))]
     pictures = []
-    shown = boxes[:_THUMBNAILS]
-    for number, box in enumerate(shown):
+    first = boxes[:_THUMBNAILS]
+    for number, box in enumerate(first):
         name, camera = next(iter(box.cameras.items()))
         scene, moved, bounces = model_cube_inputs(box.model, _smaller(camera))
         job = RenderJob(scene, moved, grid, samples=_SAMPLES, batches=1, seed=box.seed, max_bounces=bounces)
         pictures.append((f"{box.number:06d} {name}", thumbnail(labelled_cube(render_passes(job)))))
-        progress.part((number + 1) / (len(shown) + 1))
+        progress.part((number + 1) / (len(first) + 1))
     progress.stage("measuring one picture")
     name = next(iter(boxes[0].cameras))
     render_picture(boxes[0], name, recipe, path.parent)  # the first one compiles its kernels

@@ -126,11 +126,11 @@ def histograms(values: Mapping[str, Sequence[float]]) -> str:
     str
         PNG file in base64.
     """
-    shown = {name: column for name, column in values.items() if len(column)}
-    rows = -(-max(len(shown), 1) // 4)
+    columns = {name: column for name, column in values.items() if len(column)}
+    rows = -(-max(len(columns), 1) // 4)
     figure = Figure(figsize=(11, 1.9 * rows), layout="constrained")
-    for place, (name, column) in enumerate(shown.items(), start=1):
-        axes = figure.add_subplot(rows, 4, place)
+    for position, (name, column) in enumerate(columns.items(), start=1):
+        axes = figure.add_subplot(rows, 4, position)
         axes.hist(np.asarray(column, float), bins=20)
         axes.set_title(name, fontsize=8)
         axes.tick_params(labelsize=7)

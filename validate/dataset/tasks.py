@@ -153,12 +153,12 @@ def _rendered(box: Box, camera: str, recipe: Recipe, folder: Path, layout: Layou
     begun = time.monotonic()
     cube = render_picture(box, camera, recipe, folder)
     checks = check_picture(cube, box, recipe.picture.noise, recipe.picture.mantissa_bits)
-    place = layout.box(box.number, bool(checks.faults))
-    place.mkdir(parents=True, exist_ok=True)
-    if not (place / "box.json").exists():
-        write_model(place / "model.toml", box.model)
-        write_json(place / "box.json", box.record)
-    file = place / f"{camera}.nc"
+    target = layout.box(box.number, bool(checks.faults))
+    target.mkdir(parents=True, exist_ok=True)
+    if not (target / "box.json").exists():
+        write_model(target / "model.toml", box.model)
+        write_json(target / "box.json", box.record)
+    file = target / f"{camera}.nc"
     write_picture(file, cube)
     spectrum = mean_spectrum(cube)
     luminance = spectrum @ tristimulus_weights(cube["wavelength"].values)[:, 1]
@@ -168,7 +168,7 @@ def _rendered(box: Box, camera: str, recipe: Recipe, folder: Path, layout: Layou
         "camera": camera,
         "part": box.part,
         "file": file.relative_to(layout.folder).as_posix(),
-        "model": (place / "model.toml").relative_to(layout.folder).as_posix(),
+        "model": (target / "model.toml").relative_to(layout.folder).as_posix(),
         "relative_standard_error": float(f"{cube.attrs['relative_standard_error']:.{_DIGITS}g}"),
         "mean_luminance": float(f"{luminance:.{_DIGITS}g}"),
         "mean_spectrum": [float(f"{value:.{_DIGITS}g}") for value in spectrum],

@@ -1,4 +1,4 @@
-"""Ways to run tasks: in this process, in processes of this machine, on the workers of a Dask scheduler."""
+"""Ways to run tasks: in processes of this machine, or on the workers of a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ def in_processes(
         except BrokenProcessPool:
             ends += 1
             if ends >= _MOST_ENDS:
-                found = f"{ends} worker processes that ended before a task was finished"
-                raise InputError("dataset", found, "memory for the pictures", "Use fewer processes.") from None
+                fault = f"{ends} worker processes that ended before a task was finished"
+                raise InputError("dataset", fault, "memory for the pictures", "Use fewer processes.") from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
@@ -181,12 +181,12 @@ def _on_client(
     dask: Any, client: Any, tasks: Sequence[Task], idle: Callable[[], None]
 ) -> Iterator[list[dict[str, Any]]]:
     """Run tasks on the workers of a client; a worker that ends or joins changes nothing else."""
-    here = versions()
-    for worker, there in client.run(worker_versions).items():
-        other = [f"{name} {there.get(name)} (here {here[name]})" for name in here if there.get(name) != here[name]]
+    mine = versions()
+    for worker, theirs in client.run(worker_versions).items():
+        other = [f"{name} {theirs.get(name)} (not {mine[name]})" for name in mine if theirs.get(name) != mine[name]]
         if other:
-            found = f"a worker at {worker} with {', '.join(other)}"
-            raise InputError("scheduler", found, "the same versions on every worker")
+            fault = f"a worker at {worker} with {', '.join(other)}"
+            raise InputError("scheduler", fault, "the same versions on every worker")
     waiting = {client.submit(run_task, task, pure=False, retries=_REPEATS) for task in tasks}
     try:
         while waiting:

@@ -37,7 +37,7 @@ def dataset(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Make a data set: boxes drawn from a recipe, spectral cubes, and the truth beside each.
+    """Make a data set: boxes drawn from a recipe, spectral cubes, and the truth about each.
 
     If you interrupt the command, the same command continues with the pictures that are missing, and writes the same
     files. Pictures that fail a check are kept apart, and the exit code is 1.
