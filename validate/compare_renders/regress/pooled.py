@@ -370,7 +370,7 @@ def _of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         finding.size / sigma,
         finding.probability,
         critical,
-        (threshold + float(norm.ppf(_POWER))) * sigma,
+        (threshold + float(normal_quantile(1.0 - _POWER))) * sigma,
     )
 
 
