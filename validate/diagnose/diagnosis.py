@@ -26,6 +26,7 @@ from .evidence import (
 )
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
+from .free_factors import free_factor_notes, without_imitated
 from .further_captures import Separation, separations
 from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, selected_beside_flaws
 from .linear_model import LinearModel, smooth_excess
@@ -195,6 +196,8 @@ class _Judged:
     beside: BesideFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
+    #: Identifiers of effects that are no candidates, see `without_imitated`.
+    imitated: tuple[str, ...]
 
 
 def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
@@ -260,7 +263,10 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=_mosaic_notes(prepared.calibration.capture),
+        notes=(
+            *_mosaic_notes(prepared.calibration.capture),
+            *free_factor_notes(prepared.free_scale, judged.imitated),
+        ),
         flaws=judged.beside.reported,
         verdicts=judged.verdicts,
         further=tuple(
@@ -326,6 +332,7 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
+    signatures, imitated = without_imitated(first, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
@@ -334,11 +341,11 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
         verdicts = (*again.verdicts, *(verdict for verdict in verdicts if not verdict.holds))
         search = replace(by_size, linearised=again.linearised)
-        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts)
+        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts, imitated)
     if not effects and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts)
+    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts, imitated)
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

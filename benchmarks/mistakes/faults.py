@@ -1,0 +1,398 @@
+"""Commands that are killed, run in pairs, meet a full disk, a closed pipe or Ctrl-C: what is left, and what is said.
+
+Run: python benchmarks/mistakes/faults.py WORK [--moments 20] [--pairs 5] [--commands calibrate,render]
+
+Each case runs ``cbox`` on the smallest capture, in folders below WORK. Every case is one line of WORK/faults.jsonl; a
+later run skips those. Printed at the end: cases and failures by kind and command.
+
+- kill: SIGKILL to the whole process group, at a random moment of the command for even numbers, while it writes for odd
+  ones. What stands under a final name must be that of an undisturbed run, to the byte, or what lay there before; the
+  same command again must end well and leave the same files and no others.
+- stop: one run is stopped (SIGSTOP) at 20 random moments, every other of them while it writes, and what SIGKILL would
+  leave then is copied. Of each copy as of a kill; copies of the same content are run again once.
+- pair: two at once into one folder and one cache. At least one must succeed, the other may refuse an existing folder.
+- full: no file may be longer than some bytes (RLIMIT_FSIZE, its signal ignored): exit code 2.
+- disk, cache: a file system that is too small for the results (exit code 2) or for the cache (all results, or exit
+  code 2). They need the right to mount, and are left out without it.
+- pipe: standard output closed after one line. interrupt: Ctrl-C at a random moment, exit code 130.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from faults_commands import COMMANDS, MADE, Command
+from faults_forked import Forked, import_all
+
+#: Dates and seconds of computation, which any two runs have different.
+TIMES = re.compile(rb"\d{4}-\d\d-\d\d[ T][0-9:.+]+|\b\d+(\.\d+)? s\b|\"(seconds|cpu_s|wall_s)[^,}]*")
+
+#: Whether commands are run in forks of this process.
+FORKED = False
+
+#: Moments of one run of "stop".
+STOPS = 20
+
+#: Words of refusals: the result is there already, or another one was first.
+TAKEN = ("exists already", "is there already", "another content than when")
+
+
+def start(place: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
+    """One program in ``place``, with a cache of its own there."""
+    place.mkdir(parents=True, exist_ok=True)
+    for name in command.laid:
+        lay(place, name)
+    environment = {**os.environ, "XDG_CACHE_HOME": str(place / "cache"), "OPENBLAS_NUM_THREADS": "1"}
+    if FORKED:
+        return Forked(command.words, place, environment, prepare)
+    plain = sys.executable if command.words[0] == "-c" else str(Path(sys.executable).with_name("cbox"))
+    return subprocess.Popen(
+        [plain, *command.words],
+        cwd=place,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=prepare,
+    )
+
+
+def lay(place: Path, name: str) -> None:
+    source, target = place.parents[1] / "input" / name, place / "out" / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if source.is_dir():
+        shutil.copytree(source, target, dirs_exist_ok=True)
+    else:
+        shutil.copy(source, target)
+
+
+def ended(process: subprocess.Popen) -> tuple[int, str]:
+    """Exit code and what was said on standard error."""
+    _, said = process.communicate(timeout=900)
+    return process.returncode, said
+
+
+def files(place: Path) -> dict[str, bytes]:
+    """Contents of all results by name."""
+    out = place / "out"
+    paths = [path for path in sorted(out.rglob("*")) if path.is_file()]
+    return {str(p.relative_to(out)): TIMES.sub(b"", p.read_bytes()) for p in paths}
+
+
+def unfinished(name: str) -> bool:
+    """Also the parts of pictures of other renderers' scripts."""
+    return "-unfinished-" in name or name.endswith(".passes") or ".part." in name
+
+
+def finished(place: Path) -> dict[str, bytes]:
+    """Contents of the results that stand under their final names."""
+    return {n: c for n, c in files(place).items() if not any(unfinished(part) for part in Path(n).parts)}
+
+
+class Undisturbed:
+    """What a command leaves when nothing disturbs it, by two runs. writing : from when to when files appear, s."""
+
+    def __init__(self, work: Path, command: Command, name: str) -> None:
+        runs = []
+        for number in (1, 2):
+            place = work / name / f"undisturbed-{number}"
+            shutil.rmtree(place, ignore_errors=True)
+            begun = time.monotonic()
+            process = start(place, command)
+            self.before = files(place)
+            self.writing, seen = [], set(self.before)
+            while process.poll() is None:
+                time.sleep(0.01)
+                there = {str(p) for p in (place / "out").rglob("*")} if (place / "out").is_dir() else set()
+                if there != seen:
+                    self.writing, seen = [*self.writing, time.monotonic() - begun], there
+            self.seconds = time.monotonic() - begun
+            code, said = ended(process)
+            if code:
+                raise RuntimeError(f"{name}: {said}")
+            runs.append(files(place))
+        self.sound: set[str] = set()  # states of the folders from which a rerun ended well
+        self.kilobytes = {part: _kilobytes(place / part) for part in ("out", "cache")}
+        self.whole = runs[0]
+        self.steady = {name for name, content in self.whole.items() if runs[1].get(name) == content}
+
+    def unlike(self, found: dict[str, bytes]) -> list[str]:
+        """Names that this has not, or whose content is neither the same nor what lay there before."""
+        return [
+            name
+            for name, content in found.items()
+            if name not in self.whole
+            or (name in self.steady and content not in (self.whole[name], self.before.get(name)))
+        ]
+
+    def fault_of_rerun(self, place: Path, command: Command) -> str:
+        """Run again in ``place``: what is not as in an undisturbed run, empty if all is."""
+        code, said = ended(start(place, command))
+        there = files(place)
+        if code and not (code == 2 and any(words in said for words in TAKEN)):
+            return f"rerun {code}: {said.strip()[-300:]}"
+        if left := [name for name in there if any(unfinished(part) for part in Path(name).parts)]:
+            return f"left: {left[:3]}"
+        if set(there) != set(self.whole):
+            return f"other files: {sorted(set(there) ^ set(self.whole))[:5]}"
+        changed = [name for name in self.steady if there[name] != self.whole[name]]
+        return f"other bits: {changed}" if changed else ""
+
+
+def _kilobytes(folder: Path) -> int:
+    """In blocks of 4 KiB, as a file system counts."""
+    return sum(4 * -(-p.stat().st_size // 4096) if p.is_file() else 4 for p in folder.rglob("*"))
+
+
+def kill(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    first, last = (plain.writing[0] - 0.1, plain.writing[-1] + 0.1) if number % 2 else (0.0, plain.seconds)
+    process = start(place, command)
+    time.sleep(max(first + moment * (last - first), 0))
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+    if half := plain.unlike(finished(place)):
+        return f"half-written: {half}"
+    return plain.fault_of_rerun(place, command)
+
+
+def stop(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    generator = random.Random(moment)
+    span = plain.writing[-1] - plain.writing[0] + 0.2
+    moments = [generator.random() * plain.seconds for _ in range(STOPS // 2)]
+    moments += [plain.writing[0] - 0.1 + generator.random() * span for _ in range(STOPS - STOPS // 2)]
+    copies = []
+    process, begun, still = start(place, command), time.monotonic(), 0.0
+    for wanted in sorted(moments):
+        time.sleep(max(begun + still + wanted - time.monotonic(), 0))
+        if process.poll() is not None or not _in_own_group(process.pid):
+            continue
+        stopped = time.monotonic()
+        os.killpg(process.pid, signal.SIGSTOP)
+        copies.append(place.with_name(f"stop-{len(copies)}"))
+        shutil.rmtree(copies[-1], ignore_errors=True)
+        shutil.copytree(place, copies[-1], symlinks=True)
+        os.killpg(process.pid, signal.SIGCONT)
+        still += time.monotonic() - stopped
+    ended(process)
+    faults = [_fault_of_copy(copy, command, plain) for copy in copies]
+    return next(filter(None, faults), "")
+
+
+def _in_own_group(pid: int) -> bool:
+    """Not in the first moments of a fork."""
+    return os.getpgid(pid) == pid
+
+
+def _fault_of_copy(place: Path, command: Command, plain: Undisturbed) -> str:
+    if half := plain.unlike(finished(place)):
+        return f"half-written: {half}"
+    found = set()
+    for path in place.rglob("*"):
+        name, _, temporary = str(path.relative_to(place)).partition("-unfinished-")
+        found.add((name, path.read_bytes() if path.is_file() and not temporary else b""))
+    state = hashlib.sha256(repr(sorted(found)).encode())
+    if state.hexdigest() not in plain.sound:
+        if fault := plain.fault_of_rerun(place, command):
+            return fault
+        plain.sound.add(state.hexdigest())
+    shutil.rmtree(place)
+    return ""
+
+
+def pair(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    both = [start(place, command)]
+    time.sleep(moment * min(0.5, plain.seconds))
+    both.append(start(place, replace(command, laid=())))
+    ends = [ended(one) for one in both]
+    bad = [said for code, said in ends if code and not (code == 2 and any(words in said for words in TAKEN))]
+    if bad or all(code for code, _ in ends):
+        return f"{[code for code, _ in ends]}: {(bad or [''])[0].strip()[-300:]}"
+    if command.words[0] == "add" and not any(code for code, _ in ends):
+        times = (place / "out" / "model.toml").read_text(encoding="utf-8").count(command.words[2])
+        return "" if times == 2 else f"{times} of two effects"
+    if changed := plain.unlike(files(place)):
+        return f"other bits: {changed}"
+    return ""
+
+
+def full(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    """Files may hold a share of the largest result."""
+    most = int(moment * 0.9 * max(len(c) for n, c in plain.whole.items() if plain.before.get(n) != c))
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+
+    code, said = ended(start(place, command, limit))
+    return _refused(command, code, said, (2,)) or _none_half(place, plain) or plain.fault_of_rerun(place, command)
+
+
+def disk(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    with small_file_system(place, int(moment * sum(plain.kilobytes.values()))):
+        try:
+            code, said = ended(start(place, command))
+        except OSError:  # no room for what is laid
+            return ""
+        found = _refused(command, code, said, (0, 2)) or _none_half(place, plain)
+        subprocess.run(["mount", "-o", "remount,size=1g", str(place)], check=True)
+        return found or plain.fault_of_rerun(place, command)
+
+
+def cache(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    with small_file_system(place / "cache", int(moment * plain.kilobytes["cache"])):
+        code, said = ended(start(place, command))
+        found = _refused(command, code, said, (0, 2)) or _none_half(place, plain)
+        subprocess.run(["mount", "-o", "remount,size=1g", str(place / "cache")], check=True)
+        return found or plain.fault_of_rerun(place, command)
+
+
+@contextmanager
+def small_file_system(place: Path, kilobytes: int) -> Iterator[None]:
+    place.mkdir(parents=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={max(kilobytes, 4)}k", "tmpfs", str(place)], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
+def _refused(command: Command, code: int, said: str, codes: tuple[int, ...]) -> str:
+    """What is wrong with the end of a command that could not write all; empty if nothing is."""
+    told = said.count("error: ") == 1 or command.words[0] in ("batch", "-c")  # batch tells it in its summary
+    sound = code in codes and (code == 0 or told) and ("Traceback" not in said or command.words[0] == "-c")
+    if command.words[0] == "-c":  # a program of the user's own, whose errors are its own
+        sound = code == 0 or "OSError" in said or "InputError" in said
+    return "" if sound else f"exit code {code}: {said.strip()[-300:]}"
+
+
+def _none_half(place: Path, plain: Undisturbed) -> str:
+    half = plain.unlike({n: c for n, c in files(place).items() if not n.endswith(".passes")})
+    return f"half-written: {half}" if half else ""
+
+
+def pipe(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    process = start(place, command)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.readline()
+    process.stdout.close()
+    said = process.stderr.read()
+    code = process.wait(timeout=900)
+    there = files(place)
+    if code not in (0, -signal.SIGPIPE) or "Traceback" in said or "Exception" in said:
+        return f"exit code {code}: {said.strip()[-300:]}"
+    if set(there) != set(plain.whole):
+        return f"other files: {sorted(set(there) ^ set(plain.whole))[:5]}"
+    return ""
+
+
+def interrupt(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    process = start(place, command, lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None)
+    time.sleep(moment * plain.seconds)
+    process.send_signal(signal.SIGINT)
+    code, said = ended(process)
+    plainly = code == -signal.SIGINT or command.words[0] == "-c"
+    if code not in (0, 130, -signal.SIGINT) or (not plainly and "Traceback" in said):
+        return f"exit code {code}: {said.strip()[-300:]}"
+    if left := [n for n in files(place) if "-unfinished-" in n]:
+        return f"left: {left}"
+    return plain.fault_of_rerun(place, command)
+
+
+KINDS = {
+    "kill": kill,
+    "stop": stop,
+    "pair": pair,
+    "full": full,
+    "disk": disk,
+    "cache": cache,
+    "pipe": pipe,
+    "interrupt": interrupt,
+}
+
+
+def prepare(work: Path) -> None:
+    """What the commands read, from a capture of 16 x 16 px on."""
+    place = work / "input"
+    for name, words in MADE.items():
+        if not (place / name).exists():
+            code, said = ended(start(place, Command(words)))
+            if code:
+                raise RuntimeError(said)
+    shutil.copytree(place / "capture", place / "frames", dirs_exist_ok=True)
+    (place / "frames" / "capture.toml").unlink()
+    (place / "reading.csv").write_text("wavelength_nm,radiance\n380,0.001\n780,0.005\n", encoding="utf-8")
+
+
+def cases(given: argparse.Namespace, commands: list[str]) -> Iterator[tuple[str, str, int]]:
+    for name in commands:
+        for kind in given.kinds.split(","):
+            for number in range({"kill": given.moments, "pipe": 1}.get(kind, given.pairs)):
+                yield name, kind, number
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("work", type=Path)
+    parser.add_argument("--moments", type=int, default=20, help="kills per command")
+    parser.add_argument("--pairs", type=int, default=5, help="cases of each other kind per command")
+    parser.add_argument("--commands", default=",".join(COMMANDS))
+    parser.add_argument("--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - {"disk", "cache"}))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--forked", action="store_true", help="many cases, of commands that do not render")
+    given = parser.parse_args()
+    work = given.work.resolve()
+    prepare(work)
+    if given.forked:
+        import_all()
+        global FORKED
+        FORKED = True
+    record = work / "faults.jsonl"
+    lines = record.read_text(encoding="utf-8").splitlines() if record.exists() else []
+    done = {(c["command"], c["kind"], c["number"]): c["fault"] for c in map(json.loads, lines)}
+    known: dict[str, Undisturbed] = {}
+    for name, kind, number in cases(given, given.commands.split(",")):
+        if (name, kind, number) in done:
+            continue
+        if name not in known:
+            known[name] = plain = Undisturbed(work, COMMANDS[name], name)
+            varying = sorted(set(plain.whole) - plain.steady)
+            print(f"{name}: {plain.seconds:.1f} s, other bits at each run: {varying}", flush=True)
+        plain = known[name]
+        if kind == "cache" and not plain.kilobytes["cache"]:
+            continue
+        place = work / name / kind
+        shutil.rmtree(place, ignore_errors=True)
+        moment = random.Random(f"{given.seed} {name} {kind} {number}").random()
+        fault = KINDS[kind](place, COMMANDS[name], plain, moment, number)
+        done[name, kind, number] = fault
+        case = {"command": name, "kind": kind, "number": number, "moment": moment, "fault": fault}
+        with record.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(case) + "\n")
+        if fault:
+            print(f"{name} {kind} {number} at {moment:.2f}: {fault}", flush=True)
+    counts = Counter((n, k) for n, k, _ in done)
+    failed = Counter((n, k) for (n, k, _), f in done.items() if f)
+    for (name, kind), count in sorted(counts.items()):
+        print(f"{name:12} {kind:10} {count:4} cases, {failed[name, kind]} failures")
+
+
+if __name__ == "__main__":
+    main()
