@@ -69,7 +69,7 @@ def leaning_blocks(draw: Draw, scene: Scene) -> Scene:
         foot = np.append(vertices.mean(axis=0)[[0]], [vertices[:, 1].min(), vertices.mean(axis=0)[2]])
         turn = Rotation.from_euler("xyz", draw.normal(0, [0.2, 0.1, 0.2]), degrees=True)
         leant = turn.apply(vertices - foot) + foot
-        changed[block.name] = leant + [0, vertices[:, 1].min() - leant[:, 1].min(), 0]
+        changed[block.name] = leant + np.array([0, vertices[:, 1].min() - leant[:, 1].min(), 0])
     return _with(scene, changed)
 
 
@@ -93,8 +93,6 @@ def _moved_walls(scene: Scene, by: Callable[[str, NDArray[np.float64]], NDArray[
         result = points.copy()
         for name, corners in walls.items():
             nearest = np.linalg.norm(points[:, None] - corners, axis=2).min(axis=1) < 1.0
-            if name in ("left",):
-                nearest |= points[:, 0] > 545
             result[nearest, axis[name]] += by(name, points[nearest] / high)
         return result
 
@@ -111,7 +109,7 @@ def tilted_walls(draw: Draw, scene: Scene) -> Scene:
 
 
 def bulging_walls(draw: Draw, scene: Scene) -> Scene:
-    """The back wall and the floor bulge: a pyramid of one or two millimetres with its apex in the middle."""
+    """The upright walls bulge: a pyramid of one or two millimetres with its apex in the middle."""
     changed = []
     for surface in scene.surfaces:
         if surface.name in ("back", "left", "right"):
@@ -188,7 +186,7 @@ def _waves(draw: Draw, shape: tuple[int, int], cycles: float) -> Stack:
 
 def uneven_paint(draw: Draw, picture: Picture) -> Stack:
     """Every face is painted a little unevenly, more so in the blue."""
-    coverage = picture.image.coverage[..., : -1 or None]
+    coverage = picture.image.coverage
     bands = np.linspace(1.3, 0.7, len(picture.signal))
     field = np.zeros(coverage.shape[:2])
     for face in range(coverage.shape[-1]):

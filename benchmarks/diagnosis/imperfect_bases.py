@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +43,12 @@ from flawed_bases import FLAWS, KEPT_BACK, Picture
 from numpy.typing import NDArray
 from outside_effects import OUTSIDE
 
-#: Chi2 per sample by a flaw, the smallest and the largest.
-_LEAST, _MOST = 0.05, 0.5
+#: Chi2 per sample by a flaw over shot and read noise alone, the smallest and the largest: about 0.05 and 0.5 of all
+#: that a diagnosis counts.
+_LEAST, _MOST = 0.12, 1.2
 
-#: Draws of a flaw of the box until its size lies between these.
-_DRAWS = 6
+#: Largest factor by which a flaw changes a pixel at full size.
+_LARGEST_FACTOR = 2.0
 
 #: Relative error of the rendered pictures, median over pixels.
 _PICTURE_ERROR = 0.002
@@ -108,19 +109,20 @@ def _strengths(seed: int, size: int) -> Scale:
     return scale_of(_MODEL, camera, settings, seed)
 
 
+def _relative_strength(laboratory: int, size: int, unit: float, effect: AppliedEffect) -> float:
+    return _strengths(laboratory, size)(effect) / unit
+
+
 @cache
 def _image(flaw: str, seed: int, laboratory: int, size: int, bounces: int | None = None) -> RenderedImage:
     """What is photographed of a box with a flaw and no effect."""
     camera, _ = _laboratory(laboratory, size)
+    change = FLAWS[flaw].scene
+    scene = _SCENE if change is None else change(np.random.default_rng(seed), _SCENE)
     return render_to_precision(
-        RenderJob(_box(flaw, seed)(_SCENE), camera, WAVELENGTH_NM, seed=laboratory + 1, max_bounces=bounces),
+        RenderJob(scene, camera, WAVELENGTH_NM, seed=laboratory + 1, max_bounces=bounces),
         _PICTURE_ERROR,
     )
-
-
-def _box(flaw: str, seed: int) -> Any:
-    change = FLAWS[flaw].scene
-    return (lambda scene: scene) if change is None else (lambda scene: change(np.random.default_rng(seed), scene))
 
 
 def _signal(image: RenderedImage, laboratory: int, size: int) -> NDArray[np.float64]:
@@ -142,28 +144,25 @@ def _excess(signal: NDArray, other: NDArray, laboratory: int, size: int, lamp: N
 
 
 @cache
-def _flaw(name: str, laboratory: int, size: int, seed: int) -> tuple[int, AppliedEffect | None, float]:
-    """A flaw of a size between the limits: the seed of its box, its effect on light, chi2 per sample."""
+def _flaw(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEffect | None, float]:
+    """A flaw of a size between the limits, as an effect on light, and its chi2 per sample over shot and read noise."""
     if name == "none":
-        return 0, None, 0.0
+        return None, 0.0
     draw, flaw = np.random.default_rng(seed), FLAWS[name]
     sound = _image("none", 0, laboratory, size)
     signal = _signal(sound, laboratory, size)
     if flaw.light is not None:
         direct = _signal(_image("none", 0, laboratory, size, 1), laboratory, size)
-        picture = Picture(signal, direct, *_reflectance(sound), sound)
-        factor = flaw.light(draw, picture)
-        target = float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
-        whole = _excess(signal, factor * signal, laboratory, size, sound.sees_lamp)
-        factor = 1 + np.sqrt(target / whole) * (factor - 1)
-        effect = Effect("flaw", "optics", "a flaw", (), lambda light: light.with_signal(light.signal * factor), "none")
-        return 0, AppliedEffect(effect, {}), target
-    for trial in range(_DRAWS):
-        image = _image(name, seed + trial, laboratory, size)
-        excess = _excess(signal, _signal(image, laboratory, size), laboratory, size, sound.sees_lamp)
-        if _LEAST <= excess <= _MOST:
-            break
-    return seed + trial, None, excess
+        factor = flaw.light(draw, Picture(signal, direct, *_reflectance(sound), sound))
+    else:
+        changed = _signal(_image(name, seed, laboratory, size), laboratory, size)
+        factor = np.divide(changed, signal, out=np.ones_like(signal), where=signal > 0)
+    factor = np.clip(factor, 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
+    target = float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
+    whole = _excess(signal, factor * signal, laboratory, size, sound.sees_lamp)
+    factor = 1 + np.sqrt(target / whole) * (factor - 1)
+    effect = Effect("flaw", "optics", "a flaw", (), lambda light: light.with_signal(light.signal * factor), "none")
+    return AppliedEffect(effect, {}), target
 
 
 def _reflectance(image: RenderedImage) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -180,13 +179,12 @@ def run(case: Case, size: int) -> Row | None:
     """Make one capture, diagnose it, and note the answer; None where the effect cannot be so strong."""
     laboratory = 8800 + case.seed % 2
     camera, settings = _laboratory(laboratory, size)
-    box_seed, flaw, excess = _flaw(case.flaw, laboratory, size, 100 + case.seed % 4)
+    flaw, excess = _flaw(case.flaw, laboratory, size, 100 + case.seed % 4)
     draw, effects = np.random.default_rng([case.seed, 7]), []
+    strength = _WEAK if case.kind == "weak" else STRENGTHS["medium"]
     for name in case.names:
-        strengths = STRENGTHS if case.kind != "weak" else {**STRENGTHS, "medium": _WEAK}
-        scale = _strengths(laboratory, size)
-        ratio = strengths["medium"] / STRENGTHS["medium"]
-        one = drawn(name, "medium", draw, lambda effect, r=ratio: scale(effect) / r, _SCENE, tuple(settings.filters))
+        scale = partial(_relative_strength, laboratory, size, strength / STRENGTHS["medium"])
+        one = drawn(name, "medium", draw, scale, _SCENE, tuple(settings.filters))
         if one is None:
             return None
         effects.append(one)
@@ -194,20 +192,11 @@ def run(case: Case, size: int) -> Row | None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
         if all(e.stage in ("optics", "filter", "counts") for e in inside):
-            image = _image(case.flaw if flaw is None else "none", box_seed, laboratory, size)
-            box = _box(case.flaw, box_seed)(_SCENE)
-            photograph_image(path, image, inside, box, _SCENE, camera, settings=settings, seed=case.seed)
+            image = _image("none", 0, laboratory, size)
+            photograph_image(path, image, inside, _SCENE, _SCENE, camera, settings=settings, seed=case.seed)
         else:
             model = replace(_MODEL, effects=inside, render=RenderSettings(seed=case.seed))
-            write_model_capture(
-                path,
-                model,
-                camera,
-                settings,
-                case.seed,
-                relative_error=_PICTURE_ERROR,
-                box=_box(case.flaw, box_seed),
-            )
+            write_model_capture(path, model, camera, settings, case.seed, relative_error=_PICTURE_ERROR)
         cpu = time.process_time()
         diagnosis = diagnose(validate_capture(load_capture(path), _MODEL))
     return {**_row(case, effects, diagnosis), "flaw_chi2": excess, "cpu_seconds": time.process_time() - cpu}
@@ -215,7 +204,6 @@ def run(case: Case, size: int) -> Row | None:
 
 def _row(case: Case, effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> Row:
     last, explanation = diagnosis.path[-1], diagnosis.explanation
-    flaws = getattr(diagnosis, "flaws", None)
     return {
         "key": case.key,
         "kind": case.kind,
@@ -230,7 +218,7 @@ def _row(case: Case, effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> 
         "final_chi2": diagnosis.final_chi2_per_dof,
         "family": None if explanation is None else [explanation.family, explanation.share, explanation.heldout],
         "told_apart": None if explanation is None else explanation.told_apart,
-        "flaws": None if flaws is None else {f.kind: f.chi2_per_dof for f in flaws},
+        "flaws": {f.kind: f.chi2_per_dof for f in diagnosis.flaws},
     }
 
 
@@ -270,7 +258,8 @@ def tables(rows: Sequence[Row]) -> list[str]:
         of = [r for r in rows if r["kind"] == kind]
         right = [b for r in of for b in numbers_right(r)]
         lines.append(
-            f"{kind}: named {sum(map(named, of))} of {len(of)}, with a false name {sum(map(bool, map(false_names, of)))}, "
+            f"{kind}: named {sum(map(named, of))} of {len(of)}, "
+            f"with a false name {sum(map(bool, map(false_names, of)))}, "
             f"numbers within {_SIGMAS} standard deviations {sum(right)} of {len(right)}"
         )
     sound = [r for r in rows if r["kind"] == "none"]
@@ -286,8 +275,9 @@ def tables(rows: Sequence[Row]) -> list[str]:
         if (wrong and row["kind"] != "weak") or row in sure or not all(numbers_right(row)):
             first = row["ranking"][0]
             lines.append(
-                f"{row['key']} {row['truth']} -> {row['selected']} {row['fitted']} {row['sigma']} chi2 {row['chi2']:.3f} "
-                f"{row['final_chi2']:.3f} flaw {row['flaw_chi2']:.3f} first {first[0]} {first[3]:.3f} {row['family']}"
+                f"{row['key']} {row['truth']} -> {row['selected']} {row['fitted']} {row['sigma']} "
+                f"chi2 {row['chi2']:.3f} {row['final_chi2']:.3f} flaw {row['flaw_chi2']:.3f} "
+                f"first {first[0]} {first[3]:.3f} {row['family']}"
             )
     return lines
 

@@ -14,11 +14,12 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
+from .alternatives import Cause, SelectedEffect, groups, holds_beside_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
     SHAPE_ERROR,
     Limit,
+    explained_part,
     penalised,
     prior_pull,
     something_remains,
@@ -28,7 +29,7 @@ from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
 from .free_factors import free_factor_notes, without_imitated
 from .further_captures import Separation, separations
-from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, selected_beside_flaws
+from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, cost_in_power, selected_beside_flaws
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -158,6 +159,8 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
     flaws: tuple[Flaw, ...] = ()
+    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
+    flaws_cost: float = 1.0
     #: Judgement of every effect beside the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
 
@@ -196,6 +199,8 @@ class _Judged:
     beside: BesideFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
+    #: Factor by which flaws raise the size that an effect must have, see `cost_in_power`.
+    flaws_cost: float
     #: Identifiers of effects that are no candidates, see `without_imitated`.
     imitated: tuple[str, ...]
 
@@ -268,6 +273,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
             *free_factor_notes(prepared.free_scale, judged.imitated),
         ),
         flaws=judged.beside.reported,
+        flaws_cost=judged.flaws_cost,
         verdicts=judged.verdicts,
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
@@ -306,11 +312,12 @@ def _explained(
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     if explanation is not None:
-        selected = (*selected, UNKNOWN)
+        hold = holds_beside_remainder(answer.assessed, explained_part(start, residual))
+        selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if family_beats_effects(alone, start, effects, model, residual, explanation):
+        if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
             explanation, selected = alone, (UNKNOWN,)
     if selected == (UNKNOWN,):
         return _Answer(first, [], [], first.model.residual, selected, explanation)
@@ -339,13 +346,14 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     if beside.evident or len(effects) < len(search.selected):
         # the base is off: further effects, and all numbers, with what it may be off by in the covariance
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
+        cost = cost_in_power(first.problem(()), signatures, again.beside)
         verdicts = (*again.verdicts, *(verdict for verdict in verdicts if not verdict.holds))
         search = replace(by_size, linearised=again.linearised)
-        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts, imitated)
+        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts, cost, imitated)
     if not effects and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts, imitated)
+    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts, 1.0, imitated)
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

@@ -13,11 +13,19 @@ from ..compare import Validation
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_alternatives
 from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, price_of, square
+from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Problem, Signature, columns_of, screen
 from .stepwise import MAX_EFFECTS, refitted
 
-__all__ = ["BesideFlaws", "SelectedBesideFlaws", "Verdict", "confirmed_beside_flaws", "selected_beside_flaws"]
+__all__ = [
+    "BesideFlaws",
+    "SelectedBesideFlaws",
+    "Verdict",
+    "confirmed_beside_flaws",
+    "cost_in_power",
+    "selected_beside_flaws",
+]
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
 _MIN_FLAW_EVIDENCE = 50.0
@@ -45,6 +53,9 @@ _MAX_REFITTED = 4
 
 #: Rounds of the fit of amplitude and widths in turn.
 _ROUNDS = 2
+
+#: Number of hypotheses that stand for all where the cost in power is computed.
+_NUM_SAMPLED = 25
 
 #: Reflectance by which light is divided, at least.
 _DARK = 0.01
@@ -74,7 +85,7 @@ class BesideFlaws:
     """What the base may be off by, in a residual with effects."""
 
     #: Columns of the flaws in the capture's linear model.
-    model: FlawModel
+    model: FlawModel[LinearModel]
     #: Their widths and amounts.
     fitted: FittedFlaws
     #: 2 ln evidence of the flaws over none.
@@ -108,7 +119,7 @@ class BesideFlaws:
         return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > _MIN_HELDOUT)
 
 
-def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel:
+def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
     """Columns of the base's flaws in a capture's picture.
 
     Parameters
@@ -144,7 +155,7 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     return build_flaw_model(linearised.model, columns, signal, residual)
 
 
-def _fitted_to(model: FlawModel, residual: NDArray[np.float64]) -> BesideFlaws:
+def _fitted_to(model: FlawModel[LinearModel], residual: NDArray[np.float64]) -> BesideFlaws:
     """What the base may be off by, fitted to a residual.
 
     Parameters
@@ -283,6 +294,8 @@ def selected_beside_flaws(
         selected = refitted_together(_judged(linearised, beside), selected)
         assessed = with_alternatives(linearised, selected, signatures)
         selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
+        names = {c.hypothesis.effect.id for c in selected}
+        verdicts = tuple(replace(verdict, holds=verdict.effect in names) for verdict in verdicts)
         return SelectedBesideFlaws(linearised, selected, assessed, beside, verdicts)
     return SelectedBesideFlaws(linearised, [], [], beside, verdicts)
 
@@ -324,13 +337,39 @@ def _best_beside(
     return best[1]
 
 
+def cost_in_power(problem: Problem, signatures: Sequence[Signature], beside: BesideFlaws) -> float:
+    """Factor by which flaws raise the size that an effect must have to be seen.
+
+    Parameters
+    ----------
+    problem
+        The capture without effects.
+    signatures
+        Signatures of the hypotheses, of which a few stand for all.
+    beside
+        What the base is off by.
+
+    Returns
+    -------
+    float
+        Median over effects of standard deviations with flaws free over those without, at least 1.
+    """
+    model, ratios = beside.model, [1.0]
+    usable = [signature for signature in signatures if not signature.by_priors]
+    for signature in usable[:: max(len(usable) // _NUM_SAMPLED, 1)]:
+        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        plain, left = (float(np.sum(each * columns)) for each in (columns, model.weighted(beside.fitted, columns)))
+        ratios.append(float(np.sqrt(plain / max(left, 1e-12 * plain))) if plain > 0 else 1.0)
+    return max(float(np.median(ratios)), 1.0)
+
+
 def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[np.float64]:
     """Multiples of columns in a whitened residual, by generalised least squares."""
     return np.asarray(np.linalg.lstsq(weighted.T @ columns, weighted.T @ whitened, rcond=1e-9)[0])
 
 
 def _amount_beside(
-    model: FlawModel, columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
+    model: FlawModel[LinearModel], columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], FittedFlaws]:
     """Multiples of an effect's columns and the flaws' widths, fitted in turn from a start of the multiples."""
     amount, fitted = start, model.fit(whitened - columns @ start)

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ...predict import PictureErrors, cells_and_columns
-from ..linear_model import LinearModel
 from .columns import FlawColumns
 
 __all__ = ["FittedFlaws", "Flaw", "FlawModel", "build_flaw_model"]
@@ -45,6 +45,27 @@ _ROUNDS = 12
 
 #: Side of the blocks of pixels that are held out in turn, px.
 _HELDOUT_BLOCK_PX = 8
+
+
+class Whitening(Protocol):
+    """Interface of a capture's linear model, as flaws need it."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def used(self) -> NDArray[np.bool_]: ...
+    @property
+    def sigma(self) -> NDArray[np.float64]: ...
+    @property
+    def shared_errors(self) -> NDArray[np.float32]: ...
+    @property
+    def errors(self) -> PictureErrors | None: ...
+    def project(self, vector: NDArray[np.float64], /) -> NDArray[np.float64]: ...
+    def whiten_used(self, change: NDArray, /) -> NDArray[np.float64]: ...
+    def counting(self, errors: PictureErrors, /) -> Self: ...
+
+
+W = TypeVar("W", bound=Whitening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +97,11 @@ class FittedFlaws(FrozenMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class FlawModel:
+class FlawModel(Generic[W]):
     """Columns of flaws in a capture's linear model."""
 
     #: The capture's linear model, single pixels' deviations in its covariance.
-    model: LinearModel
+    model: W
     #: Relative standard deviation of single pixels.
     pixel_error: float
     #: (k,) kind of each column.
@@ -166,7 +187,7 @@ class FlawModel:
         own = self.kind != _SHARED
         return np.asarray(fitted.amount[own].astype(np.float32) @ self.change[own], float)
 
-    def counted_in(self, plain: LinearModel, fitted: FittedFlaws) -> LinearModel:
+    def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model without errors in its covariance, with the flaws and shared errors in it."""
         columns = [
             width * change / plain.sigma for width, change in zip(self._prior(fitted.width), self.change, strict=True)
@@ -207,8 +228,8 @@ class FlawModel:
 
 
 def build_flaw_model(
-    model: LinearModel, given: FlawColumns, signal: NDArray[np.float64], residual: NDArray[np.float64]
-) -> FlawModel:
+    model: W, given: FlawColumns, signal: NDArray[np.float64], residual: NDArray[np.float64]
+) -> FlawModel[W]:
     """Columns of flaws in a linear model, deviations of single pixels estimated and whitened.
 
     Parameters
@@ -235,7 +256,7 @@ def build_flaw_model(
     return _with_columns(model, error, given, signal)
 
 
-def _with_columns(plain: LinearModel, error: float, given: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
+def _with_columns(plain: Whitening, error: float, given: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
     """Columns whitened and projected, with the errors that bands and faces share."""
     model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
     shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
@@ -245,12 +266,12 @@ def _with_columns(plain: LinearModel, error: float, given: FlawColumns, signal: 
     return FlawModel(model, error, kind, columns.T.copy(), change, signal)
 
 
-def _pixel_index(model: LinearModel) -> NDArray[np.int64]:
+def _pixel_index(model: Whitening) -> NDArray[np.int64]:
     """(n,) pixel of each used sample."""
     return np.broadcast_to(np.arange(model.used[0].size).reshape(model.used[0].shape), model.used.shape)[model.used]
 
 
-def _pixel_error(model: LinearModel, signal: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
+def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
     """Relative deviation of single pixels that all bands have in common, beyond that of neighbours."""
     level = signal[model.used] / model.sigma
     pixel, size = _pixel_index(model), model.used[0].size
@@ -268,7 +289,7 @@ def _pixel_error(model: LinearModel, signal: NDArray[np.float64], residual: NDAr
 
 
 def _pixel_errors(
-    model: LinearModel, signal: NDArray[np.float64], error: float, columns: Sequence[NDArray] = ()
+    model: Whitening, signal: NDArray[np.float64], error: float, columns: Sequence[NDArray] = ()
 ) -> PictureErrors:
     """Deviations of single pixels as a covariance, with further errors (n,) over sigma."""
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
