@@ -202,7 +202,7 @@ def confirmed_beside_flaws(
     verdicts : tuple of Verdict
         Of every effect, those that left included.
     """
-    kept, left = list(selected), []
+    kept, left = list(selected), list[Verdict]()
     while True:
         residual = residual_with(linearised, kept)
         beside = _fitted_to(_flaw_model(linearised, residual), residual)
