@@ -18,7 +18,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def _folder(root: Path, study: Study) -> Path:
-    """Folder of the unsaved work on the captures of a study; its name begins with that of the first capture."""
+    """Folder of the unsaved work on the captures of a study."""
     captures = [str(capture.folder.resolve()) for capture in study.captures]
     digest = hashlib.sha256("\n".join(captures).encode()).hexdigest()[:8]
     return root / AUTOSAVE_FOLDER / f"{study.captures[0].folder.name[:60]}-{digest}"

@@ -207,7 +207,7 @@ class Workbench:
         return load_model(name if name in packaged_scenes() else path_of_name(self.root, name, "model"))
 
     def _begin(self, study: Study, is_saved: bool = True) -> None:
-        """Set a study of other inputs, without a diagnosis; unsaved work on the old one stays in its file."""
+        """Set a study of other inputs, without a diagnosis."""
         self._predicted(study)
         self.capture, self.diagnosis, self.moves = 0, None, []
         self._saved = study.history if is_saved else None
