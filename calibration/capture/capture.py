@@ -31,12 +31,12 @@ from .manifest import (
     BandTable,
     BracketTable,
     FlatTable,
-    Manifest,
     ReferenceTable,
     pattern_rows,
     split_channel,
 )
 from .manifest_faults import raise_faults, read_manifest
+from .whole_manifest import Manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
 

@@ -13,7 +13,8 @@ from cboxlab.utils.faults import expectation, shown
 from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
-from .manifest import Manifest, example_of
+from .manifest import example_of
+from .whole_manifest import Manifest
 
 __all__ = ["nearest", "raise_faults", "read_manifest"]
 
