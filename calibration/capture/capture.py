@@ -73,7 +73,7 @@ class Capture:
 
     @property
     def is_merged(self) -> bool:
-        """Whether the frames are merged pictures of floating-point values, with a stated kind of noise."""
+        """Whether the frames are merged pictures of floating-point values."""
         return self.manifest.noise is not None
 
     @property

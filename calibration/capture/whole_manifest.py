@@ -1,4 +1,4 @@
-"""The whole of capture.toml: its tables, its claims, and the values of [defaults] in the tables that state none."""
+"""The whole of capture.toml, with the values of [defaults] in its tables."""
 
 from __future__ import annotations
 
@@ -101,7 +101,10 @@ class Manifest(_Table):
 
     @property
     def is_free_by_band(self) -> bool:
-        """Whether each band has a free factor: as claimed, or since the colour of the lens is not stated."""
+        """Whether each band has a free factor.
+
+        It has where the capture claims so, and where it does not state the colour of the lens.
+        """
         return self.scale == "free-by-band" or (self.scale == "free" and self.lens.transmittance is None)
 
     @property

@@ -490,22 +490,22 @@ def without_imitated(
         return list(signatures), ()
     factors = np.array([change / model.sigma for change in (model.by_lamp, *free_changes)]).T
     basis = np.linalg.qr(factors / np.linalg.norm(factors, axis=0))[0]
-    kept: list[Signature] = []
+    others: list[Signature] = []
     imitated: dict[str, None] = {}
     for signature in signatures:
         if signature.hypothesis.effect.imitates_lamp_power or _is_imitated(basis, signature, model.sigma):
             imitated[signature.hypothesis.effect.id] = None
         else:
-            kept.append(signature)
-    still = {signature.hypothesis.effect.id for signature in kept}
-    return kept, tuple(effect for effect in imitated if effect not in still)
+            others.append(signature)
+    still = {signature.hypothesis.effect.id for signature in others}
+    return others, tuple(effect for effect in imitated if effect not in still)
 
 
 def _is_imitated(basis: NDArray[np.float64], signature: Signature, sigma: NDArray[np.float64]) -> bool:
-    """Whether all changes of a signature lie in the space of the free factors, but for a small share."""
+    """Whether free factors make all changes of a signature, but for a small share."""
     if signature.changes is None or not len(signature.changes):
         return False
     changes = np.asarray(signature.changes, float) / sigma
-    left = changes - (changes @ basis) @ basis.T
+    remainder = changes - (changes @ basis) @ basis.T
     sizes = np.sum(changes**2, axis=1)
-    return bool(np.all(np.sum(left**2, axis=1) <= _MIN_LEFT_SHARE * np.maximum(sizes, 1e-300)))
+    return bool(np.all(np.sum(remainder**2, axis=1) <= _MIN_LEFT_SHARE * np.maximum(sizes, 1e-300)))
