@@ -15,6 +15,7 @@ from PIL import Image, UnidentifiedImageError
 from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
+from .lens_checks import lens_faults
 from .manifest import CameraTable, NoiseTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
 from .whole_manifest import Manifest
@@ -88,6 +89,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                 "List all its frames in one table.",
             )
     yield from _mosaic_faults(path, manifest)
+    yield from lens_faults(path, manifest)
     yield from _noise_faults(path, manifest)
     camera = manifest.camera
     crop = manifest.crop

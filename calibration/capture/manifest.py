@@ -185,6 +185,8 @@ NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_some_size)]
 Moment = Annotated[float, AfterValidator(_of_some_size)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
+Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
+Coefficients = Annotated[tuple[float, ...], BeforeValidator(_tuple)]
 
 
 QuantumEfficiency = Annotated[
@@ -248,6 +250,19 @@ class LensTable(_Table):
         "nominal focal length, mm; for the absolute scale and the first guess of the camera", "35.0", None
     )
     transmittance: ColumnReference | None = _key("of the lens, 0 to 1", '"spectra/camera.csv:lens"', None)
+    fx_px: Positive | None = _key(
+        "horizontal focal length, px, where it was calibrated beforehand; then it is not fitted", "3012.4", None
+    )
+    fy_px: Positive | None = _key("vertical focal length, px; that of fx_px where left out", "3011.8", None)
+    distortion: Coefficients | None = _key(
+        "OpenCV's k1, k2, p1, p2, k3, or k1 to k4 of a fisheye, where they were calibrated beforehand; then they are "
+        "not fitted",
+        "[-0.12, 0.08, 0.0003, -0.0002, 0.0]",
+        None,
+    )
+    model: Literal["fisheye"] | None = _key(
+        "OpenCV's fisheye model; the points choose between it and the polynomial where left out", '"fisheye"', None
+    )
 
 
 class DarkTable(_Table):
@@ -340,6 +355,17 @@ class TargetTable(_Table):
     pitch_mm: Positive = _key("distance of neighbouring corners or circles, mm; measure it on the print", "25.0")
     frames: Frames = _key("one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]')
     start_s: Moment | None = _key(_START, "0.0", None)
+    origin_mm: Triple | None = _key(
+        "where the first inner corner or circle lies in the box, mm; then the board gives the camera's pose",
+        "[100.0, 50.0, 0.0]",
+        None,
+    )
+    right: Triple | None = _key(
+        "unit vector along the rows of the board, in the box's axes; with origin_mm", "[-1.0, 0.0, 0.0]", None
+    )
+    down: Triple | None = _key(
+        "unit vector along the columns of the board, in the box's axes; with origin_mm", "[0.0, -1.0, 0.0]", None
+    )
 
 
 class MosaicTable(_Table):

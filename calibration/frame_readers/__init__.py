@@ -12,6 +12,7 @@ from pkgutil import iter_modules
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
+from cboxlab.utils.limits import MAX_FRAME_PIXELS, require_size
 from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
@@ -130,7 +131,9 @@ def _header_as_of(path: Path, changed_ns: int, size: int) -> FrameHeader:
     """Header of one version of a file."""
     reader = _usable_reader(path)
     try:
-        return reader.header(path)
+        header = reader.header(path)
+        require_size(path, header.shape[0] * header.shape[1], MAX_FRAME_PIXELS, "pixels")
+        return header
     except InputError:
         raise
     except Exception as error:  # each library raises its own exceptions for damaged files

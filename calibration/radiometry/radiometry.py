@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_tail
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ..capture import Capture, ReferenceTable, channel_mask
 from ..correction import (
@@ -87,7 +87,7 @@ class Radiometry:
     @property
     def probability(self) -> float:
         """Probability of a larger chi2 by noise if all bands have one C; 1 for a single band."""
-        return float(chi2.sf(self.chi2, self.chi2_degrees)) if self.chi2_degrees else 1.0
+        return float(chi2_tail(self.chi2, self.chi2_degrees)) if self.chi2_degrees else 1.0
 
 
 def _reference_constant(
@@ -261,7 +261,7 @@ def join_constants(constants: Sequence[BandConstant], nominal: float | None, not
     weights = 1 / noise**2
     mean = float(np.average(values, weights=weights))
     misfit, degrees = float(np.sum(weights * (values - mean) ** 2)), values.size - 1
-    if degrees and chi2.sf(misfit, degrees) < _IMPROBABLE:
+    if degrees and chi2_tail(misfit, degrees) < _IMPROBABLE:
         # from the median: one that is far off takes the mean with it
         middle = float(np.median(values))
         worst = by_band[int(np.argmax(weights * (values - middle) ** 2))]

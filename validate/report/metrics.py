@@ -101,7 +101,7 @@ def _light(xyz: NDArray[np.float64]) -> dict[str, Any]:
 
 def _camera(run: Run, camera: Camera) -> dict[str, Any]:
     values, covariance = camera.parameters, camera.covariance
-    return {
+    record = {
         "reprojection_rms_px": run.reprojection_rms_px,
         "position_mm": values[:3],
         "position_sigma_mm": [math.nan] * 3 if covariance is None else np.sqrt(np.diag(covariance)[:3]),
@@ -111,6 +111,7 @@ def _camera(run: Run, camera: Camera) -> dict[str, Any]:
         "k1": camera.k1,
         "covariance": [] if covariance is None else covariance,
     }
+    return record if camera.lens.one_term else record | {"lens": camera.lens.record()}
 
 
 def _plain(value: Any) -> Any:
