@@ -31,12 +31,12 @@ from .manifest import (
     BandTable,
     BracketTable,
     FlatTable,
-    Manifest,
     ReferenceTable,
     pattern_rows,
     split_channel,
 )
 from .manifest_faults import raise_faults, read_manifest
+from .whole_manifest import Manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
 
@@ -73,7 +73,7 @@ class Capture:
 
     @property
     def is_merged(self) -> bool:
-        """Whether the frames are merged pictures of floating-point values, with a stated kind of noise."""
+        """Whether the frames are merged pictures of floating-point values."""
         return self.manifest.noise is not None
 
     @property

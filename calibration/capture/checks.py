@@ -16,8 +16,9 @@ from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
 from .lens_checks import lens_faults
-from .manifest import CameraTable, Manifest, NoiseTable, channel_letters, example_of, is_channel
+from .manifest import CameraTable, NoiseTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
+from .whole_manifest import Manifest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
 

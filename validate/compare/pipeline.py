@@ -255,9 +255,9 @@ def _fitted_to_draft(
     pilot: float | None,
     progress: Progress,
 ) -> tuple[CalibratedCapture, Camera, float | None]:
-    """Capture and camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot.
+    """Capture and camera fitted to a draft, and the noise of the draft's pilot.
 
-    Of the capture only a free scale is fitted.
+    The draft is rendered through ``camera``. Of the capture only a free scale is fitted.
     """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -273,7 +273,7 @@ def _fitted_to_draft(
 
 
 def _roughly_scaled(prepared: CalibratedCapture, model: Model, light: LightField) -> CalibratedCapture:
-    """The capture with a free scale from a picture of few samples; itself with an absolute scale."""
+    """The capture with its free scale, if it has one, from a picture of few samples."""
     if prepared.free_scale is None:
         return prepared
     camera = prepared.expected_camera(model.effects)
@@ -298,7 +298,10 @@ def _scaled_to(prepared: CalibratedCapture, bands: xr.Dataset) -> CalibratedCapt
 def _rendered_plainly(
     prepared: CalibratedCapture, model: Model, progress: Progress
 ) -> tuple[CalibratedCapture, Rendered]:
-    """Rendering without a compiled variant, and the capture scaled to it; InputError for effects that need one."""
+    """The capture and its rendering without a compiled variant.
+
+    An InputError is raised for effects that need one.
+    """
     effects = model.effects
     camera = prepared.expected_camera(effects)
     if later := [e.id for e in effects if e.stage == "transport"]:
