@@ -34,6 +34,7 @@ __all__ = [
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
+    "checked_pattern",
     "example_of",
     "is_channel",
     "pattern_rows",
@@ -142,8 +143,24 @@ def is_channel(pattern: str, channel: str) -> bool:
     return channel == letter if number is None else 1 <= number <= pattern.count(letter)
 
 
-def _pattern(pattern: str) -> str:
-    """The mosaic pattern itself; ValueError for one that is no repeat of two letters or more."""
+def checked_pattern(pattern: str) -> str:
+    """A mosaic pattern, unchanged.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``pattern_rows``.
+
+    Returns
+    -------
+    str
+        The pattern itself.
+
+    Raises
+    ------
+    ValueError
+        If it is no repeat of two letters or more.
+    """
     rows = pattern_rows(pattern)
     letters = "".join(rows)
     one_length = len({len(row) for row in rows}) == 1 and (" " in pattern or len(pattern) == 4)
@@ -344,7 +361,7 @@ class TargetTable(_Table):
 class MosaicTable(_Table):
     """A colour filter array on the sensor."""
 
-    pattern: Annotated[str, AfterValidator(_pattern)] = _key(
+    pattern: Annotated[str, AfterValidator(checked_pattern)] = _key(
         "channels of the upper left 2 x 2 pixels, a letter each, row by row; of another repeat, its rows separated by "
         "a space",
         '"RGGB"',

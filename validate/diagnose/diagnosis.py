@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
-from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
@@ -153,8 +153,6 @@ class Diagnosis:
     certainty: float = float("nan")
     #: Detection limit of each effect; empty where something is selected.
     limits: tuple[Limit, ...] = ()
-    #: Limits of the prediction that concern this capture, one sentence each.
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,21 +235,9 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=_mosaic_notes(prepared.calibration.capture),
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
-    )
-
-
-def _mosaic_notes(capture: Capture) -> tuple[str, ...]:
-    """Note on effects whose prediction ignores the other channels of a mosaic."""
-    mixing = [effect.id for effect in catalogue().values() if effect.mixes_pixels]
-    if capture.manifest.mosaic is None or not mixing:
-        return ()
-    return (
-        f"Behind a mosaic neighbouring pixels see other channels, but {' and '.join(mixing)} are predicted from the "
-        "picture of each band alone: what is said of their presence and size is uncertain.",
     )
 
 
