@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
+from cboxlab.scenes import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -61,9 +62,23 @@ def _inside(path: str) -> str:
 def _column(reference: str) -> str:
     """The column reference itself; ValueError for one that is not ``file.csv:column``."""
     name, _, column = reference.rpartition(":")
+    if reference.startswith(NAMED_CAMERA):
+        if named_camera_channel(reference) is None:
+            raise ValueError(f"a channel of a known camera, such as '{NAMED_CAMERA}{camera_names()[0]}:R'")
+        return reference
     if not name or not column:
         raise ValueError("a column of a file, 'file.csv:column'")
     return f"{_inside(name)}:{column}"
+
+
+def _of_camera(value: Any) -> Any:
+    """The table of a named camera's channels; any other value itself."""
+    if not isinstance(value, str) or not value.startswith(NAMED_CAMERA):
+        return value
+    columns = camera_columns(value.removeprefix(NAMED_CAMERA))
+    if columns is None:
+        raise ValueError(f"a known camera: {', '.join(NAMED_CAMERA + name for name in camera_names())}")
+    return columns
 
 
 def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
@@ -193,6 +208,10 @@ def _kind_or_table(value: Any) -> str:
     return "<table>" if isinstance(value, dict) else _kind(value)
 
 
+def _number_or_table(value: Any) -> str:
+    return "<table>" if isinstance(value, dict) else "<number>"
+
+
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
@@ -208,6 +227,13 @@ QuantumEfficiency = Annotated[
     | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")]
     | Annotated[dict[Name, ColumnReference], Tag("<table>")],
     Discriminator(_kind_or_table),
+    BeforeValidator(_of_camera),
+]
+
+
+BlackLevel = Annotated[
+    Annotated[NotNegative, Tag("<number>")] | Annotated[dict[Name, NotNegative], Tag("<table>")],
+    Discriminator(_number_or_table),
 ]
 
 
@@ -251,8 +277,20 @@ class CameraTable(_Table):
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
-        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, or a list for R, G, B",
+        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, a list for R, G, B, or a "
+        "camera that colour-science knows, 'camera:NAME'",
         '"spectra/camera.csv:quantum_efficiency"',
+        None,
+    )
+    black_level_dn: BlackLevel | None = _key(
+        "counts of no light and no exposure, where no darks say it, or a table with one for each channel; that of the "
+        "raw files where left out",
+        "512",
+        None,
+    )
+    white_level_dn: Positive | None = _key(
+        "counts from which a pixel is saturated, below the largest count; that of the raw files where left out",
+        "16000",
         None,
     )
 

@@ -1,5 +1,6 @@
 """Radiance from corrected counts: sensor equation, constant C, spectral sensitivities."""
 
+from .channel_levels import channel_levels, level_notes
 from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
 from .radiometry import Radiometry, measure_constant
 from .registration import register
@@ -20,8 +21,10 @@ __all__ = [
     "as_scene",
     "band_responses",
     "capture_factors",
+    "channel_levels",
     "counts_over_constant",
     "hyperspectral_cube",
+    "level_notes",
     "measure_constant",
     "measure_uncertainty",
     "missing_keys",

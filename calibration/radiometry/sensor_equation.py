@@ -13,7 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
+from cboxlab.scenes import NAMED_CAMERA
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import FILTER_GRID, INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
@@ -48,9 +50,12 @@ def nominal_constant(capture: Capture) -> float | None:
     Returns
     -------
     float | None
-        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain.
+        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain, and for a camera by name, whose
+        sensitivities have no level.
     """
     camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
+    if _is_named(capture):
+        return None
     if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
         return None
     return lens_constant(focal, camera.pixel_pitch_um, camera.gain_e_per_dn)
@@ -79,10 +84,36 @@ def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float |
 
 def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> NDArray[np.float64] | None:
     """(w,) F Q T_lens; None where the capture states no lens or no quantum efficiency."""
-    lens, efficiency = capture.manifest.lens.transmittance, capture.quantum_efficiency(channel)
+    lens, efficiency = _lens_curve(capture), capture.quantum_efficiency(channel)
     if lens is None or efficiency is None:
         return None
-    return rest_curve(efficiency, capture.light(lens), grid)
+    return rest_curve(efficiency, lens, grid)
+
+
+def _lens_curve(capture: Capture) -> Spectrum | None:
+    """Transmittance of the lens; 1 where the sensitivities are those of a camera by name, None where not stated."""
+    reference = capture.manifest.lens.transmittance
+    if reference is not None:
+        return capture.light(reference)
+    return _open() if _is_named(capture) else None
+
+
+def _is_named(capture: Capture) -> bool:
+    """Whether the sensitivities are those of a camera by name, which are relative."""
+    efficiency = capture.manifest.camera.quantum_efficiency
+    return isinstance(efficiency, dict) and any(column.startswith(NAMED_CAMERA) for column in efficiency.values())
+
+
+def _filter_curve(capture: Capture, band: BandTable) -> Spectrum | None:
+    """Transmittance of a band's filter; 1 for a stated channel of a mosaic without a filter, None where not stated."""
+    if band.transmittance is not None:
+        return capture.light(band.transmittance)
+    return None if band.channel is None else _open()
+
+
+def _open() -> Spectrum:
+    """A filter that passes everything."""
+    return Spectrum(FILTER_GRID.nm, np.ones(FILTER_GRID.count), "hold")
 
 
 def response_curve(capture: Capture, band: BandTable, channel: str | None = None) -> NDArray[np.float64] | None:
@@ -102,10 +133,8 @@ def response_curve(capture: Capture, band: BandTable, channel: str | None = None
     NDArray | None
         (301,) response on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
     """
-    rest = _rest_curve(capture, channel, INTEGRAL_GRID)
-    if rest is None or band.transmittance is None:
-        return None
-    return rest * capture.light(band.transmittance).at(WAVELENGTH_NM)
+    rest, passed = _rest_curve(capture, channel, INTEGRAL_GRID), _filter_curve(capture, band)
+    return None if rest is None or passed is None else rest * passed.at(WAVELENGTH_NM)
 
 
 def counts_over_constant(
@@ -153,11 +182,11 @@ def missing_keys(capture: Capture) -> tuple[str, ...]:
     manifest, missing = capture.manifest, []
     if manifest.camera.quantum_efficiency is None:
         missing.append("camera.quantum_efficiency")
-    if manifest.lens.transmittance is None:
+    if _lens_curve(capture) is None:
         missing.append("lens.transmittance")
     for index, band in enumerate(manifest.band):
         for key in ("transmittance", "f_number", "image_distance_mm"):
-            if getattr(band, key) is None:
+            if getattr(band, key) is None and not (key == "transmittance" and band.channel is not None):
                 missing.append(f"band[{index}] ({band.id}).{key}")
     return tuple(missing)
 
@@ -194,14 +223,14 @@ def capture_factors(
     filters, rests, factors = {}, [], []
     for band in capture.manifest.band:
         rest = _rest_curve(capture, None if channels is None else channels[band.id], grid)
-        factor = optical_factor(capture, band)
-        if rest is None or band.transmittance is None or factor is None:
+        factor, passed = optical_factor(capture, band), _filter_curve(capture, band)
+        if rest is None or passed is None or factor is None:
             raise InputError(
                 capture.folder / "capture.toml",
                 f"no {', '.join(missing_keys(capture))}",
                 "these keys, which an absolute scale needs",
             )
-        filters[band.id] = capture.light(band.transmittance)
+        filters[band.id] = passed
         rests.append(rest)
         factors.append(constant * factor)
     return response_factors(filters, rests, factors, grid)

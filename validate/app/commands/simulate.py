@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from cboxlab.utils.errors import InputError
@@ -58,9 +58,6 @@ def simulate(
     ] = None,
     channel: Annotated[str | None, typer.Option(help="Filter of a camera with several filters and no mosaic.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the noise. Each further cube uses the next number.", min=0)] = 0,
-    frames_as: Annotated[
-        str, typer.Option("--frames", help="Frames of a capture folder: tif, or dng (raw files).")
-    ] = "tif",
     preview: Annotated[Path | None, typer.Option(help="Also write a demosaiced picture (PNG).")] = None,
     declare: DeclareOption = None,
     json: JsonOption = None,
@@ -76,10 +73,6 @@ def simulate(
         raise InputError("--channel", f"'{channel}' with a capture folder", "no --channel: a capture has every channel")
     if preview is not None and not out.suffix:
         raise InputError("--preview", "a picture of a capture folder", "a raw frame: --out with .tif or .dng")
-    if frames_as not in ("tif", "dng"):
-        raise InputError("--frames", f"'{frames_as}'", "tif or dng")
-    if frames_as == "dng" and out.suffix:
-        raise InputError("--frames", f"'{frames_as}' with the single frame {out}", "--out with a name without ending")
     sensor = load_camera(camera)
     if f_number is not None:
         sensor = sensor.at_f_number(positive_number(f_number, "--f-number"))
@@ -99,7 +92,6 @@ def simulate(
                         sensor,
                         seconds,
                         channel,
-                        frames_as="dng" if frames_as == "dng" else "tif",
                         seed=seed + index,
                         inputs=[*files_of(path), Path(camera)],
                     )
@@ -138,7 +130,6 @@ def _simulate_one(
     exposure_s: float | None,
     channel: str | None,
     *,
-    frames_as: Literal["tif", "dng"],
     seed: int,
     inputs: list[Path],
 ) -> tuple[list[str], dict[str, Any]]:
@@ -151,7 +142,7 @@ def _simulate_one(
 
     if not target.suffix:
         with replacing_folder(target) as folder:
-            write_cube_capture(folder, cube, camera, exposure_s, seed, name, frames_as)
+            write_cube_capture(folder, cube, camera, exposure_s, seed, name)
             write_manifest(folder, [*folder.iterdir()], inputs, seed=seed)
         return [f"Capture by {camera.name}: {target}"], {"capture": target, "camera": camera.name}
     frame = run(cube, camera, exposure_s=exposure_s, channel=channel, seed=seed)
