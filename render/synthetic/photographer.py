@@ -42,6 +42,10 @@ Kind = Literal["band", "dark", "flat", "reference"]
 EXPOSURE_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 
 
+#: Transmittance of the grey filter in front of a colour sensor: the narrow filters pass about as much of all light.
+_GREY = 0.02
+
+
 @lru_cache
 def band_filters() -> dict[str, Spectrum]:
     """Transmittances of the seven filters, 380 to 720 nm.
@@ -132,7 +136,9 @@ class CaptureSettings(FrozenMappings):
 
 
 def behind_mosaic(settings: CaptureSettings, pattern: str) -> CaptureSettings:
-    """Settings of a colour sensor without a filter: each frame has all channels.
+    """Settings of a colour sensor behind a grey filter: each frame has all channels.
+
+    The grey filter lets exposures be as long as those of narrow filters.
 
     Parameters
     ----------
@@ -144,7 +150,7 @@ def behind_mosaic(settings: CaptureSettings, pattern: str) -> CaptureSettings:
     Returns
     -------
     CaptureSettings
-        With the mosaic, and one filter "open" that passes everything.
+        With the mosaic, and one filter "grey" of equal transmittance at all wavelengths.
 
     Raises
     ------
@@ -153,7 +159,9 @@ def behind_mosaic(settings: CaptureSettings, pattern: str) -> CaptureSettings:
     """
     wide = next(iter(band_filters().values())).wavelength_nm
     return replace(
-        settings, filters={"open": Spectrum(wide, np.ones(wide.size), "zero")}, mosaic=mosaic_sensor(pattern)
+        settings,
+        filters={"grey": Spectrum(wide, np.full(wide.size, _GREY), "zero")},
+        mosaic=mosaic_sensor(pattern),
     )
 
 

@@ -108,7 +108,7 @@ def simulated(settings, flat, effects, image):
         for band, plane in zip(settings.bands, planes, strict=True):
             own = channel_mask(settings.mosaic.pattern, raw.shape, band.channel)
             raw[own] = plane[own]
-        frame = Frame(kind, "open", EXPOSURES[kind], 0, 0.0)
+        frame = Frame(kind, "grey", EXPOSURES[kind], 0, 0.0)
         dark = settings.bias_dn + settings.dark_current_e_s / settings.gain_e_per_dn * EXPOSURES[kind]
         frames[kind] = hooks.counts(frame, hooks.light(frame, raw * flat * EXPOSURES[kind]) + dark)
     return frames

@@ -52,7 +52,7 @@ def capture(
     mosaic: Annotated[
         str | None,
         typer.Option(
-            help="Colour sensor of this pattern, without filters: RGGB, or rows separated by a space.",
+            help="Colour sensor of this pattern, one grey filter: RGGB, or rows separated by a space.",
             show_default=False,
         ),
     ] = None,
