@@ -47,7 +47,10 @@ _PLACE = 0.1
 
 @cache
 def laboratory(seed: int, mosaic: str = "") -> tuple[Camera, CaptureSettings, Scene]:
-    """A camera, the rest of a laboratory, and its box. mosaic : pattern of a colour sensor, empty for the seven filters."""
+    """A camera, the rest of a laboratory, and its box.
+
+    mosaic : pattern of a colour sensor, empty for the seven filters.
+    """
     settings = behind_mosaic(varied_settings(seed), mosaic) if mosaic else varied_settings(seed)
     return perturbed_camera(SIZE_PX, seed), settings, with_block_offsets(photographed_scene(Model()), seed)
 

@@ -17,6 +17,7 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    model_validator,
 )
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "CameraTable",
     "CropTable",
     "DarkTable",
+    "DefaultsTable",
     "FlatTable",
     "GeometryTable",
     "LabelsTable",
@@ -32,6 +34,7 @@ __all__ = [
     "LensTable",
     "Manifest",
     "MosaicTable",
+    "NoiseTable",
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
@@ -220,6 +223,8 @@ NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_some_size)]
 Moment = Annotated[float, AfterValidator(_of_some_size)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
+Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
+Coefficients = Annotated[tuple[float, ...], BeforeValidator(_tuple)]
 
 
 QuantumEfficiency = Annotated[
@@ -302,6 +307,19 @@ class LensTable(_Table):
         "nominal focal length, mm; for the absolute scale and the first guess of the camera", "35.0", None
     )
     transmittance: ColumnReference | None = _key("of the lens, 0 to 1", '"spectra/camera.csv:lens"', None)
+    fx_px: Positive | None = _key(
+        "horizontal focal length, px, where it was calibrated beforehand; then it is not fitted", "3012.4", None
+    )
+    fy_px: Positive | None = _key("vertical focal length, px; that of fx_px where left out", "3011.8", None)
+    distortion: Coefficients | None = _key(
+        "OpenCV's k1, k2, p1, p2, k3, or k1 to k4 of a fisheye, where they were calibrated beforehand; then they are "
+        "not fitted",
+        "[-0.12, 0.08, 0.0003, -0.0002, 0.0]",
+        None,
+    )
+    model: Literal["fisheye"] | None = _key(
+        "OpenCV's fisheye model; the points choose between it and the polynomial where left out", '"fisheye"', None
+    )
 
 
 class DarkTable(_Table):
@@ -394,6 +412,17 @@ class TargetTable(_Table):
     pitch_mm: Positive = _key("distance of neighbouring corners or circles, mm; measure it on the print", "25.0")
     frames: Frames = _key("one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]')
     start_s: Moment | None = _key(_START, "0.0", None)
+    origin_mm: Triple | None = _key(
+        "where the first inner corner or circle lies in the box, mm; then the board gives the camera's pose",
+        "[100.0, 50.0, 0.0]",
+        None,
+    )
+    right: Triple | None = _key(
+        "unit vector along the rows of the board, in the box's axes; with origin_mm", "[-1.0, 0.0, 0.0]", None
+    )
+    down: Triple | None = _key(
+        "unit vector along the columns of the board, in the box's axes; with origin_mm", "[0.0, -1.0, 0.0]", None
+    )
 
 
 class MosaicTable(_Table):
@@ -427,6 +456,38 @@ class CropTable(_Table):
     full_height_px: Count = _key("rows of the whole frame", "1024")
 
 
+class NoiseTable(_Table):
+    """The noise of merged pictures: every frame holds floating-point values in place of counts."""
+
+    kind: Literal["repeats", "poisson", "estimated"] = _key(
+        "where it is known from: 'repeats' of the frames, 'poisson' by the two keys below, or 'estimated' from "
+        "neighbouring pixels",
+        '"poisson"',
+    )
+    gain_e_per_unit: Positive | None = _key("of 'poisson': electrons per unit of the pictures", "1.2e4", None)
+    read_noise_e: NotNegative | None = _key("of 'poisson': rms noise of a dark pixel, electrons", "8.0", None)
+
+
+class DefaultsTable(_Table):
+    """Values for every table of frames that does not state its own."""
+
+    f_number: Positive | None = _key(f"{_F_NUMBER} of every band that states none", "8.0", None)
+    image_distance_mm: Positive | None = _key(f"{_DISTANCE}; of every band that states none", "36.6", None)
+    exposure_s: Positive | None = _key(f"{_EXPOSURE} of every table of frames that states none", "0.5", None)
+    radiance: ColumnReference | None = _key(
+        "of every flat and reference that states none, W m^-2 sr^-1 nm^-1", '"spectra/sphere.csv:radiance"', None
+    )
+
+
+#: By key of [defaults], the tables that it fills. The others take f-number and image distance from their band.
+DEFAULTS_FILL = {
+    "f_number": ("band",),
+    "image_distance_mm": ("band",),
+    "exposure_s": ("band", "bracket", "dark", "flat", "reference"),
+    "radiance": ("flat", "reference"),
+}
+
+
 DarkState = Annotated[
     Annotated[Literal["subtracted"], Tag("<text>")]
     | Annotated[tuple[DarkTable, ...], BeforeValidator(_tuple), Tag("<list>")],
@@ -447,6 +508,12 @@ class Manifest(_Table):
     band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
     name: str = _key("a title, for reports", '"white box, second lamp"', "")
     scene: str | None = _key("packaged scene, or scene file (.toml) of the folder", '"cornell-box"', None)
+    scale: Literal["free", "free-by-band"] | None = _key(
+        "claims no absolute scale: 'free' is one unknown factor of all bands, 'free-by-band' one of each; absolute "
+        "where left out",
+        '"free"',
+        None,
+    )
     lens: LensTable = LensTable()
     dark: DarkState = ()
     flat: FlatState = ()
@@ -458,6 +525,33 @@ class Manifest(_Table):
     mosaic: MosaicTable | None = None
     labels: LabelsTable | None = None
     crop: CropTable | None = None
+    noise: NoiseTable | None = None
+    defaults: DefaultsTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_defaults(cls, data: Any) -> Any:
+        """The tables of frames with the values of [defaults] that they do not state."""
+        defaults = data.get("defaults") if isinstance(data, dict) else None
+        if not isinstance(defaults, dict):
+            return data
+        filled = dict(data)
+        for key, tables in DEFAULTS_FILL.items():
+            for table in tables if key in defaults else ():
+                rows = filled.get(table)
+                if isinstance(rows, list | tuple):
+                    filled[table] = [{key: defaults[key], **row} if isinstance(row, dict) else row for row in rows]
+        return filled
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether the capture claims an absolute scale."""
+        return self.scale is None
+
+    @property
+    def is_free_by_band(self) -> bool:
+        """Whether each band has a free factor: as claimed, or since the colour of the lens is not stated."""
+        return self.scale == "free-by-band" or (self.scale == "free" and self.lens.transmittance is None)
 
     @property
     def darks(self) -> tuple[DarkTable, ...]:

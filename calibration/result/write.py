@@ -27,7 +27,8 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
     """The "camera" object of metrics.json and calibration.json.
 
     `rotation_deg` is the Rodrigues vector of R R0^T. The 10 x 10 covariance is in the order position_mm, rotation_deg,
-    focal_length_px, principal_point_px, k1.
+    focal_length_px, principal_point_px, k1. A lens of more terms has its own object, "lens", with their standard
+    deviations where they were fitted.
 
     Parameters
     ----------
@@ -42,12 +43,14 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
         Values for JSON.
     """
     record = {"reprojection_rms_px": fit.reprojection_rms_px, **_parameters_record(camera)}
+    if not camera.lens.one_term:
+        record["lens"]["sigma"] = dict(fit.lens_sigmas)
     return record | {"outliers": list(fit.outliers)}
 
 
 def _parameters_record(camera: Camera) -> dict[str, Any]:
     covariance = np.full((10, 10), np.nan) if camera.covariance is None else camera.covariance
-    return {
+    record = {
         "position_mm": camera.position_mm.tolist(),
         "position_sigma_mm": np.sqrt(np.diag(covariance)[:3]).tolist(),
         "rotation_deg": camera.parameters[3:6].tolist(),
@@ -56,6 +59,7 @@ def _parameters_record(camera: Camera) -> dict[str, Any]:
         "k1": camera.k1,
         "covariance": covariance.tolist(),
     }
+    return record if camera.lens.one_term else record | {"lens": camera.lens.record()}
 
 
 def write_geometry(camera: Camera, objects: Sequence[Mapping[str, Any]], folder: Path) -> Path:
@@ -169,7 +173,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
             "rms_deviation_corrected": dict(linearity.rms_corrected),
         },
         "C": None
-        if radiometry.constant is None
+        if radiometry.constant is None or radiometry.is_free
         else {
             "value": radiometry.constant,
             "sigma": radiometry.sigma,

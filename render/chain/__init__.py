@@ -16,7 +16,7 @@ from .expected import expected_counts, expected_signal
 from .interleaving import Interleaving, UnseenChannel
 from .light import Light, with_scene_behind
 from .projection import Projection, band_signals, scene_light, uniform_light
-from .sensing import Sensing
+from .sensing import MergedExposure, Sensing
 from .settings import RenderSettings
 from .stages import PHOTOGRAPHED, STAGES, ActsAtStage, Stage, after_stage, stages_between
 
@@ -28,6 +28,7 @@ __all__ = [
     "Counts",
     "Interleaving",
     "Light",
+    "MergedExposure",
     "Projection",
     "RenderSettings",
     "Sensing",

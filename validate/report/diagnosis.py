@@ -78,6 +78,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "further": [asdict(result) for result in diagnosis.further],
         "certainty": _finite(diagnosis.certainty),
         "limits": [asdict(limit) for limit in diagnosis.limits],
+        **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
     }
 
 
@@ -300,7 +301,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
     external = [] if diagnosis.render is None else diagnosis.render.sentences
     if diagnosis.adequate:
         further = further_sentences(diagnosis)
-        return [result_sentence(diagnosis), *limit_sentences(diagnosis), *external, *further]
+        return [result_sentence(diagnosis), *limit_sentences(diagnosis), *external, *further, *diagnosis.notes]
     return [
         result_sentence(diagnosis),
         *external,
@@ -310,6 +311,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
         *further_sentences(diagnosis),
         *(separation_sentence(s) for s in diagnosis.separations),
         *evidence_sentences(diagnosis),
+        *diagnosis.notes,
     ]
 
 

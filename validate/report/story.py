@@ -151,6 +151,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *verdict(c, bands).details[3:],
+        *diagnosis.notes,
     ]
     return Story(
         Headline(
