@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         stated_in,
     )
     from .dng import write_dng
-    from .exr_channels import write_channels
+    from .exr_channels import require_exr_size, write_channels
     from .headers import Window, common_pixels, window_in_file, window_of
     from .netcdf import open_netcdf
     from .previews import cube_to_srgb, raw_to_srgb, scene_white, xyz_weights
