@@ -43,8 +43,8 @@ def camera_columns(name: str) -> dict[str, str] | None:
     dict | None
         By channel "R", "G", "B", the reference that ``named_camera_channel`` reads; None for an unknown camera.
     """
-    stated = {known.casefold(): known for known in camera_names()}.get(name.strip().casefold())
-    return None if stated is None else {letter: f"{NAMED_CAMERA}{stated}:{letter}" for letter in _CHANNELS}
+    spelling = {camera.casefold(): camera for camera in camera_names()}.get(name.strip().casefold())
+    return None if spelling is None else {letter: f"{NAMED_CAMERA}{spelling}:{letter}" for letter in _CHANNELS}
 
 
 @lru_cache(maxsize=32)

@@ -16,10 +16,8 @@ from cboxlab.utils.errors import InputError
 from ..frame_readers import FrameFacts, FrameHeader, frame_header
 from .frames import split_name
 
-__all__ = ["EXPOSURES_DIFFER", "with_file_facts"]
+__all__ = ["with_file_facts"]
 
-#: Relative difference of two exposures from which they contradict each other: files round 1/32 s to 1/30 s.
-EXPOSURES_DIFFER = 0.08
 #: Tables of frames, with the facts that they take.
 _OF_TABLES: Mapping[str, tuple[str, ...]] = {
     "band": ("exposure_s", "f_number"),
@@ -31,7 +29,7 @@ _OF_TABLES: Mapping[str, tuple[str, ...]] = {
 
 
 def _header(folder: Path, row: Any) -> FrameHeader | None:
-    """Header of a table's first frame; None for a file that the checks of the capture will refuse."""
+    """Header of a table's first frame; None for a file that is faulty."""
     frames = row.get("frames") if isinstance(row, dict) else None
     if not isinstance(frames, list) or not frames or not isinstance(frames[0], str):
         return None
@@ -43,13 +41,13 @@ def _header(folder: Path, row: Any) -> FrameHeader | None:
 
 
 def _starts(facts: Sequence[FrameFacts | None]) -> list[float | None]:
-    """Start of each band in seconds since the first; None for all where a file states no time, or all the same one."""
+    """Start of each band, s since the first; None for all where the times are incomplete or equal."""
     times = [None if each is None else each.time for each in facts]
-    stated = [time for time in times if isinstance(time, datetime)]
-    if len(stated) < len(times) or len(set(stated)) < 2:
+    moments = [time for time in times if isinstance(time, datetime)]
+    if len(moments) < len(times) or len(set(moments)) < 2:
         return [None] * len(times)
-    first = min(stated)
-    return [(time - first).total_seconds() for time in stated]
+    first = min(moments)
+    return [(time - first).total_seconds() for time in moments]
 
 
 def with_file_facts(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
@@ -95,11 +93,11 @@ def _filled(row: Any, facts: FrameFacts, keys: Sequence[str], defaults: Mapping[
 
 
 def _with_camera(data: dict[str, Any], headers: Sequence[FrameHeader]) -> dict[str, Any]:
-    """The manifest with what all bands' files state alike of camera, lens and mosaic, where it leaves that out."""
+    """The manifest with the camera, lens and mosaic on which all bands' files agree, where it has none."""
     facts, (height, width) = headers[0].facts, headers[0].shape
     others = [header.facts for header in headers[1:]]
     white = facts.white_level
-    stated: dict[str, dict[str, tuple[str, Any]]] = {
+    tables: dict[str, dict[str, tuple[str, Any]]] = {
         "camera": {
             "bit_depth": ("white_level", None if white is None else int(white).bit_length()),
             "model": ("model", facts.model),
@@ -112,8 +110,8 @@ def _with_camera(data: dict[str, Any], headers: Sequence[FrameHeader]) -> dict[s
     }
     camera = data.get("camera", {})
     if isinstance(camera, dict) and isinstance(camera.get("quantum_efficiency"), str):
-        del stated["mosaic"]  # one column: a sensor without mosaic
-    for name, values in stated.items():
+        del tables["mosaic"]  # one column: a sensor without mosaic
+    for name, values in tables.items():
         table = data.get(name, {})
         added = {
             key: value

@@ -99,6 +99,8 @@ def perceptual_weights(
     # noise of a band adds the mean square of its weights' own colour difference
     metric = np.linalg.cholesky(np.einsum("nda,ndc->ac", rows, rows)).T
     loading = np.einsum("da,bc->dbac", metric, np.diag(np.maximum(noise, _RIDGE))).reshape(3 * len(responses), -1)
-    solved = np.linalg.lstsq(np.concatenate([columns, loading]), np.append(sought, np.zeros(len(loading))), rcond=None)
-    weights = solved[0].reshape(3, len(responses)) / scale
+    solution = np.linalg.lstsq(
+        np.concatenate([columns, loading]), np.append(sought, np.zeros(len(loading))), rcond=None
+    )
+    weights = solution[0].reshape(3, len(responses)) / scale
     return described(responses, weights, goal, "perceptual", noise)

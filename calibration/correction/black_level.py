@@ -1,4 +1,4 @@
-"""Black level of a capture without darks: the counts of no light and no exposure, as camera or person state them."""
+"""Black level of a capture without darks, as the camera or a person states it."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def black_level(capture: Capture) -> BlackLevel | None:
         None where none is stated, where there are darks, and where they were subtracted beforehand.
     """
     manifest = capture.manifest
-    stated = manifest.camera.black_level_dn
-    if stated is None or manifest.darks or manifest.dark == "subtracted":
+    counts = manifest.camera.black_level_dn
+    if counts is None or manifest.darks or manifest.dark == "subtracted":
         return None
-    if not isinstance(stated, dict):
-        return BlackLevel(np.full(capture.shape, stated), _ROUNDED_DN, f"{stated:g} DN")
+    if not isinstance(counts, dict):
+        return BlackLevel(np.full(capture.shape, counts), _ROUNDED_DN, f"{counts:g} DN")
     level = np.zeros(capture.shape)
     pattern = "" if manifest.mosaic is None else manifest.mosaic.pattern
-    for channel in sorted(stated, key=len):  # a letter first, then one of its pixels in the repeat
-        level[channel_mask(pattern, capture.shape, channel)] = stated[channel]
-    text = ", ".join(f"{channel} {value:g} DN" for channel, value in stated.items())
+    for channel in sorted(counts, key=len):  # a letter first, then one of its pixels in the repeat
+        level[channel_mask(pattern, capture.shape, channel)] = counts[channel]
+    text = ", ".join(f"{channel} {value:g} DN" for channel, value in counts.items())
     return BlackLevel(level, _ROUNDED_DN, text)
