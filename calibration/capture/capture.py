@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from cboxlab.scenes import Scene, load_scene
+from cboxlab.scenes import Scene, load_scene, named_camera_channel
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
+from cboxlab.utils.frozen import FrozenDict
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -60,6 +62,9 @@ class Capture:
     manifest: Manifest
     #: Count at which pixels saturate below full scale, DN; None if they do not. See ``with_full_well``.
     full_well_dn: int | None = None
+    #: By reference to a channel of a named camera, its peak quantum efficiency over the largest one, measured from the
+    #: references; empty where not measured.
+    channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
 
     @property
     def band_ids(self) -> tuple[str, ...]:
@@ -85,8 +90,10 @@ class Capture:
 
     @property
     def saturation_dn(self) -> int:
-        """The count from which a pixel is saturated, DN: full scale, or the full well below it."""
-        return self.full_scale_dn if self.full_well_dn is None else self.full_well_dn
+        """The count from which a pixel is saturated, DN: full scale, or the white level or full well below it."""
+        white = self.manifest.camera.white_level_dn
+        limits = (self.full_scale_dn, self.full_well_dn, None if white is None else int(white))
+        return min(limit for limit in limits if limit is not None)
 
     @property
     def cell(self) -> tuple[int, int] | None:
@@ -248,13 +255,15 @@ class Capture:
         Parameters
         ----------
         reference
-            Column of a file, ``file.csv:column``.
+            Column of a file, ``file.csv:column``, or a channel of a named camera, ``camera:NAME:R``.
 
         Returns
         -------
         Spectrum
             Zero beyond its table.
         """
+        if (channel := named_camera_channel(reference)) is not None:
+            return channel.scaled(self.channel_levels.get(reference, 1.0))
         return read_spectrum(self.folder, reference, "zero")
 
     def quantum_efficiency(self, channel: str | None = None) -> Spectrum | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
+from cboxlab.scenes import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -35,6 +36,7 @@ __all__ = [
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
+    "checked_pattern",
     "example_of",
     "is_channel",
     "pattern_rows",
@@ -61,9 +63,23 @@ def _inside(path: str) -> str:
 def _column(reference: str) -> str:
     """The column reference itself; ValueError for one that is not ``file.csv:column``."""
     name, _, column = reference.rpartition(":")
+    if reference.startswith(NAMED_CAMERA):
+        if named_camera_channel(reference) is None:
+            raise ValueError(f"a channel of a known camera, such as '{NAMED_CAMERA}{camera_names()[0]}:R'")
+        return reference
     if not name or not column:
         raise ValueError("a column of a file, 'file.csv:column'")
     return f"{_inside(name)}:{column}"
+
+
+def _of_camera(value: Any) -> Any:
+    """The table of a named camera's channels; any other value itself."""
+    if not isinstance(value, str) or not value.startswith(NAMED_CAMERA):
+        return value
+    columns = camera_columns(value.removeprefix(NAMED_CAMERA))
+    if columns is None:
+        raise ValueError(f"a known camera: {', '.join(NAMED_CAMERA + name for name in camera_names())}")
+    return columns
 
 
 def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
@@ -143,8 +159,24 @@ def is_channel(pattern: str, channel: str) -> bool:
     return channel == letter if number is None else 1 <= number <= pattern.count(letter)
 
 
-def _pattern(pattern: str) -> str:
-    """The mosaic pattern itself; ValueError for one that is no repeat of two letters or more."""
+def checked_pattern(pattern: str) -> str:
+    """A mosaic pattern, unchanged.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``pattern_rows``.
+
+    Returns
+    -------
+    str
+        The pattern itself.
+
+    Raises
+    ------
+    ValueError
+        If it is no repeat of two letters or more.
+    """
     rows = pattern_rows(pattern)
     letters = "".join(rows)
     one_length = len({len(row) for row in rows}) == 1 and (" " in pattern or len(pattern) == 4)
@@ -177,6 +209,10 @@ def _kind_or_table(value: Any) -> str:
     return "<table>" if isinstance(value, dict) else _kind(value)
 
 
+def _number_or_table(value: Any) -> str:
+    return "<table>" if isinstance(value, dict) else "<number>"
+
+
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
@@ -194,6 +230,13 @@ QuantumEfficiency = Annotated[
     | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")]
     | Annotated[dict[Name, ColumnReference], Tag("<table>")],
     Discriminator(_kind_or_table),
+    BeforeValidator(_of_camera),
+]
+
+
+BlackLevel = Annotated[
+    Annotated[NotNegative, Tag("<number>")] | Annotated[dict[Name, NotNegative], Tag("<table>")],
+    Discriminator(_number_or_table),
 ]
 
 
@@ -237,8 +280,20 @@ class CameraTable(_Table):
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
-        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, or a list for R, G, B",
+        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, a list for R, G, B, or a "
+        "camera that colour-science knows, 'camera:NAME'",
         '"spectra/camera.csv:quantum_efficiency"',
+        None,
+    )
+    black_level_dn: BlackLevel | None = _key(
+        "counts of no light and no exposure, where no darks say it, or a table with one for each channel; that of the "
+        "raw files where left out",
+        "512",
+        None,
+    )
+    white_level_dn: Positive | None = _key(
+        "counts from which a pixel is saturated, below the largest count; that of the raw files where left out",
+        "16000",
         None,
     )
 
@@ -371,7 +426,7 @@ class TargetTable(_Table):
 class MosaicTable(_Table):
     """A colour filter array on the sensor."""
 
-    pattern: Annotated[str, AfterValidator(_pattern)] = _key(
+    pattern: Annotated[str, AfterValidator(checked_pattern)] = _key(
         "channels of the upper left 2 x 2 pixels, a letter each, row by row; of another repeat, its rows separated by "
         "a space",
         '"RGGB"',

@@ -13,6 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import BandTable, Capture, channel_mask
 from ..instrument import Mask, band_images
+from .black_level import black_level
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
@@ -198,7 +199,13 @@ def correct_bands(
             "they have no more noise than in the dark; those are masked"
         )
     if not manifest.darks and manifest.dark != "subtracted":
-        notes.append("no dark frames: a dark level of 0 was assumed")
+        black = black_level(capture)
+        notes.append(
+            "no dark frames: a dark level of 0 was assumed"
+            if black is None
+            else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
+            "dark current and hot pixels are not corrected"
+        )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")
     if manifest.flat == "divided":
@@ -261,7 +268,11 @@ def correct_bands(
     images.attrs["reduction"] = "; ".join(
         [
             "repeats averaged",
-            "dark subtracted" if dark.exposure_s.size else "no dark subtracted",
+            "dark subtracted"
+            if dark.exposure_s.size
+            else "black level subtracted"
+            if dark.bias.any()
+            else "no dark subtracted",
             "flat divided" if manifest.flats else "nominal fall-off divided" if nominal_axis else "no flat divided",
             *notes,
         ]
