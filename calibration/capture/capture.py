@@ -298,9 +298,14 @@ class Capture:
         ------
         ValueError
             If the capture has no [labels].
+        InputError
+            If [labels] states no image.
         """
         if self.manifest.labels is None:
             raise ValueError("the capture has no [labels]")
+        if self.manifest.labels.image is None:
+            where = self.folder / "capture.toml: labels.image"
+            raise InputError(where, "no label image", "an 8-bit PNG with a label per pixel")
         with Image.open(self.folder / self.manifest.labels.image) as image:
             return np.asarray(image, np.uint8)
 

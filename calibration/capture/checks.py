@@ -208,9 +208,10 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
     if manifest.geometry is not None:
         yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)
     if labels is not None:
-        yield partial(_check_file, folder, path, "labels.image", labels.image)
-        if _is_readable(folder / labels.image):
-            yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
+        if labels.image is not None:
+            yield partial(_check_file, folder, path, "labels.image", labels.image)
+            if _is_readable(folder / labels.image):
+                yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
         yield partial(_check_file, folder, path, "labels.names", labels.names)
         if _is_readable(folder / labels.names):
             yield partial(_check_label_table, folder / labels.names)

@@ -380,7 +380,12 @@ class MosaicTable(_Table):
 class LabelsTable(_Table):
     """Patches of a chart, by a label per pixel."""
 
-    image: RelativePath = _key("8-bit PNG of one channel, a label per pixel, 0 for none", '"labels.png"')
+    image: RelativePath | None = _key(
+        "8-bit PNG of one channel, a label per pixel, 0 for none; where left out a ColorChecker is found in the "
+        "picture, and its patches have the labels 1 (dark skin) to 24 (black)",
+        '"labels.png"',
+        None,
+    )
     names: RelativePath = _key(
         "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
     )

@@ -36,7 +36,7 @@ class _Views:
     #: Frame of each.
     names: list[str]
     #: Its place in the box; None where it is not stated.
-    places: list[BoardPlace | None]
+    board_places: list[BoardPlace | None]
     #: Targets that were not detected, one sentence each.
     notes: list[str]
 
@@ -76,7 +76,7 @@ def _views(capture: Capture) -> _Views:
                 continue
             views.points.append((world, step * corners + [column, row]))
             views.names.append(name)
-            views.places.append(_place(target))
+            views.board_places.append(_place(target))
     return views
 
 
@@ -107,7 +107,7 @@ class _Survey:
 
 
 def _survey(capture: Capture, model: LensModel) -> _Survey | None:
-    """Surveyed points and the camera fitted to them, with the lens that they choose; None without [geometry]."""
+    """Surveyed points with camera and lens fitted to them; None without [geometry]."""
     geometry, camera = capture.manifest.geometry, capture.manifest.camera
     if geometry is None:
         return None
@@ -250,7 +250,7 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
     if targets is not None and targets.survey_camera is not None:
         if not targets.survey_camera.lens.one_term:
             fit = _seen_by(fit, survey.points, targets.survey_camera, model, targets.lens_sigmas)
-        notes += place_notes(views.points, views.places, views.names, fit.camera, targets.point_sigma_px)
+        notes += place_notes(views.points, views.board_places, views.names, fit.camera, targets.point_sigma_px)
     notes += survey.notes if model == survey.model else []
     if fit.outliers:
         notes.append(f"surveyed points left out as outliers: {', '.join(fit.outliers)}")
@@ -265,7 +265,7 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
 def _seen_by(
     fit: CameraFit, points: SurveyedPoints, camera: Camera, model: LensModel, lens_sigmas: Mapping[str, float]
 ) -> CameraFit:
-    """The fit of a survey with the camera of a joint fit, of which it leaves the pose free."""
+    """The fit of a survey with the camera of a joint fit."""
     residuals = points.image_px - camera.project(points.points_mm)
     squares, freedom = (
         float(np.sum(residuals[fit.in_use] ** 2)),
@@ -292,16 +292,18 @@ def _without_survey(
     if targets is not None:
         excluded = {view.index for view in targets.discordant}
         in_use = [index for index in range(len(views.points)) if index not in excluded]
-    placed = [index for index in in_use if views.places[index] is not None]
+    placed = [index for index in in_use if views.board_places[index] is not None]
     if targets is None or not placed:
         reason = (
-            "no [geometry] and no board at a stated place that could be used" if any(views.places) else "no [geometry]"
+            "no [geometry] and no board at a stated place that could be used"
+            if any(views.board_places)
+            else "no [geometry]"
         )
         return None, targets, [*notes, f"{reason}: the camera's pose in the box cannot be computed"]
     cameras = dict(zip(in_use, targets.cameras, strict=True))
     points, start = placed_points(
         [views.points[i] for i in placed],
-        [place for i in placed if (place := views.places[i]) is not None],
+        [board for i in placed if (board := views.board_places[i]) is not None],
         [cameras[i] for i in placed],
         [views.names[i] for i in placed],
     )
