@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from .lens import PLAIN_LENS, Lens
 
@@ -102,6 +101,8 @@ class Camera:
         Position (mm), Rodrigues vector of R R0^T (degrees), focal length and principal point (px), and k1, with R the
         ``rotation`` and R0 REFERENCE_ROTATION.
         """
+        from scipy.spatial.transform import Rotation  # slow to import
+
         turn = Rotation.from_matrix(self.rotation @ REFERENCE_ROTATION.T).as_rotvec(degrees=True)
         return np.concatenate([self.position_mm, turn, [self.focal_length_px], self.principal_point_px, [self.k1]])
 
@@ -118,6 +119,8 @@ class Camera:
         Camera
             The camera, with the same lens, covariance and further distortion.
         """
+        from scipy.spatial.transform import Rotation  # slow to import
+
         p = np.asarray(values, float)
         rotation = Rotation.from_rotvec(p[3:6], degrees=True).as_matrix() @ REFERENCE_ROTATION
         return replace(

@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .checks import TABLES_OF_FRAMES, capture_faults
-from .frames import picture_names, pictures_by_file, read_frame, read_frames, split_name
+from .frames import (
+    UNKNOWN_VALUE,
+    picture_names,
+    pictures_by_file,
+    read_frame,
+    read_frames,
+    read_merged,
+    split_name,
+)
 from .labels import Label, read_labels
 from .manifest import (
     BandTable,
@@ -64,8 +72,15 @@ class Capture:
         return self.manifest.camera.height_px, self.manifest.camera.width_px
 
     @property
+    def is_merged(self) -> bool:
+        """Whether the frames are merged pictures of floating-point values, with a stated kind of noise."""
+        return self.manifest.noise is not None
+
+    @property
     def full_scale_dn(self) -> int:
-        """The largest count that can be stored, DN."""
+        """The largest count that can be stored, DN; UNKNOWN_VALUE for merged pictures."""
+        if self.is_merged:
+            return int(UNKNOWN_VALUE)
         return 2**self.manifest.camera.bit_depth - 1
 
     @property
@@ -104,7 +119,7 @@ class Capture:
                 return band
         raise KeyError(f"no band '{identifier}'; there are {', '.join(self.band_ids)}")
 
-    def frame(self, path: str) -> NDArray[np.uint16]:
+    def frame(self, path: str) -> NDArray[np.uint16] | NDArray[np.float64]:
         """Counts of one frame.
 
         Parameters
@@ -115,7 +130,7 @@ class Capture:
         Returns
         -------
         NDArray
-            (y, x) counts, uint16, DN.
+            (y, x) counts, uint16, DN; values of a merged picture.
 
         Raises
         ------
@@ -123,9 +138,12 @@ class Capture:
             For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
         """
         file, number = split_name(self.folder, path)
+        if self.is_merged:
+            picture = range(number or 0, (number or 0) + 1)
+            return read_merged(self.folder / file, *self.shape, picture)[0]
         return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
 
-    def frames(self, table: FrameTable) -> NDArray[np.uint16]:
+    def frames(self, table: FrameTable) -> NDArray:
         """Counts of all frames of a table.
 
         Parameters
@@ -136,9 +154,11 @@ class Capture:
         Returns
         -------
         NDArray
-            (repeat, y, x) counts, uint16, DN.
+            (repeat, y, x) counts, uint16, DN; values of merged pictures.
         """
         files = pictures_by_file(self.folder, table.frames)
+        if self.is_merged:
+            return np.concatenate([read_merged(file, *self.shape, pictures) for file, pictures in files])
         depth = self.manifest.camera.bit_depth
         return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
 

@@ -16,7 +16,7 @@ from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
 from .lens_checks import lens_faults
-from .manifest import CameraTable, Manifest, channel_letters, is_channel
+from .manifest import CameraTable, Manifest, NoiseTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
@@ -89,6 +89,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
             )
     yield from _mosaic_faults(path, manifest)
     yield from lens_faults(path, manifest)
+    yield from _noise_faults(path, manifest)
     camera = manifest.camera
     crop = manifest.crop
     if crop is not None:
@@ -102,6 +103,20 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                     f"a window that ends at {start + size} px",
                     f"an end within full_{axis}_px = {full}",
                 )
+
+
+def _noise_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """Contradictions between the kind of noise of merged pictures and its keys."""
+    noise = manifest.noise
+    if noise is None:
+        return
+    stated = [key for key in ("gain_e_per_unit", "read_noise_e") if getattr(noise, key) is not None]
+    if noise.kind == "poisson" and noise.gain_e_per_unit is None:
+        example = example_of(NoiseTable, "gain_e_per_unit")
+        yield InputError(f"{path}: noise.gain_e_per_unit", "nothing", "this key", f"Add it, such as {example}")
+    if noise.kind != "poisson" and stated:
+        hint = f'Leave it out, or state kind = "poisson", not "{noise.kind}".'
+        yield InputError(f"{path}: noise.{stated[0]}", "a key of kind = 'poisson'", "no such key", hint)
 
 
 def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
@@ -200,7 +215,8 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
             file, number = _file_of(folder, name)
             yield partial(_check_file, folder, path, key, file)
             if _is_readable(folder / file):
-                yield partial(_check_pictures, f"{path}: {key}", folder / file, number, camera)
+                merged = manifest.noise is not None
+                yield partial(_check_pictures, f"{path}: {key}", folder / file, number, camera, merged)
         yield partial(_check_once, folder, f"{path}: {key}", names)
     tables: dict[str, dict[str, Spectrum] | None] = {}
     for key, reference in _references(manifest):
@@ -229,9 +245,10 @@ def _file_of(folder: Path, name: str) -> tuple[str, int | None]:
         return name, None
 
 
-def _check_pictures(where: str, path: Path, number: int | None, camera: CameraTable) -> None:
+def _check_pictures(where: str, path: Path, number: int | None, camera: CameraTable, merged: bool) -> None:
     """Raise InputError for a file that is no frame of the camera, or lacks the picture."""
-    count = check_frame(path, camera.height_px, camera.width_px).pictures
+    one_band = number is not None
+    count = check_frame(path, camera.height_px, camera.width_px, one_band=one_band, merged=merged).pictures
     if number is not None and number >= count:
         raise InputError(
             where, f"the picture [{number}] of {path.name}", f"0 to {count - 1}: it holds {count} pictures"

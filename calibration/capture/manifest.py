@@ -16,6 +16,7 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    model_validator,
 )
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "CameraTable",
     "CropTable",
     "DarkTable",
+    "DefaultsTable",
     "FlatTable",
     "GeometryTable",
     "LabelsTable",
@@ -31,6 +33,7 @@ __all__ = [
     "LensTable",
     "Manifest",
     "MosaicTable",
+    "NoiseTable",
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
@@ -403,6 +406,38 @@ class CropTable(_Table):
     full_height_px: Count = _key("rows of the whole frame", "1024")
 
 
+class NoiseTable(_Table):
+    """The noise of merged pictures: every frame holds floating-point values in place of counts."""
+
+    kind: Literal["repeats", "poisson", "estimated"] = _key(
+        "where it is known from: 'repeats' of the frames, 'poisson' by the two keys below, or 'estimated' from "
+        "neighbouring pixels",
+        '"poisson"',
+    )
+    gain_e_per_unit: Positive | None = _key("of 'poisson': electrons per unit of the pictures", "1.2e4", None)
+    read_noise_e: NotNegative | None = _key("of 'poisson': rms noise of a dark pixel, electrons", "8.0", None)
+
+
+class DefaultsTable(_Table):
+    """Values for every table of frames that does not state its own."""
+
+    f_number: Positive | None = _key(f"{_F_NUMBER} of every band that states none", "8.0", None)
+    image_distance_mm: Positive | None = _key(f"{_DISTANCE}; of every band that states none", "36.6", None)
+    exposure_s: Positive | None = _key(f"{_EXPOSURE} of every table of frames that states none", "0.5", None)
+    radiance: ColumnReference | None = _key(
+        "of every flat and reference that states none, W m^-2 sr^-1 nm^-1", '"spectra/sphere.csv:radiance"', None
+    )
+
+
+#: By key of [defaults], the tables that it fills. The others take f-number and image distance from their band.
+DEFAULTS_FILL = {
+    "f_number": ("band",),
+    "image_distance_mm": ("band",),
+    "exposure_s": ("band", "bracket", "dark", "flat", "reference"),
+    "radiance": ("flat", "reference"),
+}
+
+
 DarkState = Annotated[
     Annotated[Literal["subtracted"], Tag("<text>")]
     | Annotated[tuple[DarkTable, ...], BeforeValidator(_tuple), Tag("<list>")],
@@ -423,6 +458,12 @@ class Manifest(_Table):
     band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
     name: str = _key("a title, for reports", '"white box, second lamp"', "")
     scene: str | None = _key("packaged scene, or scene file (.toml) of the folder", '"cornell-box"', None)
+    scale: Literal["free", "free-by-band"] | None = _key(
+        "claims no absolute scale: 'free' is one unknown factor of all bands, 'free-by-band' one of each; absolute "
+        "where left out",
+        '"free"',
+        None,
+    )
     lens: LensTable = LensTable()
     dark: DarkState = ()
     flat: FlatState = ()
@@ -434,6 +475,33 @@ class Manifest(_Table):
     mosaic: MosaicTable | None = None
     labels: LabelsTable | None = None
     crop: CropTable | None = None
+    noise: NoiseTable | None = None
+    defaults: DefaultsTable | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_defaults(cls, data: Any) -> Any:
+        """The tables of frames with the values of [defaults] that they do not state."""
+        defaults = data.get("defaults") if isinstance(data, dict) else None
+        if not isinstance(defaults, dict):
+            return data
+        filled = dict(data)
+        for key, tables in DEFAULTS_FILL.items():
+            for table in tables if key in defaults else ():
+                rows = filled.get(table)
+                if isinstance(rows, list | tuple):
+                    filled[table] = [{key: defaults[key], **row} if isinstance(row, dict) else row for row in rows]
+        return filled
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether the capture claims an absolute scale."""
+        return self.scale is None
+
+    @property
+    def is_free_by_band(self) -> bool:
+        """Whether each band has a free factor: as claimed, or since the colour of the lens is not stated."""
+        return self.scale == "free-by-band" or (self.scale == "free" and self.lens.transmittance is None)
 
     @property
     def darks(self) -> tuple[DarkTable, ...]:

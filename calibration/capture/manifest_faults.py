@@ -111,7 +111,7 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
-    """The errors without those of a missing key that is present in misspelt form."""
+    """The errors without those of a key present in misspelt form, and without copies of [defaults]."""
     errors: list[Mapping[str, Any]] = [dict(error) for error in failure.errors()]
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
 
@@ -122,7 +122,14 @@ def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
             for other in unknown
         )
 
-    return [error for error in errors if not misspelt(error)]
+    def is_default(error: Mapping[str, Any]) -> bool:
+        """Whether the faulty value stands in [defaults], whose own fault is enough."""
+        location = error["loc"]
+        return location[0] != "defaults" and any(
+            other["loc"][:2] == ("defaults", location[-1]) and other["input"] == error["input"] for other in errors
+        )
+
+    return [error for error in errors if not misspelt(error) and not is_default(error)]
 
 
 def read_manifest(path: Path) -> Manifest:

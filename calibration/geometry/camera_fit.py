@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.utils.distributions import chi2_quantile, chi2_tail, fisher_quantile
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import least_squares
 
 from .camera_jacobian import inverse_information
@@ -141,7 +141,7 @@ def fit_camera(
         point_sigma_px=sigma,
         sigma_estimated=point_sigma_px is None,
         chi2=chi2,
-        p_value=None if chi2 is None else float(stats.chi2.sf(chi2, freedom)),
+        p_value=None if chi2 is None else float(chi2_tail(chi2, freedom)),
         degrees_of_freedom=freedom,
         nominal_focal_length_px=focal_length_px,
         lens_sigmas=model.term_sigmas(fitted),
@@ -300,7 +300,7 @@ def _robust_fit(
     errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
     scale = shrinkage * float(np.median(errors)) / np.sqrt(2 * np.log(2))
     scale = max(scale, sigma or 0.0, 1e-6)
-    in_use = errors < scale * np.sqrt(stats.chi2.isf(FALSE_ALARM / count, 2))
+    in_use = errors < scale * np.sqrt(chi2_quantile(FALSE_ALARM / count, 2))
     return camera, in_use, scale
 
 
@@ -366,14 +366,14 @@ def _consistent(
     )
     level = FALSE_ALARM / len(in_use)
     if not estimated:
-        return ~(squares / scale**2 > stats.chi2.isf(level, 2))
+        return ~(squares / scale**2 > chi2_quantile(level, 2))
     rest = np.sum(residuals[in_use] ** 2) - np.where(in_use, squares, 0.0)
     freedom = 2 * (int(in_use.sum()) - in_use) - model.count
     # Six points without a stated sigma leave no degrees of freedom for a test.
     testable = freedom > 0
     ratio = squares[testable] / 2 / np.maximum(rest[testable] / freedom[testable], 1e-16)
     accepted = np.ones(len(in_use), bool)
-    accepted[testable] = ~(ratio > stats.f.isf(level, 2, freedom[testable]))
+    accepted[testable] = ~(ratio > fisher_quantile(level, 2, freedom[testable]))
     return accepted
 
 

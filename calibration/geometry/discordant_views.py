@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy import stats
 
 from .camera_fit import CameraFit
 from .lens_model import ONE_TERM, LensModel
@@ -266,7 +266,7 @@ def scatter_limits(
         degrees = _SPREAD_VIEWS + len(sound) - 1
         variance = (_SPREAD_VIEWS * _SPREAD**2 + extent) / degrees * (1 + 1 / len(sound))
         variance += 1 / (2 * max(freedom[candidate], 1.0))
-        quantile = stats.t.isf(FALSE_ALARM / (len(sound) + 1), degrees)
+        quantile = student_quantile(FALSE_ALARM / (len(sound) + 1), degrees)
         threshold = float(centre + quantile * np.sqrt(variance))
         if logarithm[candidate] > threshold:
             outliers, mean, limit = count, float(centre), threshold

@@ -23,13 +23,15 @@ from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, st
 from ..correction import (
     CorrectedBands,
     DarkLibrary,
+    LensAxis,
     NoiseModel,
     correct_bands,
+    measure_merged_noise,
     measure_noise,
     read_darks,
     with_full_well,
 )
-from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
+from ..detector import NO_STUDY, Linearity, SensorStudy, measure_linearity, study_sensor
 from ..geometry import CameraFit, TargetFit, calibrate_camera
 from ..instrument import BandResponse, Mask, interpolated_channel
 from ..quality import Suspicion, explain_points, find_suspicions
@@ -188,6 +190,24 @@ def _patches(
     return patches, [*found, *patches.notes]
 
 
+def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
+    """Axis of the lens by the fitted camera, else by its nominal focal length, for a capture with a free scale."""
+    manifest = capture.manifest
+    if manifest.is_absolute:
+        return None
+    if fit is not None:
+        u, v = fit.camera.principal_point_px
+        return LensAxis(fit.camera.focal_length_px, float(u), float(v))
+    focal, pitch, crop = manifest.lens.focal_length_mm, manifest.camera.pixel_pitch_um, manifest.crop
+    if focal is None or pitch is None:
+        return None
+    height, width = capture.shape
+    u, v = (width - 1) / 2, (height - 1) / 2
+    if crop is not None:
+        u, v = (crop.full_width_px - 1) / 2 - crop.u0_px, (crop.full_height_px - 1) / 2 - crop.v0_px
+    return LensAxis(1e3 * focal / pitch, u, v)
+
+
 def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """Calibration of a capture, as far as its data allow.
 
@@ -210,13 +230,13 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     InputError
         For faulty frames and for surveyed points that cannot determine a camera.
     """
-    capture = with_full_well(capture)
+    capture = capture if capture.is_merged else with_full_well(capture)
     dark = read_darks(capture)
-    noise = measure_noise(capture, dark)
+    noise = measure_merged_noise(capture) if capture.is_merged else measure_noise(capture, dark)
     channels = band_channels(capture)
-    bands = correct_bands(capture, dark, noise, channels)
-    radiometry = measure_constant(capture, bands, dark, noise, channels)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
+    bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
+    radiometry = measure_constant(capture, bands, dark, noise, channels)
     notes = [
         *file_mosaic_notes(capture),
         *noise.notes,
@@ -239,10 +259,11 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
             "each band's pixels in it, given to all its pixels"
         )
     responses = colour = None
-    linearity = measure_linearity(capture, dark, noise, channels)
+    # merged pictures are no counts: their sensor cannot be studied
+    linearity = None if capture.is_merged else measure_linearity(capture, dark, noise, channels)
     if linearity is None:
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
-    sensor = study_sensor(capture, bands, dark, noise, channels)
+    sensor = NO_STUDY if capture.is_merged else study_sensor(capture, bands, dark, noise, channels)
     notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
     patches, patch_notes = _patches(capture, bands, noise, linearity)
     notes += patch_notes

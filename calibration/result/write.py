@@ -173,7 +173,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
             "rms_deviation_corrected": dict(linearity.rms_corrected),
         },
         "C": None
-        if radiometry.constant is None
+        if radiometry.constant is None or radiometry.is_free
         else {
             "value": radiometry.constant,
             "sigma": radiometry.sigma,

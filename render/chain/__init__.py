@@ -15,7 +15,7 @@ from .counts import Counts
 from .expected import expected_counts, expected_signal
 from .light import Light, with_scene_behind
 from .projection import Projection, band_signals, scene_light, uniform_light
-from .sensing import Sensing
+from .sensing import MergedExposure, Sensing
 from .settings import RenderSettings
 from .stages import PHOTOGRAPHED, STAGES, ActsAtStage, Stage, after_stage, stages_between
 
@@ -26,6 +26,7 @@ __all__ = [
     "BandCurves",
     "Counts",
     "Light",
+    "MergedExposure",
     "Projection",
     "RenderSettings",
     "Sensing",

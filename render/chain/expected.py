@@ -84,8 +84,12 @@ def expected_counts(light: Light, sensing: Sensing, effects: Sequence[ActsAtStag
     Counts
         Frames without noise and rounding.
     """
+    return _counted(after_stage(light, effects, "optics"), sensing, effects, camera)
+
+
+def _counted(light: Light, sensing: Sensing, effects: Sequence[ActsAtStage], camera: Camera) -> Counts:
+    """Expected raw frames of light behind the optics."""
     curves = after_stage(sensing.curves, effects, "filter")
-    light = after_stage(light, effects, "optics")
     return after_stage(_frames(light, curves, sensing, camera), effects, "counts")
 
 
@@ -101,7 +105,7 @@ def _corrected(counts: Counts, sensing: Sensing) -> NDArray[np.float64]:
         )
     )
     ratios = np.ones(len(counts.bands))
-    response = np.ones_like(flat)
+    response = np.maximum(sensing.flat, SMALLEST_RESPONSE)  # nominal where no flat was taken, 1 without any
     for band, good in enumerate(sensing.good):
         if sensing.flat_level[band] > 0:
             relative = flat[band] / flat[band][sensing.usable[band]].mean()
@@ -122,7 +126,7 @@ def expected_signal(
     """Expected corrected signals under filter, optics and counts effects, in their order.
 
     Effects of the stages before the filter must be in the image already and are passed over. The lamp is not clipped.
-    Without effects the result is that of ``render_bands``.
+    Without effects the result is that of ``render_bands``. Where exposures were merged, so are the predictions.
 
     Parameters
     ----------
@@ -143,4 +147,13 @@ def expected_signal(
     """
     if not isinstance(source, Light):
         source = scene_light(source, after_stage(sensing.curves, effects, "filter"), camera)
-    return _corrected(expected_counts(source, sensing, effects, camera), sensing)
+    if not sensing.merged or not any(effect.stage == "counts" for effect in effects):
+        return _corrected(expected_counts(source, sensing, effects, camera), sensing)
+    # effects of the counts depend on the exposure: each one is predicted and corrected, then merged as in calibration
+    light = after_stage(source, effects, "optics")
+    merged = np.zeros_like(light.signal)
+    for exposure in sensing.merged:
+        alone = sensing.during(exposure)
+        during = light.with_signal(light.signal * exposure.ratio[:, None, None])
+        merged += exposure.weight * _corrected(_counted(during, alone, effects, camera), alone)
+    return merged

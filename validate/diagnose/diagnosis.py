@@ -27,6 +27,7 @@ from .evidence import (
 )
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
+from .free_factors import free_factor_notes, without_imitated
 from .further_captures import Separation, separations
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
@@ -202,7 +203,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     prepared, model = validation.prepared, validation.model
     first = linearised_fit(prepared, validation.rendered, model.effects)
     start = first.model
-    by_size, search = _search(validation, first, progress)
+    by_size, search, imitated = _search(validation, first, progress)
     linearised, effects, assessed = search.linearised, search.selected, search.assessed
     further_fits = [_further_fit(validation, other, effects) for other in further]
     if effects and further_fits:
@@ -237,7 +238,10 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=_mosaic_notes(prepared.calibration.capture),
+        notes=(
+            *_mosaic_notes(prepared.calibration.capture),
+            *free_factor_notes(prepared.free_scale, imitated),
+        ),
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
@@ -290,17 +294,20 @@ def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[
     return tuple(steps)
 
 
-def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> tuple[Selection, Selection]:
-    """Effects selected by size, and in the end; frees the signatures, much of the memory."""
+def _search(
+    validation: Validation, first: LinearisedFit, progress: Progress
+) -> tuple[Selection, Selection, tuple[str, ...]]:
+    """Effects selected by size, and in the end, and those no candidates; frees the signatures, much of the memory."""
     start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
+    signatures, imitated = without_imitated(first, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     if not by_size.selected and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return by_size, search
+    return by_size, search, imitated
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

@@ -24,6 +24,7 @@ from .evidence import (
     penalised,
     something_remains,
 )
+from .free_factors import without_imitated
 from .hypotheses import hypotheses
 from .linear_model import LinearModel
 from .linearised_fit import (
@@ -216,6 +217,7 @@ def _forward_selection(
         if best.hypothesis.effect.stage == "settings":
             # with more light reflected the signatures of the other effects differ
             signatures = signatures_of(plain, (*first.model_effects, best.applied), settings, part)
+            signatures, _ = without_imitated(plain, signatures)
         selected_ids = {c.hypothesis.effect.id for c in selected}
         rest = [s for s in signatures if s.hypothesis.effect.id not in selected_ids]
         problem = linearised.problem(selected)

@@ -10,7 +10,7 @@ from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, chan
 from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.radiometry import capture_factors, optical_factor
 from cboxlab.calibration.result import Calibration
-from cboxlab.rendering.chain import Sensing, over_field
+from cboxlab.rendering.chain import MergedExposure, Sensing, over_field
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
@@ -89,6 +89,35 @@ def _channels(calibration: Calibration) -> NDArray[np.bool_]:
     return np.stack([channel_mask(mosaic.pattern, capture.shape, letter) for letter in letters])
 
 
+def _merged(
+    calibration: Calibration, sound: NDArray[np.bool_], minutes: NDArray[np.float64]
+) -> tuple[MergedExposure, ...]:
+    """The exposures that were merged, the bands' own first; bands with fewer exposures have weight 0 in the others.
+
+    sound : (band, y, x) pixels of which the dark level is the mean. minutes : (band,) those of the bands' own frames.
+    """
+    capture, merged = calibration.capture, calibration.bands.merged
+    ids, readout = capture.band_ids, capture.manifest.camera.readout_s
+    exposures = []
+    for index in range(max((len(each.tables) for each in merged.values()), default=0)):
+        ratio, weight = np.ones(len(ids)), np.zeros((len(ids), *capture.shape))
+        dark, middle = np.zeros(len(ids)), minutes.copy()
+        for number, band in enumerate(ids):
+            tables = merged[band].tables if band in merged else (capture.band(band),)
+            if index >= len(tables):
+                continue
+            table = tables[index]
+            weight[number] = merged[band].weights[index] if band in merged else 1.0
+            ratio[number] = merged[band].ratios[index] if band in merged else 1.0
+            if sound[number].any():
+                dark[number] = float(calibration.dark.at(table.exposure_s)[sound[number]].mean())
+            if index and table.start_s is not None:
+                seconds = table.exposure_s / 2 + (len(table.frames) - 1) / 2 * (table.exposure_s + readout)
+                middle[number] = (table.start_s + seconds) / 60.0
+        exposures.append(MergedExposure(ratio, weight, dark, middle))
+    return tuple(exposures)
+
+
 def sensing(calibration: Calibration, camera: Camera) -> Sensing:
     """Constants of the sensor equation of a capture.
 
@@ -109,8 +138,9 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
     InputError
         If the capture has neither reference frames nor the data for the constant C.
     """
-    capture, constant = calibration.capture, calibration.radiometry.constant
-    if constant is None:
+    capture, radiometry = calibration.capture, calibration.radiometry
+    constant, of_bands = radiometry.constant, radiometry.band_constants
+    if constant is None or of_bands is None:
         fault = "neither usable reference frames nor focal length, pixel pitch and gain"
         raise InputError(capture.folder / "capture.toml", fault, "one of them, for the constant C")
     bands = calibration.bands
@@ -130,9 +160,10 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         levels = zip(exposures[of], sound, strict=True)
         return np.array([float(calibration.dark.at(t)[s].mean()) if s.any() else 0.0 for t, s in levels])
 
+    minutes = minutes_of_bands(capture, calibration.channels)
     factors = [0.0 if s.reference is None else optical_factor(capture, s.reference) or 0.0 for s in sources]
     return Sensing(
-        curves=over_field(capture_factors(capture, constant, calibration.channels, FILTER_GRID), camera),
+        curves=over_field(capture_factors(capture, of_bands, calibration.channels, FILTER_GRID), camera),
         flat_radiance=np.stack([s.flat_radiance for s in sources]),
         reference_radiance=np.stack([s.reference_radiance for s in sources]),
         flat=np.stack([flat.response for flat in flats]),
@@ -147,6 +178,7 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         exposure_scene=exposures["scene"],
         exposure_flat=exposures["flat"],
         exposure_reference=exposures["reference"],
-        minutes=minutes_of_bands(capture, calibration.channels),
+        minutes=minutes,
         full_scale=float(capture.full_scale_dn),
+        merged=_merged(calibration, sound, minutes),
     )

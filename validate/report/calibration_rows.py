@@ -79,7 +79,9 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
     noise, scale, linearity = calibration.noise, calibration.radiometry, calibration.linearity
     rows.append(_row("gain", noise.gain_e_per_dn, noise.gain_sigma, "e-/DN"))
     rows.append(_row("read noise", noise.read_noise_e, noise.read_noise_sigma, "e-"))
-    if scale.constant is not None and scale.nominal is not None:
+    if scale.is_free:
+        rows.append(("C, free: estimated with a model alone", "–", "", "mm² m² DN/e-"))
+    elif scale.constant is not None and scale.nominal is not None:
         sigma = None if scale.sigma is None else scale.sigma / scale.nominal
         rows.append(_row("C over its nominal value", scale.constant / scale.nominal, sigma, "1"))
     else:

@@ -15,7 +15,16 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
-from ..compare import HEADLINE, ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
+from ..compare import (
+    HEADLINE,
+    ChiSquare,
+    Comparison,
+    DifferenceStatistics,
+    Failure,
+    FreeScale,
+    RelativeDifference,
+    regions_of,
+)
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 
@@ -48,7 +57,7 @@ class Run:
     camera: Camera
     #: Reprojection error of the surveyed points, px rms per coordinate.
     reprojection_rms_px: float
-    #: Fitted factor on the lamp's stated radiance.
+    #: Fitted factor on the lamp's stated radiance; NaN for a capture without absolute scale.
     lamp_scale: float
     #: Standard deviation of the factor.
     lamp_scale_sigma: float
@@ -60,6 +69,8 @@ class Run:
     path: Sequence[PathStep] = ()
     #: Ranked list of where the model fails.
     failures: Sequence[Failure] = ()
+    #: Factors of a capture without absolute scale; None with one.
+    free_scale: FreeScale | None = None
 
 
 def _chi2(chi2: ChiSquare) -> dict[str, Any]:
@@ -193,6 +204,8 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         "failures": [asdict(failure) for failure in run.failures],
         "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.colour[HEADLINE.id].mean)]],
     }
+    if run.free_scale is not None:
+        content["scale"] = run.free_scale.record(c.bands)
     for key, value in (extra or {}).items():
         if key in content:
             raise ValueError(f"metrics.json: the key '{key}' exists already")

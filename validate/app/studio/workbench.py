@@ -123,7 +123,7 @@ class Workbench:
                 self._open(path_of_name(self.root, capture, "capture"), model, progress)
 
     def _inputs(self) -> AbstractContextManager[None]:
-        """Refusal of files outside the root folder and the open captures, also of those that other files name."""
+        """Refusal of files outside the root folder and the open captures."""
         captures = () if self._study is None else [capture.folder for capture in self._study.captures]
         return inputs_below(self.root, PACKAGED, *captures)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from .grids import Common, common_wavelengths
 from .noise import Noise, noise_of, smooth_variance, variance_of
@@ -191,7 +191,7 @@ def _differing(comparison: Comparison) -> int:
     size, scatter = np.abs(total[body]), sigma[body]
     # without scatter every difference is one
     sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
-    probability = np.sort(2 * t.sf(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
+    probability = np.sort(2 * student_tail(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
     below = np.flatnonzero(
         probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
     )

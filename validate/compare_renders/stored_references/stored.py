@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.stats import t
 
 from ..regress import FALSE_ALARMS, SYSTEMATIC, Side, strata_of
 
@@ -209,7 +209,7 @@ def require_same_light(reference: Reference, measured: Reference, false_alarms: 
     lines = [f"{name}: in one side only" for name in sorted(set(reference.means) ^ set(measured.means))]
     names = sorted(set(reference.means) & set(measured.means))
     degrees = max(2.0, min(reference.degrees, measured.degrees))
-    threshold = float(t.isf(false_alarms / (2 * max(len(names), 1)), degrees))
+    threshold = float(student_quantile(false_alarms / (2 * max(len(names), 1)), degrees))
     for name in names:
         difference = measured.means[name] / reference.means[name] - 1
         sigma = float(np.hypot(np.hypot(reference.sigma[name], measured.sigma[name]), SYSTEMATIC))
