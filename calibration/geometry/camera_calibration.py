@@ -13,15 +13,18 @@ from cboxlab.utils.errors import InputError
 from scipy import stats
 
 from ..capture import Capture, LensTable, TargetTable, channel_lattice
-from .camera_fit import CameraFit, fit_camera, read_points
+from .camera_fit import CameraFit, fit_camera
 from .distortion_choice import DistortionChoice, choose_distortion
 from .lens_model import ONE_TERM, LensModel
 from .placed_boards import BoardPlace, fit_placed, place_notes, placed_points
-from .surveyed_points import SurveyedPoints
+from .surveyed_points import SurveyedPoints, capture_points
 from .target_camera import TargetFit, fit_camera_targets
 from .targets import TargetView, detect_target
 
 __all__ = ["calibrate_camera"]
+
+#: Width or height of a board's picture above which it is reduced, px: a corner is found to a twentieth of a pixel.
+_LARGEST_BOARD_PX = 2400
 
 #: Choices of the lens at most: the second one has the points that agree with the first one.
 _ROUNDS = 2
@@ -63,18 +66,23 @@ def _views(capture: Capture) -> _Views:
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
     for target in capture.manifest.target:
         for name in target.frames:
-            image, row, column, step = capture.frame(name), 0, 0, 1
+            image, row, column, step = capture.stored_frame(name), 0, 0, 1
             if pattern is not None:
                 # Use one green pixel of each 2 x 2 (X-Trans: 3 x 3) pixels: an image of lower resolution. Without green
                 # the most frequent channel has the densest lattice.
                 row, column, step = channel_lattice(pattern, "G" if "G" in pattern else _commonest(pattern))
                 image = image[row::step, column::step]
+            k = -(-max(image.shape) // _LARGEST_BOARD_PX)
+            if k > 1:
+                height, width = image.shape[0] // k, image.shape[1] // k
+                image = image[: k * height, : k * width].reshape(height, k, width, k).mean(axis=(1, 3))
             try:
                 world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:
                 views.notes.append(f"target not used: {fault}")
                 continue
-            views.points.append((world, step * corners + [column, row]))
+            stored = step * (k * corners + (k - 1) / 2) + [column, row]
+            views.points.append((world, stored if capture.reduction is None else capture.reduction.positions(stored)))
             views.names.append(name)
             views.board_places.append(_place(target))
     return views
@@ -109,9 +117,9 @@ class _Survey:
 def _survey(capture: Capture, model: LensModel) -> _Survey | None:
     """Surveyed points with camera and lens fitted to them; None without [geometry]."""
     geometry, camera = capture.manifest.geometry, capture.manifest.camera
-    if geometry is None:
+    points = capture_points(capture)
+    if geometry is None or points is None:
         return None
-    points = read_points(capture.folder / geometry.points)
 
     def fitted(model: LensModel, start: Camera | None = None) -> CameraFit:
         return fit_camera(

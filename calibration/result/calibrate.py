@@ -238,6 +238,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
     radiometry = measure_constant(capture, bands, dark, noise, channels)
     notes = [
+        *([] if capture.reduction is None else [capture.reduction.note]),
         *file_mosaic_notes(capture),
         *noise.notes,
         *bands.notes,
