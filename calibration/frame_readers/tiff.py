@@ -149,7 +149,7 @@ def _header(path: Path) -> FrameHeader:
 
 def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage) -> None:
     """Raise InputError where deflated data unpack to more than the picture takes."""
-    if page.compression not in _DEFLATED:
+    if page.compression not in _DEFLATED or page.dtype is None:
         return
     largest = int(np.prod(page.chunks)) * page.dtype.itemsize
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):

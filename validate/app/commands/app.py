@@ -19,6 +19,7 @@ from .calibrate import calibrate
 from .capture import capture
 from .compare import compare
 from .console import errors
+from .dataset import dataset
 from .demo import demo
 from .diagnose import diagnose
 from .effects import effects
@@ -65,6 +66,7 @@ app = command_line(
         renderers,
         render,
         simulate,
+        dataset,
         capture,
         reveal,
         add,

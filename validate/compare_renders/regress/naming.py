@@ -24,7 +24,7 @@ from .variants import Variants
 from .verdict import Comparison
 from .view_explanations import from_view
 
-__all__ = ["named_changes"]
+__all__ = ["named_changes", "pattern_alone"]
 
 #: Part of the excess that `unknown` explains.
 _UNKNOWN_PART = 0.7
@@ -71,12 +71,14 @@ def named_changes(
     Returns
     -------
     tuple of NamedChange
-        Most probable first, with `unknown` among them unless its probability is negligible. The best name is always
-        among them.
+        Most probable first, with `unknown` among them unless its probability is negligible. The best name is among
+        them, unless a pattern that was removed leaves nothing to name.
     """
     evidence = build_evidence(comparison)
+    if comparison.removed and not _excess(evidence)[1]:
+        return (pattern_alone(comparison.removed),)
     explanations = [*from_pictures(evidence, comparison.common.baseline), *from_view(evidence)]
-    unknown = list(_over_picture(evidence))
+    unknown = [_nothing(evidence), *_over_picture(evidence)]
     if variants is not None:
         explanations += from_scene(evidence, variants)
         progress.part(0.6)
@@ -85,6 +87,27 @@ def named_changes(
         fit, free = smooth_over_surfaces(evidence, variants)
         unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
     return _weighed(evidence, explanations, unknown)
+
+
+def pattern_alone(words: str) -> NamedChange:
+    """Description of a difference that is a pattern and nothing else.
+
+    Parameters
+    ----------
+    words
+        The pattern.
+
+    Returns
+    -------
+    NamedChange
+        An unknown cause with a description.
+    """
+    return NamedChange(UNKNOWN, {"description": words}, 1.0)
+
+
+def _nothing(evidence: Evidence) -> Explanation:
+    """No change in means and at edges: what differs is in single pixels of smooth parts, or too weak for a name."""
+    return Explanation(UNKNOWN, {}, evidence.fit([]), 0)
 
 
 def _over_picture(evidence: Evidence) -> Iterator[Explanation]:
