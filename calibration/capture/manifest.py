@@ -222,6 +222,7 @@ Moment = Annotated[float, AfterValidator(_of_some_size)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
+Window = Annotated[tuple[int, int, int, int], BeforeValidator(_tuple)]
 Coefficients = Annotated[tuple[float, ...], BeforeValidator(_tuple)]
 
 
@@ -278,6 +279,18 @@ class CameraTable(_Table):
         "electrons per count; measured from repeats where there are any", "12.0", None
     )
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
+    binning: Count | None = _key(
+        "side of the square blocks whose counts are summed to one pixel; where left out, frames of more than 4 "
+        "megapixels have about 256 pixels across the surveyed points; pixels behind a [mosaic] are not summed",
+        "8",
+        None,
+    )
+    window_px: Window | None = _key(
+        "first column, first row, columns and rows of the part of the frames in use; where left out, the surveyed "
+        "points with half their extent around them in frames of more than 4 megapixels",
+        "[1200, 300, 3600, 3400]",
+        None,
+    )
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
         "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, a list for R, G, B, or a "
@@ -436,7 +449,12 @@ class MosaicTable(_Table):
 class LabelsTable(_Table):
     """Patches of a chart, by a label per pixel."""
 
-    image: RelativePath = _key("8-bit PNG of one channel, a label per pixel, 0 for none", '"labels.png"')
+    image: RelativePath | None = _key(
+        "8-bit PNG of one channel, a label per pixel, 0 for none; where left out a ColorChecker is found in the "
+        "picture, and its patches have the labels 1 (dark skin) to 24 (black)",
+        '"labels.png"',
+        None,
+    )
     names: RelativePath = _key(
         "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
     )

@@ -13,7 +13,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
-from ..compare import Comparison, Validation, compared
+from ..compare import Comparison, FreeScale, Validation, compared
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
     MIN_EXPLAINED_PART,
@@ -237,11 +237,21 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=free_factor_notes(prepared.free_scale, imitated),
+        notes=_scale_notes(prepared.free_scale, imitated),
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
     )
+
+
+def _scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
+    """Note on the free scale of a capture, and on the effects that it imitates; none for an absolute scale."""
+    if scale is None:
+        return ()
+    sentence = scale.sentence
+    if imitated:
+        sentence += f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
+    return (sentence,)
 
 
 def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress: Progress) -> _Answer:
