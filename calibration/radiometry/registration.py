@@ -101,7 +101,8 @@ def _refined(
     def near(image: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(gaussian_filter(image, _NEAR_PX))
 
-    mean, spread = near(first), near(first**2) - near(first) ** 2
+    mean = near(first)
+    spread = near(first**2) - mean**2
     spread += 1e-3 * float(spread.mean())
 
     def remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,19 +111,29 @@ def _refined(
         matrix = np.array([[1 + size, turn], [-turn, 1 + size]])
         offset = middle + np.array([v, u]) - matrix @ middle
         moved = affine_transform(spline, matrix, offset, prefilter=False, mode="mirror")
-        slope = (near(moved * first) - near(moved) * mean) / spread
-        rest = moved - near(moved) - slope * (first - mean)
+        moved_mean = near(moved)
+        slope = (near(moved * first) - moved_mean * mean) / spread
+        rest = moved - moved_mean - slope * (first - mean)
         return rest[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX].ravel()
 
+    latest: dict[bytes, NDArray[np.float64]] = {}  # the fit asks for derivatives where it has the remainder
+
+    def kept_remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+        key = unknowns.tobytes()
+        if key not in latest:
+            latest.clear()
+            latest[key] = remainder(unknowns)
+        return latest[key]
+
     def derivatives(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        centre, steps = remainder(unknowns), _STEP * np.eye(_UNITS.size)
+        centre, steps = kept_remainder(unknowns), _STEP * np.eye(_UNITS.size)
         return np.stack([(remainder(unknowns + h) - centre) / _STEP for h in steps], axis=1)
 
     begin = np.array([start[0, 2], start[1, 2], start[0, 0] - 1, start[1, 0]]) / _UNITS
-    usual = 1.4826 * float(np.median(np.abs(remainder(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
+    usual = 1.4826 * float(np.median(np.abs(kept_remainder(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
     if not usual > 0:
         return start
-    fitted = least_squares(remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
+    fitted = least_squares(kept_remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
     if np.max(np.abs(fitted - begin)) > _LARGEST_CHANGE:
         return start
     u, v, size, turn = fitted * _UNITS

@@ -309,6 +309,8 @@ def noise_of(
     side_variances: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
+    *,
+    variance: tuple[NDArray[np.float64], float] | None = None,
 ) -> Noise:
     """Noise of the difference of two pictures.
 
@@ -316,19 +318,21 @@ def noise_of(
     ----------
     difference, level, smooth, side_variances, degrees, rounding
         As in ``variance_of``.
+    variance
+        Outcome of ``variance_of`` for these arguments; None computes it.
 
     Returns
     -------
     Noise
         Variances, correlation between wavelengths, clustering of pixels.
     """
-    variance, freedom = variance_of(difference, level, smooth, side_variances, degrees, rounding)
+    known = variance or variance_of(difference, level, smooth, side_variances, degrees, rounding)
     estimated = any(v is None for v in side_variances)
-    correlation = _correlation(difference, variance, level, smooth)
+    correlation = _correlation(difference, known[0], level, smooth)
     all_bands = np.ones(difference.shape[-1])
-    noise = Noise(variance, freedom, correlation, np.zeros(()), 1.0, 1.0, estimated)
+    noise = Noise(*known, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = noise.over(all_bands)
-    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, freedom)
+    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, known[1])
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 

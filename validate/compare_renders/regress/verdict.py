@@ -86,9 +86,12 @@ def compared_sides(
     if coarse:
         rounding, shared = np.sum([part**2 for part in coarse], axis=0)
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
-    cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *errors), strata.lamp)
+    variance = variance_of(difference, b.radiance, strata.smooth, *errors)
+    cut = trimmed(difference, b.radiance, *variance, strata.lamp)
     del difference
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors)
+    known = None if cut.outlier.any() else variance
+    del variance
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, variance=known)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
