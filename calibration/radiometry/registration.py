@@ -13,6 +13,7 @@ Medical Image Analysis 12, 2008: linear combination).
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +23,8 @@ from scipy.ndimage import affine_transform, gaussian_filter, spline_filter
 from scipy.optimize import least_squares
 
 __all__ = ["Registration", "move", "register"]
+
+_log = logging.getLogger(__name__)
 
 #: Standard deviation, px, of the Gaussian that smooths the logarithm before its gradient.
 _SMOOTHING_PX = 1.0
@@ -170,6 +173,7 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
         everything = np.full(shape, 255, np.uint8)
         correlation, warp = cv2.findTransformECC(first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3)
     except cv2.error:
+        _log.info("too few edges to register a band: taken as not moved")
         return _registration(np.eye(2, 3), shape, 0.0)
     affine = np.vstack([np.asarray(warp, float), [0, 0, 1]])
     about = np.linalg.inv(before) @ affine @ before
