@@ -5,7 +5,7 @@ A field is a set of maps on the sensor or on surfaces, with coefficients in each
 
 from .acting import field_effect
 from .effect_file import effect_text, load_effect_file, write_effect_file
-from .exchange import exchanges
+from .exchange import PictureCopy, exchanges
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
@@ -16,6 +16,7 @@ __all__ = [
     "Acts",
     "FittedField",
     "ImageMaps",
+    "PictureCopy",
     "PointMap",
     "SurfaceMap",
     "WaveMap",

@@ -1,9 +1,9 @@
-"""Patterns fixed on the sensor: rows, columns, smooth patterns, waves and spots."""
+"""Patterns fixed on the sensor: rows, columns, pixels, smooth patterns, waves, spots."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..field_fit import (
     each_band,
     equations_in_all_bands,
     fixed_spectrum,
+    pixel_fit,
     scaled,
     strongest_waves,
 )
@@ -30,6 +31,10 @@ __all__ = ["SensorPatterns"]
 
 #: Highest order of the cosines of a smooth pattern: resolves a tenth of the image.
 _SMOOTH_ORDER = 10
+
+#: Largest correlation of pixels with a neighbour in a pattern of single pixels. Independent pixels have 0 or less, dark
+#: corners and edges that a picture misses 0.3 or more along their line.
+_MAX_NEIGHBOURS_CORRELATION = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +70,27 @@ class SensorPatterns:
         yield from self._by_maps("rows", ImageMaps("rows"), sharp=True)
         yield from self._by_maps("columns", ImageMaps("columns"), sharp=True)
         yield from self._by_maps("a smooth pattern", ImageMaps("cosines", order=_SMOOTH_ORDER))
+
+    def single_pixels(self) -> Iterator[FittedExplanation]:
+        """Patterns of single pixels, alike in all bands or by the exposure time.
+
+        Yields
+        ------
+        FittedExplanation
+            None where neighbours are alike: then it is no pattern of single pixels.
+        """
+        spectra = (("alike in all bands", np.ones(len(self.data.bands))), (self.exposure_form, self.by_exposure))
+        for form, spectrum in spectra:
+            scale = np.abs(spectrum).max()
+            operator = self.operator * (spectrum / scale if scale > 0 else spectrum)[:, None, None]
+            fit, correlation = pixel_fit(self.data, operator)
+            if correlation > _MAX_NEIGHBOURS_CORRELATION:
+                continue
+            fit = replace(fit, coefficients=fit.coefficients * (spectrum / max(scale, 1e-300))[:, None])
+            maps = ImageMaps("pixels")
+            yield FittedExplanation(
+                self.family, f"single pixels, {form}", fit, self._columns(maps), self.acts, maps, sharp=True
+            )
 
     def waves(self, of_one_band: Callable[[Wave, int], FittedExplanation] | None = None) -> Iterator[FittedExplanation]:
         """Straight waves and rings.

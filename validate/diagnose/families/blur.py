@@ -1,4 +1,4 @@
-"""Blur of the image: round, along a line, uneven over the image, halo, streaks."""
+"""Light astray in the image: blurs, smears, halo, streaks, charge that trails, copies."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
+from ._copies import copies
 from ._spectra import forms_by_spectrum
 
 __all__ = ["FAMILY"]
@@ -38,6 +39,9 @@ _ROUND_LEAVES = 0.01
 
 #: Directions of streaks that are tried, degrees from the rows, downwards.
 _STREAKS_DEG = tuple(range(0, 180, 15))
+
+#: Ways along which charge may trail, in words, by degrees from the rows, downwards.
+_TRAILS = {0: "to the right", 90: "down", 180: "to the left", 270: "up"}
 
 #: Directions in words, at 0, 45, 90 and 135 degrees from the rows, downwards.
 _LINES = ("the rows", "the falling diagonal", "the columns", "the rising diagonal")
@@ -58,6 +62,8 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         FAMILY, "a wide halo", equations_in_all_bands(data, halo), halo, "halo", ImageMaps("cosines")
     )
     yield max((_streak(data, angle) for angle in _STREAKS_DEG), key=lambda explanation: explanation.evidence)
+    yield from (_trail(data, angle) for angle in _TRAILS)
+    yield from copies(data, FAMILY)
 
 
 def _streak(data: ResidualData, angle_deg: float) -> FittedExplanation:
@@ -73,6 +79,17 @@ def _streak(data: ResidualData, angle_deg: float) -> FittedExplanation:
         ImageMaps("cosines"),
         num_choices=len(_STREAKS_DEG),
         angle_deg=angle_deg,
+    )
+
+
+def _trail(data: ResidualData, angle_deg: int) -> FittedExplanation:
+    """Charge that stays behind in the register and is read with pixels that follow."""
+    columns = _even_exchange(data, "trail", angle_deg)
+    fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
+    form = f"trails {_TRAILS[angle_deg]}"
+    choices, maps = len(_TRAILS), ImageMaps("cosines")
+    return FittedExplanation(
+        FAMILY, form, fit, columns, "trail", maps, sharp=True, num_choices=choices, angle_deg=angle_deg
     )
 
 

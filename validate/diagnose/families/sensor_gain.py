@@ -42,6 +42,7 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         exposure_form="as of a shutter's opening",
     )
     yield from patterns.over_the_sensor()
+    yield from patterns.single_pixels()
     yield from patterns.waves(lambda wave, num_choices: _interference(data, wave, num_choices))
     yield from patterns.spots()
 

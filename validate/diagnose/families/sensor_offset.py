@@ -40,6 +40,7 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         exposure_form="that grows with the exposure",
     )
     yield from patterns.over_the_sensor()
+    yield from patterns.single_pixels()
     yield from patterns.waves()
     yield from patterns.spots()
     yield _by_level(data)

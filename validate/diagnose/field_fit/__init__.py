@@ -11,6 +11,7 @@ from .field import (
     fixed_spectrum,
     free_spectrum,
     normal_equations,
+    pixel_fit,
     solve,
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
@@ -59,6 +60,7 @@ __all__ = [
     "hot_spot_of_one_band",
     "lamp_dn",
     "normal_equations",
+    "pixel_fit",
     "scaled",
     "solve",
     "strongest_waves",
