@@ -1,10 +1,10 @@
 """Excesses of captures with a cause that no catalogue holds, by a short way: hundreds in minutes.
 
-A laboratory is photographed, calibrated and compared once, by the complete pipeline. Each cause then changes the light or
-the counts of its photograph, and the change is added to the excess of the comparison, with camera, lamp and shared errors
-adjusted as there. To first order that is what the pipeline makes of a capture with the cause. The causes are written as
-physics: other meshes, paints, lamps and cameras in the rendered scene, other filters on its spectra, charges and pixels.
-No formula of a family of `cboxlab.validation.diagnose.families` is used.
+A laboratory is photographed, calibrated and compared once, by the complete pipeline. Each cause then changes the light
+or the counts of its photograph, and the change is added to the excess of the comparison, with camera, lamp and shared
+errors adjusted as there. To first order that is what the pipeline makes of a capture with the cause. The causes are
+written as physics: other meshes, paints, lamps and cameras in the rendered scene, other filters on its spectra, charges
+and pixels. No formula of a family of `cboxlab.validation.diagnose.families` is used.
 """
 
 from __future__ import annotations
@@ -57,6 +57,12 @@ _RENDER_ERROR = 0.0015
 #: Relative error of a render with a cause; that of the same picture without it has the same random numbers.
 _CAUSE_ERROR = 0.004
 
+#: Pixels of the fine picture for one of the sensor, along each side.
+_FINER = 3
+
+#: Relative error of the fine picture's pixels.
+_FINE_ERROR = 0.01
+
 #: Excess of chi2 per sample that scaled causes are given: from hardly visible to plain.
 _LEAST_EXCESS, _MOST_EXCESS = 0.06, 5.0
 
@@ -88,6 +94,8 @@ class Laboratory:
     rate: Stack
     #: (band, y, x) the same of a draft, to be compared with renders with causes.
     draft: Stack
+    #: (band, 3 y, 3 x) the same of pixels a third as wide: shifts and blurs act on it before pixels add up.
+    fine: Stack
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -166,20 +174,27 @@ def laboratory(seed: int, size_px: int, base: str) -> Laboratory:
         first = linearised_fit(validation.prepared, validation.rendered, ())
         data = residual_data_of(first, first.model.residual, validation.prepared.calibration.capture)
     draft = photographed_light(_image(scene, camera, seed, _CAUSE_ERROR), (), None, camera, settings)[0]
-    return Laboratory(base, seed, data, scene, camera, settings, image, rate, draft)
+    fine = fine_rate(scene, camera, settings, seed, rate)
+    return Laboratory(base, seed, data, scene, camera, settings, image, rate, draft, fine)
 
 
-def with_change(data: ResidualData, change: Stack, **others: Any) -> ResidualData:
-    """The excess with a change of the signal, DN: camera, lamp and shared errors are adjusted."""
-    projected = data.whitened(change)
-    shared = data.nuisances[..., data.num_free_nuisances :]
-    marginal = projected - shared @ np.einsum("byxm,byx->m", shared, projected)
-    return replace(
-        data,
-        residual=(data.residual + projected).astype(np.float32),
-        marginal_residual=data.marginal_residual + np.where(data.used, marginal, 0.0),
-        **others,
+def fine_rate(scene: Scene, camera: Camera, settings: CaptureSettings, seed: int, rate: Stack) -> Stack:
+    """The picture with pixels a third as wide, of the brightness of the picture itself."""
+    fine_camera = replace(
+        camera,
+        width_px=_FINER * camera.width_px,
+        height_px=_FINER * camera.height_px,
+        focal_length_px=_FINER * camera.focal_length_px,
+        principal_point_px=_FINER * (camera.principal_point_px + 0.5) - 0.5,
     )
+    fine = photographed_light(_image(scene, fine_camera, seed, _FINE_ERROR), (), None, fine_camera, settings)[0]
+    return fine * (rate.mean(axis=(1, 2)) / fine.mean(axis=(1, 2)))[:, None, None]
+
+
+def _binned(fine: Stack) -> Stack:
+    """Means of squares of pixels."""
+    bands, rows, columns = fine.shape
+    return fine.reshape(bands, rows // _FINER, _FINER, columns // _FINER, _FINER).mean(axis=(2, 4))
 
 
 Made = tuple[Truth, Stack, Mapping[str, Any]]
@@ -387,7 +402,9 @@ def wedge_fringes(draw: Draw, lab: Laboratory) -> Made:
 # Image on the sensor -------------------------------------------------------------------------------------------------
 def _moved(lab: Laboratory, by: Stack) -> Stack:
     """The rate with each band's picture moved by (dy, dx), px."""
-    return np.array([shift(image, step, order=3, mode="nearest") for image, step in zip(lab.rate, by, strict=True)])
+    pairs = zip(lab.fine, by, strict=True)
+    moved = np.array([shift(image, _FINER * np.asarray(step), order=1, mode="nearest") for image, step in pairs])
+    return lab.rate + _binned(moved) - _binned(lab.fine)
 
 
 def wedged_filter(draw: Draw, lab: Laboratory) -> Made:
@@ -411,8 +428,19 @@ def warped_sensor(draw: Draw, lab: Laboratory) -> Made:
     places = [
         grid + draw.uniform(0.08, 0.2) * way / way.std() for grid, way in zip((rows, columns), field, strict=True)
     ]
-    moved = np.array([map_coordinates(image, places, order=3, mode="nearest") for image in lab.rate])
-    return Truth("displacement"), _per_rate(lab, moved), {}
+    moved = np.array([map_coordinates(image, _finer(places), order=1, mode="nearest") for image in lab.fine])
+    return Truth("displacement"), _per_rate(lab, lab.rate + _binned(moved) - _binned(lab.fine)), {}
+
+
+def _finer(places: list[Stack]) -> list[Stack]:
+    """Places (y, x), px of the sensor, as places of the fine picture's pixels."""
+    step = (np.arange(_FINER) - (_FINER - 1) / 2) / _FINER
+    each = []
+    for axis, place in enumerate(places):
+        wide = np.repeat(np.repeat(place, _FINER, axis=0), _FINER, axis=1)
+        within = np.tile(step, place.shape[axis])
+        each.append((wide + (within[:, None] if axis == 0 else within)) * _FINER + (_FINER - 1) / 2)
+    return each
 
 
 def _blend(draw: Draw, lab: Laboratory, other: Stack) -> Stack:
@@ -432,8 +460,8 @@ def tilted_sensor(draw: Draw, lab: Laboratory) -> Made:
     """Sharp at one side only: discs of confusion that grow across the picture."""
     rows, columns = (grid / lab.shape[0] for grid in _grid(lab))
     along = rows if draw.random() < 0.5 else columns
-    wide = uniform_filter(lab.rate, (0, 3, 3), mode="nearest")
-    return Truth("blur"), _blend(draw, lab, lab.rate + along**2 * (wide - lab.rate)), {}
+    wide = _binned(uniform_filter(lab.fine, (0, 7, 7), mode="nearest") - lab.fine)
+    return Truth("blur"), _blend(draw, lab, lab.rate + along**2 * wide), {}
 
 
 def wiped_lens(draw: Draw, lab: Laboratory) -> Made:
@@ -461,8 +489,8 @@ def fogged_lens(draw: Draw, lab: Laboratory) -> Made:
 def soft_band(draw: Draw, lab: Laboratory) -> Made:
     """One filter is thicker, and its picture out of focus."""
     band = np.eye(len(lab.rate))[int(draw.integers(len(lab.rate)))][:, None, None]
-    soft = gaussian_filter(lab.rate, (0, 0.7, 0.7), mode="nearest")
-    return Truth("blur"), _blend(draw, lab, lab.rate + band * (soft - lab.rate)), {}
+    soft = _binned(gaussian_filter(lab.fine, (0, 2.0, 2.0), mode="nearest") - lab.fine)
+    return Truth("blur"), _blend(draw, lab, lab.rate + band * soft), {}
 
 
 def _astray(draw: Draw, lab: Laboratory, copy: Stack) -> Stack:
@@ -493,8 +521,8 @@ def mirror_ghost(draw: Draw, lab: Laboratory) -> Made:
 
 def double_exposure(draw: Draw, lab: Laboratory) -> Made:
     """A part of an earlier picture of the box is in the frame, taken with the camera turned or elsewhere."""
-    copy = np.array([rotate(image, 90 * int(draw.integers(1, 4)), reshape=False, order=1) for image in lab.rate])
-    copy = _moved(replace(lab, rate=copy), np.tile(draw.uniform(-5, 5, 2), (len(lab.rate), 1)))
+    turns, step = int(draw.integers(1, 4)), draw.uniform(-5, 5, 2)
+    copy = np.array([shift(image, step, order=1) for image in np.rot90(lab.rate, turns, axes=(1, 2))])
     return Truth("blur"), _astray(draw, lab, copy), {}
 
 
@@ -751,7 +779,7 @@ def shiny_plate(draw: Draw, lab: Laboratory) -> Made:
         hit = t.position[f] + distance * mirrored[f]
         u, v = lab.camera.project(hit[None])[0]
         if 0 <= u < lab.shape[1] - 1 and 0 <= v < lab.shape[0] - 1:
-            seen[f] = lab.rate[:, int(round(v)), int(round(u))]
+            seen[f] = lab.rate[:, round(v), round(u)]
     n = 1.5
     inner = np.sqrt(1 - (1 - cosine**2) / n**2)
     fresnel = 0.5 * (
@@ -824,11 +852,12 @@ def heat_haze(draw: Draw, lab: Laboratory) -> Made:
     """Warm air before the lens: small places of each band's picture move by themselves."""
     rows, columns = _grid(lab)
     moved = []
-    for image in lab.rate:
+    for image in lab.fine:
         field = [gaussian_filter(draw.normal(0, 1, lab.shape), 2.0) for _ in range(2)]
         places = [grid + 0.25 * way / way.std() for grid, way in zip((rows, columns), field, strict=True)]
-        moved.append(map_coordinates(image, places, order=3, mode="nearest"))
-    return Truth("none"), _scaled(draw, lab, _per_rate(lab, np.array(moved)), 3.0), {}
+        moved.append(map_coordinates(image, _finer(places), order=1, mode="nearest"))
+    change = _per_rate(lab, lab.rate + _binned(np.array(moved)) - _binned(lab.fine))
+    return Truth("none"), _scaled(draw, lab, change, 3.0), {}
 
 
 def moved_block(draw: Draw, lab: Laboratory) -> Made:
@@ -905,4 +934,4 @@ def excess_of(name: str, seed: int, lab: Laboratory) -> tuple[Truth, ResidualDat
     """The excess of a laboratory's capture with a cause, and the truth about it."""
     draw = np.random.default_rng([seed, *name.encode()])
     truth, change, others = CAUSES[name](draw, lab)
-    return truth, with_change(lab.data, change, **others)
+    return truth, replace(lab.data.with_change(change), **others)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 from scipy.signal import lfilter
 
-__all__ = ["PictureCopy", "exchanges", "number_of_exchanges", "with_moments", "with_streak"]
+__all__ = ["IN_PLACE", "PictureCopy", "exchanges", "number_of_exchanges", "with_moments", "with_streak"]
 
 #: Standard deviations of a halo's Gaussians, px: each twice the one before, so that sums fit any smooth halo.
 _HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -74,7 +74,7 @@ class PictureCopy:
 
 
 #: The picture in its place.
-_IN_PLACE = PictureCopy()
+IN_PLACE = PictureCopy()
 
 
 def _shifted(picture: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
@@ -87,7 +87,7 @@ def exchanges(
     signal: NDArray[np.float64],
     radius: int = 1,
     angle_deg: float = 0.0,
-    place: PictureCopy = _IN_PLACE,
+    place: PictureCopy = IN_PLACE,
 ) -> list[NDArray[np.float64]]:
     """Changes of a picture by a unit of each exchange of a field.
 

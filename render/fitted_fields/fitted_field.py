@@ -13,7 +13,7 @@ from cboxlab.utils.faults import combined, faults_of_validation
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .exchange import PictureCopy, number_of_exchanges
+from .exchange import IN_PLACE, PictureCopy, number_of_exchanges
 from .image_maps import ImageMaps
 from .levels import LEVELS
 from .surface_maps import PointMap, SurfaceMap, WaveMap
@@ -95,7 +95,7 @@ class FittedField:
     #: (band, uses x maps) coefficients of the image maps, uses outermost; see ``number_of_uses``. None without maps.
     coefficients: NDArray[np.float64] | None = None
     #: Place of a "copy".
-    place: PictureCopy = PictureCopy()
+    place: PictureCopy = IN_PLACE
     #: Maps on surfaces; empty for a field on the sensor or on a lamp.
     surfaces: tuple[SurfaceMap, ...] = ()
     #: (band,) factor of the maps on surfaces, relative change of a lamp, or radiance of an object in front.

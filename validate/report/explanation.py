@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
-from ..diagnose.explain import NONE, Explanation
+from ..diagnose.explain import NONE, Explanation, advice, appearance
 from .blocks import Cell, ReportSection, Table, number, significant
 from .plots import map_row, residual_scale
 
-__all__ = ["explanation_record", "explanation_sections", "explanation_sentence"]
+__all__ = ["explanation_record", "explanation_sections", "explanation_sentence", "laboratory_sentences"]
 
 #: Most bands shown as maps: those with the strongest change.
 _MAX_MAPS = 4
@@ -40,6 +41,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
             "runner_up": None,
             "field": None,
         }
+    words = advice(explanation)
     centre = explanation.centre_px
     return {
         "family": explanation.family,
@@ -54,6 +56,11 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
             band: float(value) for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
         },
         "heldout": float(explanation.heldout),
+        "registration": {name: round(float(share), 3) for name, share in asdict(explanation.registration).items()},
+        "fixed": words.fixed,
+        "appearance": appearance(explanation.registration),
+        "everyday_causes": list(words.causes),
+        "experiment": words.experiment,
         "field": None if explanation.field is None else field_record(explanation.field),
         "families": [
             {
@@ -101,6 +108,26 @@ def explanation_sentence(explanation: Explanation) -> str:
     return f"{text} This capture cannot distinguish it from {other.family} ({100 * other.share:.0f} %)."
 
 
+def laboratory_sentences(explanation: Explanation) -> tuple[str, ...]:
+    """Place, sign and scaling of what remains, and its everyday causes.
+
+    Parameters
+    ----------
+    explanation
+        The explanation.
+
+    Returns
+    -------
+    tuple
+        Two sentences; the experiment that settles it is a step of the report.
+    """
+    words = advice(explanation)
+    first, *middle, last = words.causes
+    causes = f"{', '.join([first, *middle])} or {last}"
+    seen = appearance(explanation.registration)
+    return (f"It is fixed {words.fixed}; {seen}.", f"Everyday causes of such a pattern are {causes}.")
+
+
 def explanation_sections(explanation: Explanation | None) -> list[ReportSection]:
     """Section on the difference that no effect explains.
 
@@ -133,7 +160,8 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
         "than the closest fit without penalty, for the errors of shapes.",
     )
     if explanation.family_record is None:
-        return [ReportSection("What no effect explains", [explanation_sentence(explanation)], [table])]
+        sentences = [explanation_sentence(explanation), *laboratory_sentences(explanation)]
+        return [ReportSection("What no effect explains", sentences, [table])]
     strength = np.nansum((explanation.change / explanation.sigma) ** 2, axis=(1, 2))
     bands = sorted(np.argsort(strength)[::-1][:_MAX_MAPS])
     explained = {explanation.all_bands[b]: (explanation.change / explanation.sigma)[b] for b in bands}
@@ -142,7 +170,7 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
     return [
         ReportSection(
             "What no effect explains",
-            [explanation_sentence(explanation)],
+            [explanation_sentence(explanation), *laboratory_sentences(explanation)],
             [
                 map_row(explained, scale, "Change that the family explains, over the noise of a pixel."),
                 map_row(rest, scale, "Photograph minus rendering with this change, with the same colour scale."),

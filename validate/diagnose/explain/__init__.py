@@ -2,13 +2,19 @@
 
 from .competition import explain, explain_masked_families
 from .explanation import NONE, Explanation, Rival
+from .laboratory import advice, appearance
 from .noise import noise_level
+from .registration import Registration, registration
 
 __all__ = [
     "NONE",
     "Explanation",
+    "Registration",
     "Rival",
+    "advice",
+    "appearance",
     "explain",
     "explain_masked_families",
     "noise_level",
+    "registration",
 ]

@@ -9,6 +9,7 @@ from cboxlab.rendering.fitted_fields import FittedField
 from numpy.typing import NDArray
 
 from ..field_fit import Family
+from .registration import Registration
 
 __all__ = ["NONE", "Explanation", "Rival"]
 
@@ -30,6 +31,8 @@ class Rival:
     share: float
     #: 2 ln evidence with prior odds and allowance for shape errors; differences between rivals count.
     score: float
+    #: Gain in samples held out over that in fitted ones, see ``FieldFit.predicts``.
+    predicts: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +81,14 @@ class Explanation:
     field: FittedField | None
     #: Record of the family; None where no family explains the residual.
     family_record: Family | None
+    #: Where the residual is fixed, and how it scales.
+    registration: Registration
 
     @property
     def levels(self) -> bool:
         """Whether it is one number in each band, without any shape in the image."""
         has_levels = self.family_record is not None and self.family_record.levels
-        return has_levels and self.field is not None and self.field.acts != "previous"
+        return has_levels and self.field is not None and self.field.acts not in ("previous", "radiance")
 
     @property
     def smear(self) -> bool:

@@ -17,8 +17,11 @@ __all__ = ["copies"]
 #: Smallest shift of a copy that is neither mirrored nor turned, px: nearer ones are blurs.
 _MIN_SHIFT_PX = 2
 
-#: Part of the picture that a copy must overlap, in light: less says nothing of a copy.
-_MIN_OVERLAP = 0.1
+#: Least sum of a copy's brightness at its nine places over the sum of their sizes: light is added, not taken away.
+_MIN_ADDED = 0.5
+
+#: Part of the picture's light that a copy brings into the frame at the least: a small part of it resembles steps.
+_MIN_OVERLAP = 0.6
 
 
 def copies(data: ResidualData, family: Family) -> Iterator[FittedExplanation]:
@@ -36,18 +39,21 @@ def copies(data: ResidualData, family: Family) -> Iterator[FittedExplanation]:
     FittedExplanation
         Copies that all bands share.
     """
-    square = data.shape[0] == data.shape[1]
+    quarter = (0, 1, 2, 3) if data.shape[0] == data.shape[1] else (0, 2)
     for form, places in (
         ("a faint copy of the picture beside itself", [PictureCopy()]),
         (
             "a mirrored copy of the picture",
-            [PictureCopy(turns, True) for turns in ((0, 1, 2, 3) if square else (0, 2))],
+            [PictureCopy(turns, True) for turns in quarter],
         ),
-        ("a turned copy of the picture", [PictureCopy(turns) for turns in ((1, 2, 3) if square else (2,))]),
+        ("a turned copy of the picture", [PictureCopy(turns) for turns in quarter[1:]]),
     ):
         trials = [_best_shift(data, place) for place in places]
         _, place = max(trials, key=lambda trial: trial[0])
-        yield _fitted(data, family, form, place, len(places) * data.used[0].size)
+        copy = _fitted(data, family, form, place, len(places) * data.used[0].size)
+        parts = copy.fit.coefficients[0]
+        if parts.sum() > _MIN_ADDED * np.abs(parts).sum():
+            yield copy
 
 
 def _fitted(data: ResidualData, family: Family, form: str, place: PictureCopy, num_choices: int) -> FittedExplanation:

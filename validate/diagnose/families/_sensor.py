@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.fitted_fields import Acts, ImageMaps
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_matrix
 
 from ..field_fit import (
@@ -35,6 +36,20 @@ _SMOOTH_ORDER = 10
 #: Largest correlation of pixels with a neighbour in a pattern of single pixels. Independent pixels have 0 or less, dark
 #: corners and edges that a picture misses 0.3 or more along their line.
 _MAX_NEIGHBOURS_CORRELATION = 0.15
+
+#: Largest part of such a pattern in a square of the sensor. Pixels that scatter in one place, as a render's noise
+#: does in deep shadow, are no pattern of the sensor.
+_MAX_PART_IN_A_SQUARE = 0.4
+
+#: Side of the square over that of the sensor.
+_SQUARE = 0.25
+
+
+def _largest_part(gain: NDArray[np.float64]) -> float:
+    """Part of a gain (y, x) in the square that has most, a quarter of the sensor wide."""
+    side = max(round(max(gain.shape) * _SQUARE), 1)
+    most = uniform_filter(gain, side, mode="constant").max() * side**2
+    return float(most / max(gain.sum(), 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +99,10 @@ class SensorPatterns:
             scale = np.abs(spectrum).max()
             operator = self.operator * (spectrum / scale if scale > 0 else spectrum)[:, None, None]
             fit, correlation = pixel_fit(self.data, operator)
-            if correlation > _MAX_NEIGHBOURS_CORRELATION:
+            gain = (fit.coefficients[0] ** 2).reshape(self.data.shape) * np.sum(
+                (operator * self.data.weight) ** 2, axis=0
+            )
+            if correlation > _MAX_NEIGHBOURS_CORRELATION or _largest_part(gain) > _MAX_PART_IN_A_SQUARE:
                 continue
             fit = replace(fit, coefficients=fit.coefficients * (spectrum / max(scale, 1e-300))[:, None])
             maps = ImageMaps("pixels")

@@ -11,6 +11,7 @@ from cboxlab.rendering.fitted_fields import Acts, ImageMaps, exchanges
 from numpy.typing import NDArray
 
 from ..field_fit import (
+    Advice,
     Columns,
     Family,
     FieldFit,
@@ -215,6 +216,58 @@ def _even_exchange(data: ResidualData, acts: Acts, angle_deg: float = 0.0) -> Co
     return columns
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "copy of the picture",
+        "in the light's way before the sensor",
+        ("a pane or filter that reflects twice", "a ghost between lens and sensor", "a double exposure"),
+        "Turn or take away the filter or pane and photograph again: a copy that moves or goes was made there.",
+    ),
+    Advice(
+        "trails",
+        "in the register of the sensor",
+        ("charge left behind in a cold register", "a read-out that is too fast", "radiation damage"),
+        "Photograph a bright edge on a dark ground with a slower read-out: trails of a register get shorter.",
+    ),
+    Advice(
+        "along a",
+        "while the shutter is open",
+        ("a camera that shakes", "a moving table", "a filter wheel that still turns"),
+        "Photograph again with the shutter released by time, on a heavy tripod.",
+    ),
+    Advice(
+        "streaks",
+        "on the lens",
+        ("a wiped lens", "a scratched filter", "the blades of the diaphragm"),
+        "Clean the lens, turn it if it turns, and photograph a small lamp: its streaks show the direction.",
+    ),
+    Advice(
+        "halo",
+        "on or in the lens",
+        ("dew or grease on the lens", "haze inside the lens", "a scattering filter"),
+        "Clean the lens and photograph a small lamp before black cloth: its halo shows what remains.",
+    ),
+    Advice(
+        "one band",
+        "in one filter",
+        ("a filter of another thickness", "a tilted filter", "a lens that is not achromatic"),
+        "Focus again with this filter in place and photograph the band again.",
+    ),
+    Advice(
+        "unevenly",
+        "between lens and sensor",
+        ("a tilted sensor", "a curved field of the lens", "a decentred lens"),
+        "Photograph a flat test chart and compare the sharpness of its corners.",
+    ),
+    Advice(
+        "",
+        "in the lens",
+        ("a lens out of focus", "an aperture that is too small or too wide", "a camera that shakes"),
+        "Focus again, photograph an edge, and compare its width with this capture's.",
+    ),
+)
+
 FAMILY = Family(
     id="blur",
     title="a blur",
@@ -222,4 +275,5 @@ FAMILY = Family(
     generate=_generate,
     order=40,
     masked=(MaskedPattern(rank=1, generate=smears), MaskedPattern(rank=2, generate=uneven_blurs)),
+    advice=_ADVICE,
 )

@@ -11,6 +11,7 @@ from cboxlab.rendering.fitted_fields import ImageMaps
 from numpy.typing import NDArray
 
 from ..field_fit import (
+    Advice,
     Columns,
     Family,
     FieldFit,
@@ -82,6 +83,20 @@ def _from_one(n: NormalEquations, band: int, source: int) -> FieldFit:
     return fit_result(n, coefficients, of_trial, evidence, freedom)
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "",
+        "in one filter",
+        (
+            "a filter that leaks far from its band",
+            "a wheel that stops between two filters",
+            "the table of another filter",
+        ),
+        "Measure the filter's transmittance from 350 to 1000 nm, in the camera's light path.",
+    ),
+)
+
 FAMILY = Family(
     id="filter-curve",
     title="a filter of another transmittance",
@@ -89,4 +104,5 @@ FAMILY = Family(
     generate=_generate,
     order=65,
     localised=False,
+    advice=_ADVICE,
 )

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 
 from ..field_fit import (
     PENALTY_UNLIKELY,
+    Advice,
     Family,
     FitInput,
     FittedExplanation,
@@ -64,6 +65,64 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
     return 0.0 if spot.at_the_border else -PENALTY_UNLIKELY
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "single pixels",
+        "in pixels of the sensor",
+        ("darks of another day or temperature", "pixels that became hot", "charge left by an earlier exposure"),
+        "Cover the lens and take darks again, with the exposure times of the bands.",
+    ),
+    Advice(
+        "rows",
+        "in the rows of the sensor",
+        ("a changed read-out setting", "mains hum", "a fault of the line amplifiers"),
+        "Cover the lens and take frames of the shortest exposure: rows that stay come from the read-out.",
+    ),
+    Advice(
+        "columns",
+        "in the columns of the sensor",
+        ("trapped charge", "a fault of the column amplifiers", "darks of another temperature"),
+        "Cover the lens and take darks again: columns that stay come from the sensor.",
+    ),
+    Advice(
+        "steps or bends",
+        "in the converter, by the level of the counts",
+        ("a converter whose bits weigh wrong", "a clipped amplifier", "a lossy file format"),
+        "Photograph an evenly lit card at ten exposure times, and look for steps of counts over time.",
+    ),
+    Advice(
+        "grows with the exposure",
+        "on the sensor, while it is exposed",
+        ("a leak of light past the filter wheel", "an amplifier that glows", "dark current of another temperature"),
+        "Cover the lens but leave the lamp on, and take frames with the longest exposure of the bands.",
+    ),
+    Advice(
+        "a wave",
+        "in the read-out",
+        ("mains hum", "radio interference of a supply", "a loose ground"),
+        "Cover the lens and take two frames of the shortest exposure: hum has another phase in each.",
+    ),
+    Advice(
+        "rings",
+        "in the read-out",
+        ("radio interference", "an uneven bias after power-up", "a wrong dark"),
+        "Cover the lens and take darks again.",
+    ),
+    Advice(
+        "a spot",
+        "on the sensor",
+        ("an amplifier that glows at a corner", "a leak of light", "persistence of a bright spot"),
+        "Cover the lens and take frames with the exposure times of the bands.",
+    ),
+    Advice(
+        "",
+        "on the sensor",
+        ("a leak of light past the filter wheel", "darks of another temperature", "a drifting bias"),
+        "Cover the lens but leave the lamp on, and take frames with the exposure times of the bands.",
+    ),
+)
+
 FAMILY = Family(
     id="sensor-offset",
     title="counts added on the sensor",
@@ -72,4 +131,5 @@ FAMILY = Family(
     order=10,
     additive=True,
     spot_log_odds=_spot_log_odds,
+    advice=_ADVICE,
 )

@@ -1,6 +1,6 @@
 """Linear fields fitted to a residual, and the record of a family of explanations."""
 
-from .family import ActsOn, Family, FitInput, MaskedPattern
+from .family import ActsOn, Advice, Family, FitInput, MaskedPattern
 from .field import (
     FieldFit,
     NormalEquations,
@@ -33,6 +33,7 @@ __all__ = [
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",
     "ActsOn",
+    "Advice",
     "Columns",
     "Family",
     "FieldFit",

@@ -60,6 +60,9 @@ _MAX_SPECTRUM_CHANGE = 1e-3
 #: Fewest bands of a map of which every other one is held out: two are fitted and one is tested, or more.
 _MIN_BANDS_TO_HOLD_OUT = 3
 
+#: Parts of the pixels that may deviate: all of an old flat, few that are hot.
+_DEVIATING_PARTS = (1.0, 0.3, 0.1, 0.03, 0.01)
+
 #: Side of the squares whose means are taken off before neighbours are compared, px: smooth patterns are not of pixels.
 _LOCAL_MEAN_PX = 5
 
@@ -384,24 +387,62 @@ def pixel_fit(data: ResidualData, operator: NDArray[np.float64]) -> tuple[FieldF
     product = operator * data.weight * data.marginal_residual
     numbers = _single_pixels(product, size)
     h, b = size.sum(axis=0).ravel(), (size.sum(axis=0) * numbers).ravel()
-    widths = _RELATIVE_WIDTHS / max(float(h.max(initial=0.0)), 1e-300)
-    values = [float((t * b**2 / (1 + t * h) - np.log1p(t * h)).sum()) for t in widths]
-    width = widths[int(np.argmax(values))]
-    x = width * b / (1 + width * h)
+    prior = _likeliest_prior(h, b)
+    x, part = _pixels_under_prior(h, b, prior)
     gains = np.zeros(2)
     for some, others in ((slice(None, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(None, None, 2))):
-        of_some = size[some].sum(axis=0).ravel()
-        trial = width * of_some * _single_pixels(product[some], size[some]).ravel() / (1 + width * of_some)
-        for index, part in enumerate((some, others)):
-            of_part = size[part].sum(axis=0).ravel()
-            own = _single_pixels(product[part], size[part]).ravel() * of_part
-            gains[index] += float(np.sum(2 * trial * own - trial**2 * of_part))
+        of_some = size[some].sum(axis=0)
+        trial, _ = _pixels_under_prior(
+            of_some.ravel(), (of_some * _single_pixels(product[some], size[some])).ravel(), prior
+        )
+        for index, bands in enumerate((some, others)):
+            of_part = size[bands].sum(axis=0)
+            own = (_single_pixels(product[bands], size[bands]) * of_part).ravel()
+            gains[index] += float(np.sum(2 * trial * own - trial**2 * of_part.ravel()))
     heldout = float(gains[1] / gains[0]) if gains[0] > 0 else 0.0
     coefficients = np.tile(x, (len(operator), 1))
     of_bands = np.sum(size.reshape(len(size), -1) * x**2, axis=1)
-    freedom = float(np.sum(width * h / (1 + width * h)))
-    fit = FieldFit(coefficients, float(np.sum(2 * x * b - x**2 * h)), max(values), heldout, freedom, of_bands, heldout)
+    freedom = float(np.sum(part * prior.width * h / (1 + prior.width * h)))
+    gain = float(np.sum(2 * x * b - x**2 * h))
+    fit = FieldFit(coefficients, gain, prior.evidence, heldout, freedom, of_bands, heldout)
     return fit, _neighbours_correlation(product, size)
+
+
+@dataclass(frozen=True)
+class _PixelPrior:
+    """Prior of pixels of which a part deviates, by normal numbers."""
+
+    #: Squared width of the deviations.
+    width: float
+    #: Part of the pixels that deviate.
+    part: float
+    #: 2 ln of the evidence over that of noise alone.
+    evidence: float
+
+
+def _likeliest_prior(h: NDArray[np.float64], b: NDArray[np.float64]) -> _PixelPrior:
+    """Width and part with the largest evidence, for information h and products b (pixel,)."""
+    scale = 1 / max(float(h.max(initial=0.0)), 1e-300)
+    trials = []
+    for width in scale * _RELATIVE_WIDTHS[::2]:
+        odds = 0.5 * (width * b**2 / (1 + width * h) - np.log1p(width * h))
+        for part in _DEVIATING_PARTS:
+            evidence = odds if part == 1 else np.logaddexp(np.log1p(-part), np.log(part) + odds)
+            trials.append(_PixelPrior(float(width), part, 2 * float(evidence.sum())))
+    return max(trials, key=lambda prior: prior.evidence)
+
+
+def _pixels_under_prior(
+    h: NDArray[np.float64], b: NDArray[np.float64], prior: _PixelPrior
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(pixel,) mean numbers under a prior, and probabilities that a pixel deviates."""
+    odds = 0.5 * (prior.width * b**2 / (1 + prior.width * h) - np.log1p(prior.width * h))
+    if prior.part < 1:
+        odds = odds + np.log(prior.part) - np.log1p(-prior.part)
+        deviates = 1 / (1 + np.exp(-np.clip(odds, -500, 500)))
+    else:
+        deviates = np.ones(len(h))
+    return deviates * prior.width * b / (1 + prior.width * h), deviates
 
 
 def _mean_numbers(product: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
