@@ -4,6 +4,7 @@ practice, and answers are scored as its tables say."""
 import ast
 import importlib
 import math
+import re
 import subprocess
 import sys
 
@@ -13,14 +14,25 @@ from cboxlab.scenes.scene_file import load_scene
 from helpers.places import ROOT
 
 BENCHMARKS = ROOT / "benchmarks"
-sys.path.insert(0, str(BENCHMARKS))
-
+FILES = sorted(BENCHMARKS.rglob("*.py"))
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in BENCHMARKS.glob("*.py")))
-def test_benchmark_loads(name):
-    importlib.import_module(name)
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(BENCHMARKS).as_posix())
+def test_benchmark_loads(path):
+    assert importlib.import_module(path.stem).__file__ == str(path)
+
+
+def test_index_names_every_benchmark():
+    """Each file in the section of its folder, no file that is gone, and no two files of one name."""
+    sections = re.split(r"^## .*`(\w+)/`$", (BENCHMARKS / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    named = [
+        f"{folder}/{name}"
+        for folder, text in zip(sections[1::2], sections[2::2], strict=True)
+        for name in sorted(set(re.findall(r"\b(\w+\.py)\b", text)))
+    ]
+    assert sorted(named) == [path.relative_to(BENCHMARKS).as_posix() for path in FILES]
+    assert len({path.stem for path in FILES}) == len(FILES)
 
 
 def test_effects_outside_the_catalogue_act_in_every_box():
@@ -91,7 +103,9 @@ def test_a_state_of_the_code_is_what_it_does(tmp_path):
 
 def test_what_a_state_leaves_out_no_diagnosis_imports():
     listing = "import sys, blind_diagnosis as b; print(b.SHOWING); print([n for n in sys.modules if 'cboxlab.v' in n])"
-    run = subprocess.run([sys.executable, "-c", listing], cwd=BENCHMARKS, capture_output=True, text=True, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", listing], cwd=BENCHMARKS / "diagnosis", capture_output=True, text=True, check=True
+    )
     left_out, loaded = (ast.literal_eval(line) for line in run.stdout.splitlines())
     rooms = tuple(f"cboxlab.validation.{room.replace('/', '.')}." for room in left_out)
     assert not [name for name in loaded if f"{name}.".startswith(rooms)]

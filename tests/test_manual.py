@@ -1,6 +1,6 @@
 """The manual: it builds, its commands are commands, its notebooks run, its example of an effect is one.
 
-``benchmarks/manual_commands.py`` runs every command of the README and the tutorial as it is written.
+``benchmarks/speed/manual_trial.py`` runs every command of the README and the tutorial as it is written.
 """
 
 import json

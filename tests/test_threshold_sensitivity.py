@@ -3,11 +3,10 @@
 import importlib
 import json
 import sys
+from pathlib import Path
 
 import pytest
-from helpers.places import ROOT
 
-sys.path.insert(0, str(ROOT / "benchmarks"))
 benchmark = importlib.import_module("threshold_sensitivity")
 
 GAIN = benchmark.DecisionConstant("validate/diagnose/evidence.py", 1, "GAIN", "1.0", "")
@@ -165,7 +164,8 @@ def test_a_process_sees_the_constant_of_the_product_moved(tmp_path):
     """The real finder on a real module, in a process that only imports it."""
     constant = next(c for c in benchmark.decision_constants() if c.name == "INDISTINGUISHABLE_CHI2")
     script = (
-        f"import sys; sys.path.insert(0, {str(ROOT / 'benchmarks')!r}); import threshold_sensitivity as t\n"
+        f"import sys; sys.path.insert(0, {str(Path(benchmark.__file__).parent)!r})\n"
+        "import threshold_sensitivity as t\n"
         f"sys.meta_path.insert(0, t.MovedFinder({constant.module!r}, {constant.name!r}, 0.7))\n"
         "import json\n"
         "from cboxlab.validation.diagnose import evidence, several_captures\n"

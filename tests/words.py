@@ -1,6 +1,7 @@
-"""Measures of the language of the code: ``python tests/words.py [PATH ...]`` prints faults, ``--update`` the limits.
+"""Measures of the language of code and manual: ``python tests/words.py [PATH ...]`` lists faults, ``--update`` limits.
 
-Counts by package, held by ``tests/test_words.py`` to the limits in ``tests/words_limits.json``, which only decrease.
+Counts by package, and of the manual's pages as ``docs``. ``tests/test_words.py`` compares them with the limits in
+``tests/words_limits.json``, which only decrease.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from architecture import MODULES, package_of
 from helpers.places import ROOT
 
 LIMITS = ROOT / "tests" / "words_limits.json"
+
+#: Pages of the manual that people write.
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
 #: Names that point at a value instead of saying what it is.
 NAMELESS = frozenset(
@@ -53,8 +57,10 @@ class Finding:
 
 
 def findings(path: Path) -> list[Finding]:
-    """All faults of one module."""
+    """All faults of one module or page."""
     source = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        return [Finding(path, *fault) for fault in _page(source)]
     tree = ast.parse(source)
     faults = [*_names(tree), *_docstrings(tree, source), *_constants(tree), *_texts(tree, source)]
     return [Finding(path, *fault) for fault in faults]
@@ -178,11 +184,33 @@ def _texts(tree: ast.Module, source: str) -> Iterator[tuple[int, str, str]]:
             prose.append((token.start[0] - len(block), " ".join(block)))
             block = []
     for line, text in prose:
-        for paragraph in re.split(r"\n\s*\n|\n(?=\s*[-*] )|\n-+\n|(?<=\n)\w[\w, ]* : .*\n", text):
-            for sentence in _SENTENCE_END.split(" ".join(paragraph.split())):
-                count = len(re.findall(r"[^\W\d_][\w'-]*", sentence))
-                if count > MAX_WORDS:
-                    yield line, "long-sentence", f"{count} words: {sentence[:80]}"
+        yield from _long_sentences(line, text)
+
+
+def _long_sentences(line: int, text: str) -> Iterator[tuple[int, str, str]]:
+    for paragraph in re.split(r"\n\s*\n|\n(?=\s*[-*] )|\n-+\n|(?<=\n)\w[\w, ]* : .*\n", text):
+        for sentence in _SENTENCE_END.split(" ".join(paragraph.split())):
+            count = len(re.findall(r"[^\W\d_][\w'-]*", sentence))
+            if count > MAX_WORDS:
+                yield line, "long-sentence", f"{count} words: {sentence[:80]}"
+
+
+def _page(source: str) -> Iterator[tuple[int, str, str]]:
+    """Banned words and long sentences of a page, outside code; a table's cell is a sentence."""
+    without_code = re.sub(r"^( *)(`{3,}).*?^ *\2", lambda m: "\n" * m.group().count("\n"), source, flags=re.M | re.S)
+    paragraph: list[str] = []
+    for line, text in enumerate([*without_code.splitlines(), ""], start=1):
+        for match in BANNED.finditer(text):
+            yield line, "banned", f"{match.group()}: {text.strip()[:70]}"
+        apart = not text.strip() or text.startswith(("|", "#")) or re.match(r"\s*([-*]|\d+\.) ", text)
+        if apart and paragraph:
+            if not paragraph[0].startswith("    "):
+                yield from _long_sentences(line - len(paragraph), "\n".join(paragraph))
+            paragraph = []
+        for cell in text.split("|") if text.startswith("|") else ():
+            yield from _long_sentences(line, cell)
+        if text.strip() and not text.startswith("|"):
+            paragraph.append(text)
 
 
 def documentation_lines(path: Path) -> tuple[int, int]:
@@ -202,6 +230,7 @@ def counts() -> dict[str, dict[str, int]]:
     for path in MODULES:
         package = table.setdefault(package_of(path), Counter())
         package.update(finding.measure for finding in findings(path))
+    table["docs"] = Counter(finding.measure for path in PAGES for finding in findings(path))
     return {package: dict(sorted(table[package].items())) for package in sorted(table)}
 
 
@@ -210,15 +239,17 @@ def main(arguments: list[str]) -> None:
         LIMITS.write_text(json.dumps(counts(), indent=1) + "\n", encoding="utf-8")
         return
     folders = [Path(name).resolve() for name in arguments] or [ROOT]
-    paths = [path for path in MODULES if any(path.is_relative_to(folder) for folder in folders)]
+    paths, pages = ([p for p in group if any(p.is_relative_to(f) for f in folders)] for group in (MODULES, PAGES))
     total: Counter[str] = Counter()
-    for finding in (finding for path in paths for finding in findings(path)):
+    for finding in (finding for path in (*paths, *pages) for finding in findings(path)):
         total[finding.measure] += 1
         if arguments:
             print(f"{finding.path.relative_to(ROOT)}:{finding.line}: {finding.measure}: {finding.text}")
+    print(dict(sorted(total.items())))
+    if not paths:
+        return
     names = sum(len(assigned_names(ast.parse(path.read_text(encoding="utf-8")))) for path in paths)
     documented, lines = (sum(column) for column in zip(*map(documentation_lines, paths), strict=True))
-    print(dict(sorted(total.items())))
     print(f"nameless {total['nameless'] / names:.2%} of {names} names, documentation {documented / lines:.1%} of lines")
 
 

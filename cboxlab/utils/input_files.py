@@ -11,6 +11,8 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from PIL import Image
 from .errors import InputError
 
 __all__ = [
+    "inputs_below",
     "kind_of",
     "read_channels",
     "read_json",
@@ -77,6 +80,44 @@ _REPEATED = (
 )
 
 
+#: Folders below which inputs are read; None for any folder.
+_FOLDERS: ContextVar[tuple[Path, ...] | None] = ContextVar("folders", default=None)
+
+
+@contextmanager
+def inputs_below(*folders: Path) -> Iterator[None]:
+    """Refuse inputs outside folders, however files refer to each other, in the block and on its thread.
+
+    Parameters
+    ----------
+    folders
+        Folders below which files may be read; links are resolved.
+
+    Yields
+    ------
+    None
+        In the block ``require_regular_file``, which every reader calls, raises InputError for other files.
+    """
+    token = _FOLDERS.set(tuple(folder.resolve() for folder in folders))
+    try:
+        yield
+    finally:
+        _FOLDERS.reset(token)
+
+
+def _require_allowed_folder(path: Path, expected: str) -> None:
+    """Require that a path is below the folders of ``inputs_below``, before anything says whether it exists."""
+    folders = _FOLDERS.get()
+    if folders is None:
+        return
+    try:
+        inside = any(path.resolve().is_relative_to(folder) for folder in folders)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(repr(str(path)), str(error), expected) from None
+    if not inside:
+        raise InputError(path, "a file outside the folder of the workbench", f"{expected} below {folders[0]}")
+
+
 def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
     """Require that a path is a regular file; reading a pipe or a device might never end.
 
@@ -92,11 +133,12 @@ def require_regular_file(path: Path, expected: str, hint: str = "") -> None:
     Raises
     ------
     InputError
-        If there is no regular file.
+        If there is no regular file, or if it is outside the folders of ``inputs_below``.
     """
+    _require_allowed_folder(path, expected)
     try:
         regular, exists = path.is_file(), path.exists()
-    except (OSError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         raise InputError(repr(str(path)), str(error), expected, hint) from None
     if not regular:
         raise InputError(path, kind_of(path) if exists else "no such file", expected, hint)

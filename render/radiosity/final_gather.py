@@ -16,7 +16,7 @@ light that leaves y after two or more reflections, the last one at y. For each s
   point that it hits.
 
 Light reflected once is unbiased. The rest has the small bias of cells and patches, averaged over a hemisphere;
-`benchmarks/bias.py` measures it against the path tracer.
+`benchmarks/rendering/bias.py` measures it against the path tracer.
 
 All wavelengths are computed at once: radiance is a sum of products of reflectance spectra and a short basis, and the
 rays only sum coefficients. With several lamps, the light of each is summed separately, which keeps their spectra apart

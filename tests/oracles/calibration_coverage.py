@@ -1,7 +1,7 @@
 """A capture of known truth calibrated, and each quantity handed on held against the truth.
 
 The capture is written to files, loaded and calibrated as ``cbox calibrate`` does it: is the truth within the 68% and
-the 95% interval? benchmarks/calibration_coverage.py counts that over a thousand captures.
+the 95% interval? benchmarks/calibration/calibration_coverage.py counts that over a thousand captures.
 """
 
 from __future__ import annotations

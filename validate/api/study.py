@@ -153,7 +153,7 @@ class Study(Result):
         folder: str | Path,
         *,
         cache: str | Path | None = None,
-        known: Study | None = None,
+        calibrated_study: Study | None = None,
         progress: Progress = NO_PROGRESS,
     ) -> Study:
         """Study that ``write`` wrote, with its states to undo and redo.
@@ -167,7 +167,7 @@ class Study(Result):
             Folder with study.json.
         cache
             As of ``validate``.
-        known
+        calibrated_study
             Study whose captures are not calibrated again. Other captures are, since their files may have changed.
         progress
             Receiver of stages and of the completed share.
@@ -192,8 +192,11 @@ class Study(Result):
         cache_folder = None if cache is None else Path(cache)
         calibrated = (
             {}
-            if known is None
-            else {capture.folder.resolve(): each for capture, each in zip(known.captures, known.prepared, strict=True)}
+            if calibrated_study is None
+            else {
+                capture.folder.resolve(): each
+                for capture, each in zip(calibrated_study.captures, calibrated_study.prepared, strict=True)
+            }
         )
         prepared = tuple(
             with_model(calibrated[each], file.model)

@@ -136,7 +136,7 @@ def linearised_fit(
     if not isinstance(rendered, Predicted):
         raise variant.not_compiled("diagnosis")
     nuisances = rendered.fit
-    predictor = rendered.predictor.seen_by(nuisances.camera)
+    predictor = rendered.predictor.with_camera(nuisances.camera)
     base = predictor.signal(model_effects)
     noise_signal = prepared.noise_reference_signal(nuisances.lamp_scale * rendered.signal)
     noise = nuisances.lamp_scale**2 * rendered.variance

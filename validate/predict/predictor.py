@@ -44,7 +44,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-__all__ = ["Predictor", "averaged_on_faces", "build_predictor", "changed_alike", "coarse_transport", "effects_key"]
+__all__ = ["Predictor", "averaged_on_faces", "build_predictor", "coarse_transport", "effects_key", "with_change_of"]
 
 #: Patches along the scene's diagonal for changes: coarser than for the base picture, so that a change is wrong by a few
 #: percent.
@@ -140,7 +140,7 @@ class Predictor:
     samples: int = 256
     #: Rays per pixel of patch transport where geometry has moved.
     gather_samples: int = _SAMPLES
-    #: (band, y, x) change of the base picture by another camera, DN; see ``seen_by``.
+    #: (band, y, x) change of the base picture by another camera, DN; see ``with_camera``.
     moved: NDArray[np.float64] | float = 0.0
     #: Factor on the lamp's stated power at which effects act: stray light and offsets do not grow with the lamp.
     lamp_scale: float = 1.0
@@ -176,7 +176,7 @@ class Predictor:
         """
         return replace(self, samples=_SCREENING_SAMPLES, gather_samples=_DRAFT_SAMPLES)
 
-    def traces_anew(self, effects: Sequence[AppliedEffect]) -> bool:
+    def needs_tracing(self, effects: Sequence[AppliedEffect]) -> bool:
         """Whether effects move surfaces, or change the directions in which lamps emit.
 
         Parameters
@@ -208,7 +208,7 @@ class Predictor:
         """
         return self._sharing("_traced", settings=settings)  # rays do not depend on the depth of paths
 
-    def seen_by(self, camera: Camera) -> Predictor:
+    def with_camera(self, camera: Camera) -> Predictor:
         """The same with the base picture warped to another camera, before any effect acts on it.
 
         Parameters
@@ -327,7 +327,7 @@ class Predictor:
         if effects_key(relevant) != effects_key(self.included) or at_scale != 1.0:
             faces = self._faces(self.included), self._faces(relevant)
             face = None if faces[0] is faces[1] else np.where(np.equal(*faces), faces[0], -1)
-            changed = changed_alike(
+            changed = with_change_of(
                 changed, self.patch_picture(self.included), self.patch_picture(relevant, at_scale), face
             )
         distorted = with_further_distortion(self.camera, effects)
@@ -445,7 +445,7 @@ def _with_edge(scene: Scene, ratio: float) -> Scene:
     return scene.with_lamps(lambda lamp: replace(lamp, edge_ratio=ratio))
 
 
-def changed_alike(signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None) -> NDArray[np.float64]:
+def with_change_of(signal: NDArray, before: NDArray, after: NDArray, face: NDArray | None) -> NDArray[np.float64]:
     """Signal with the change of a picture by patch transport.
 
     The change is applied as a ratio, in which errors of the coarse patches cancel. Where the ratio is not between 0.5

@@ -92,7 +92,7 @@ class Base:
         Predictor
             Of a quarter of the rays where light is traced again.
         """
-        return self._retracing if self.rendered.predictor.traces_anew(effects) else self._rough
+        return self._retracing if self.rendered.predictor.needs_tracing(effects) else self._rough
 
     @cached_property
     def _retracing(self) -> Predictor:

@@ -2,22 +2,18 @@
 
 import re
 import shutil
-import sys
 
+import frame_mistakes  # noqa: F401  (fills the list)
+import further_mistakes  # noqa: F401
+import manifest_mistakes  # noqa: F401
 import numpy as np
 import pytest
+from capture_mistakes import MISTAKES, Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.result import calibrate
 from helpers.calibrations import quick_calibration
 from helpers.places import ROOT
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-import frame_mistakes  # noqa: F401  (fills the list)
-import further_mistakes  # noqa: F401
-import manifest_mistakes  # noqa: F401
-from capture_mistakes import MISTAKES, Draft
 
 
 def suspicions(folder):

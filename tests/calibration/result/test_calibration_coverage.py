@@ -1,6 +1,7 @@
 """Whole captures of known truth, calibrated from their files: the stated intervals hold it.
 
-benchmarks/calibration_coverage.py does so over a thousand captures; these few catch an interval that is plainly wrong.
+benchmarks/calibration/calibration_coverage.py does so over a thousand captures. These few catch an interval that is
+plainly wrong.
 """
 
 import numpy as np

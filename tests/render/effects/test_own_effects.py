@@ -1,6 +1,6 @@
 """A user's own package of effects, one for every stage, is installed: its effects are the catalogue's equals.
 
-benchmarks/users_effects.py hides each of them in a capture and diagnoses it.
+benchmarks/diagnosis/users_effects.py hides each of them in a capture and diagnoses it.
 """
 
 import pytest

@@ -2,7 +2,7 @@
 
 What an effect changes in the mean of a surface, against the same from path tracing. Monte Carlo counts with its own
 standard error (4.9 of them: one false alarm in a million comparisons); beyond it the coarse patches may be wrong by a
-stated part of the change, which benchmarks/effect_shapes.py measures pixel by pixel.
+stated part of the change, which benchmarks/diagnosis/effect_shapes.py measures pixel by pixel.
 """
 
 from dataclasses import replace

@@ -1,10 +1,10 @@
 """Mistakes of a few per cent, half a pixel or ten nanometres are named, with size and place."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
+from capture_mistakes import Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import read_darks
 from cboxlab.calibration.quality.dark_light import check_light_in_darks
@@ -16,10 +16,6 @@ from cboxlab.validation.capture_checks.band_registration import SMALLEST_STEP_PX
 from helpers.calibrations import quick_calibration
 from helpers.places import ROOT
 from scipy import ndimage
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
-from capture_mistakes import Draft
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

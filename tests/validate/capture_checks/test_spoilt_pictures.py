@@ -1,21 +1,20 @@
-"""Mistakes made in a small sound capture are named; benchmarks/spoilt_captures.py counts them over many captures."""
+"""Mistakes made in a small sound capture are named.
+
+benchmarks/mistakes/spoilt_captures.py counts them over many captures.
+"""
 
 import re
-import sys
-
-import numpy as np
-import pytest
-from cboxlab.rendering.device.variant import compiled
-from cboxlab.validation.capture_checks import with_scene_checks
-from helpers.calibrations import quick_calibration
-from helpers.places import ROOT
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import frame_mistakes  # noqa: F401  (fills the list)
 import further_mistakes  # noqa: F401
 import manifest_mistakes  # noqa: F401
+import numpy as np
+import pytest
 from capture_mistakes import MISTAKES, Draft
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.validation.capture_checks import with_scene_checks
+from helpers.calibrations import quick_calibration
+from helpers.places import ROOT
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

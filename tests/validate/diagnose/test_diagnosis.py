@@ -228,7 +228,7 @@ def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included
     moved = rendered.predictor.camera.parameters + np.array([0.1, *np.zeros(9)])
     still = replace(rendered.predictor, included=light).at_lamp(1.0)
     camera = still.camera.with_parameters(moved)
-    there = still.seen_by(camera)
+    there = still.with_camera(camera)
     brighter = apply_checked("lamp-power", {"scale": 1.3}, "test")
     before, after = there.signal(others), there.signal((*others, brighter))
     lit = rendered.used & (rendered.predictor.base.signal > 300)

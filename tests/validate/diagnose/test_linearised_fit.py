@@ -110,7 +110,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         noise_reference_signal=lambda signal: 3 * signal,
     )
     predictor = SimpleNamespace(signal=lambda effects: picture, warp=None, lamp_scale=scale)
-    predictor.seen_by = predictor.at_lamp = lambda _: predictor
+    predictor.with_camera = predictor.at_lamp = lambda _: predictor
     rendered = SimpleNamespace(
         fit=SimpleNamespace(lamp_scale=scale, camera=None),
         predictor=predictor,

@@ -131,7 +131,7 @@ def test_a_rendered_study_comes_back_with_the_same_bits(fitted, place, monkeypat
     opened = Study.read(place / "saved", cache=place / "cache")
     assert same_bits(opened, rendered)
     monkeypatch.setattr(study_module, "prepare", None)
-    assert same_bits(Study.read(place / "saved", known=opened), rendered)
+    assert same_bits(Study.read(place / "saved", calibrated_study=opened), rendered)
     assert [e.id for e in opened.undo().effects] == ["veiling-glare"] and opened.undo().undo().effects == ()
     content = json.loads(study_json.read_text())
     assert content["captures"] == ["../capture"] and len(content["states"]) == 3

@@ -6,8 +6,8 @@ would still have to be fitted into them. Starlette and uvicorn are two packages.
 which the tests drive directly.
 """
 
-from .app import build_app
+from .app import ANY_ADDRESS, build_app
 from .serve import serve
 from .workbench import Workbench
 
-__all__ = ["Workbench", "build_app", "serve"]
+__all__ = ["ANY_ADDRESS", "Workbench", "build_app", "serve"]

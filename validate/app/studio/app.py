@@ -8,13 +8,14 @@ import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from importlib import resources
+from ipaddress import ip_address
 from typing import Any
 
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Progress
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -25,7 +26,10 @@ from .places import list_inputs
 from .wire import catalogue_record, study_record, view
 from .workbench import Workbench
 
-__all__ = ["build_app"]
+__all__ = ["ANY_ADDRESS", "build_app"]
+
+#: Entry of the host names of ``build_app`` that stands for every IP address.
+ANY_ADDRESS = "*"
 
 #: Largest body of a request, bytes: a step or a job has a few hundred.
 _MAX_BODY = 1 << 16
@@ -70,13 +74,22 @@ _FOREIGN = (
 _UNKNOWN = "The workbench has no file of this name. Open the address that cbox printed.\n"
 
 
+def _is_address(name: str) -> bool:
+    """Whether a host name is an IP address, which no foreign page can make its name."""
+    try:
+        ip_address(name.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
+
 class _Guard:
     """Refusal of requests for another host name, and from other pages.
 
     The host name of a foreign page may resolve to this computer.
     """
 
-    def __init__(self, app: ASGIApp, hosts: frozenset[str] | None) -> None:
+    def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
         self._app, self._hosts = app, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -84,7 +97,8 @@ class _Guard:
             headers = {key.decode("latin-1"): value.decode("latin-1") for key, value in scope["headers"]}
             host, origin = headers.get("host", ""), headers.get("origin")
             name = host.rsplit(":", 1)[0] if not host.endswith("]") else host
-            foreign = self._hosts is not None and name not in self._hosts
+            any_address = ANY_ADDRESS in self._hosts and _is_address(name)
+            foreign = not any_address and name not in self._hosts - {ANY_ADDRESS}
             if foreign or (origin is not None and origin.partition("://")[2] != host):
                 await PlainTextResponse(_FOREIGN, 403)(scope, receive, send)
                 return
@@ -139,12 +153,12 @@ class _Handlers:
         which = _index(body, "which")
         steps: Mapping[str, Callable[[], None]] = {
             "add": lambda: bench.add(_text(body, "effect"), _values(body)),
-            "change": lambda: bench.change(which, _values(body), bool(body.get("commit"))),
+            "change": lambda: bench.change(which, _values(body), _flag(body, "commit")),
             "remove": lambda: bench.remove(which),
             "undo": bench.undo,
             "redo": bench.redo,
             "adopt": bench.adopt,
-            "show": lambda: bench.show(_index(body, "capture"), bool(body.get("refit", True))),
+            "show": lambda: bench.show(_index(body, "capture"), _flag(body, "refit", True)),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
@@ -164,15 +178,15 @@ class _Handlers:
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
         name, body, bench = request.path_params["name"], await _body(request), self.bench
-        which, report = body.get("which", []), bool(body.get("report"))
-        if not isinstance(which, list) or not all(isinstance(index, int) for index in which):
-            raise InputError("which", repr(which), "a list of indices of effects")
+        which, report = body.get("which", []), _flag(body, "report")
+        if not isinstance(which, list) or not all(map(_is_index, which)):
+            raise InputError("which", repr(which)[:80], "a list of indices of effects")
 
         def save(progress: Progress) -> None:
             self._saved = bench.save(_text(body, "folder"), report, progress)
 
         jobs: Mapping[str, Callable[[Progress], None]] = {
-            "open": lambda p: bench.open(_text(body, "capture"), body.get("model") or None, p),
+            "open": lambda p: bench.open(_text(body, "capture"), _optional(body, "model"), p),
             "model": lambda p: bench.open_model(_text(body, "model"), p),
             "fit": lambda p: bench.fit(which, p),
             "render": bench.render,
@@ -187,7 +201,7 @@ class _Handlers:
     async def cancel(self, request: Request) -> Response:
         """Stop the computation; with ``background`` only one that the user did not start."""
         body = await _body(request)
-        if not (body.get("background") and self.jobs.busy):
+        if not (_flag(body, "background") and self.jobs.busy):
             await self.jobs.cancel()
         return JSONResponse({}, headers=_HEADERS)
 
@@ -230,7 +244,7 @@ class _Handlers:
 def build_app(
     bench: Workbench,
     token: str,
-    hosts: frozenset[str] | None,
+    hosts: frozenset[str],
     *,
     idle_s: float = _IDLE_S,
     begin: Callable[[Progress], None] | None = None,
@@ -244,7 +258,7 @@ def build_app(
     token
         Secret of the page's path, /token/; "" for the path /.
     hosts
-        Host names that a request may be for; None for any.
+        Host names that a request may be for. ``ANY_ADDRESS`` allows every IP address besides.
     idle_s
         Time without a step of the user after which light transport is rendered in the background, s.
     begin
@@ -281,7 +295,7 @@ def build_app(
     return Starlette(
         routes=[Mount(f"/{token}", routes=routes)] if token else routes,
         middleware=[Middleware(_Guard, hosts=hosts)],
-        exception_handlers={InputError: _refusal},
+        exception_handlers={InputError: _refusal, ClientDisconnect: _no_listener},
         lifespan=lifespan,
     )
 
@@ -289,6 +303,11 @@ def build_app(
 async def _refusal(request: Request, error: Exception) -> Response:
     """Answer to a request with faulty input."""
     return JSONResponse({"error": str(error)}, 400, headers=_HEADERS)
+
+
+async def _no_listener(request: Request, error: Exception) -> Response:
+    """Answer to a client that closed the connection, which nobody receives."""
+    return Response(status_code=400)
 
 
 async def _body(request: Request) -> dict[str, Any]:
@@ -302,7 +321,7 @@ async def _body(request: Request) -> dict[str, Any]:
         if len(text) > _MAX_BODY:
             raise InputError("the request", "a body that is too long", f"at most {_MAX_BODY} bytes")
     try:
-        content = json.loads(text or b"{}")
+        content = json.loads(text or b"{}", parse_constant=_no_number)
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):
@@ -310,19 +329,42 @@ async def _body(request: Request) -> dict[str, Any]:
     return content
 
 
+def _no_number(name: str) -> float:
+    """Refuse NaN and Infinity, which JSON lacks and Python reads."""
+    raise ValueError(name)
+
+
 def _text(body: Mapping[str, Any], key: str) -> str:
     """Text of a key, without outer spaces; InputError if it is missing."""
     value = body.get(key)
     if not isinstance(value, str) or not value.strip():
-        raise InputError(key, "nothing" if not value else repr(value), "a name")
+        raise InputError(key, "nothing" if not value else repr(value)[:80], "a name")
     return value.strip()
+
+
+def _optional(body: Mapping[str, Any], key: str) -> str | None:
+    """Text of a key; None if it is missing, null or empty."""
+    return None if body.get(key) in (None, "") else _text(body, key)
 
 
 def _index(body: Mapping[str, Any], key: str) -> int:
     """Index of a key, 0 if it is missing."""
     value = body.get(key, 0)
-    if not isinstance(value, int):
-        raise InputError(key, repr(value), "an index from 0")
+    if not _is_index(value):
+        raise InputError(key, repr(value)[:80], "an index from 0")
+    return int(value)
+
+
+def _is_index(value: object) -> bool:
+    """Whether a JSON value is an integer of 0 or more."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _flag(body: Mapping[str, Any], key: str, default: bool = False) -> bool:
+    """Truth value of a key."""
+    value = body.get(key, default)
+    if not isinstance(value, bool):
+        raise InputError(key, repr(value)[:80], "true or false")
     return value
 
 
@@ -330,5 +372,8 @@ def _values(body: Mapping[str, Any]) -> dict[str, Any]:
     """Values of an effect; "inf" stands for infinity, which JSON lacks."""
     values = body.get("values", {})
     if not isinstance(values, dict):
-        raise InputError("values", repr(values), "a value for each parameter")
+        raise InputError("values", repr(values)[:80], "a value for each parameter")
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise InputError(f"values.{key[:40]}", repr(value)[:80], "a number or a text")
     return {str(key): math.inf if value == "inf" else value for key, value in values.items()}

@@ -10,7 +10,7 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
 
-__all__ = ["list_inputs", "path_of_name"]
+__all__ = ["list_inputs", "path_of_name", "require_study_folder"]
 
 #: Levels of folders that are listed below the root.
 _MAX_DEPTH = 3
@@ -51,11 +51,40 @@ def path_of_name(root: Path, name: str | Path, what: str, *, new: bool = False) 
         if inside.startswith(".."):
             raise InputError(what, repr(text), f"a {what} below {root}")
     path = path_inside(root, Path(inside).as_posix() if inside else "", what)
-    if not new and not path.exists():
+    try:
+        exists, is_folder = path.exists(), path.is_dir()
+    except OSError as error:
+        raise InputError(what, f"{text[:80]!r} ({error.strerror})", f"a {what} below {root}") from None
+    if not new and not exists:
         raise InputError(what, repr(text), f"a {what} below {root}")
-    if new and path.exists() and not path.is_dir():
+    if new and exists and not is_folder:
         raise InputError(what, f"{text!r}, a file", "a folder")
     return path
+
+
+def require_study_folder(root: Path, folder: Path) -> None:
+    """Require that a study may be saved in a folder, without replacing anything but a study.
+
+    Parameters
+    ----------
+    root
+        Folder below which the page may save files.
+    folder
+        The folder, below ``root``; it need not exist.
+
+    Raises
+    ------
+    InputError
+        If it is in the folder of a capture, or contains files but no study.
+    """
+    for parent in (folder, *folder.parents):
+        if (parent / "capture.toml").exists():
+            raise InputError("folder", f"'{folder}', in the folder of a capture", "a folder outside it")
+        if parent == root:
+            break
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / "study.json").exists():
+        hint = "Choose another name."
+        raise InputError("folder", f"'{folder}', with files of other kinds", "a new folder, or a saved study's", hint)
 
 
 def list_inputs(root: Path) -> dict[str, list[str]]:

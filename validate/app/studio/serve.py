@@ -8,18 +8,22 @@ import threading
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import uvicorn
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Progress
 
-from .app import build_app
+from .app import ANY_ADDRESS, build_app
 from .workbench import Workbench
 
 __all__ = ["serve"]
 
 #: Host names of this computer.
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+#: Time after which the browser opens: the server has started by then, s.
+_BROWSER_DELAY_S = 0.5
 #: Addresses that stand for all addresses of this computer.
 _EVERYWHERE = ("0.0.0.0", "::")
 
@@ -70,17 +74,28 @@ def serve(
             "studio", f"{host}, port {port} ({error})", "an address of this computer and a free port"
         ) from None
     name = f"[{host}]" if ":" in host else host
-    hosts = None if host in _EVERYWHERE else frozenset({name, *_LOOPBACK})
+    everywhere = {ANY_ADDRESS, socket.gethostname(), socket.getfqdn()} if host in _EVERYWHERE else {name}
     reachable = "127.0.0.1" if host in _EVERYWHERE else name
     address = f"http://{reachable}:{listening.getsockname()[1]}/{secret + '/' if secret else ''}"
     announce(address)
     settings = uvicorn.Config(
-        build_app(bench, secret, hosts, begin=begin),
+        build_app(bench, secret, frozenset({*everywhere, *_LOOPBACK}), begin=begin),
         log_level="warning",
         access_log=False,
         timeout_graceful_shutdown=1,
     )
-    if browser:
-        threading.Timer(0.5, webbrowser.open, [address]).start()
-    with listening, suppress(KeyboardInterrupt):
+    with listening, TemporaryDirectory(prefix="cbox-studio-") as folder, suppress(KeyboardInterrupt):
+        if browser:
+            threading.Timer(_BROWSER_DELAY_S, webbrowser.open, [_redirection(Path(folder), address)]).start()
         uvicorn.Server(settings).run(sockets=[listening])
+
+
+def _redirection(folder: Path, address: str) -> str:
+    """Address of a file, readable by this user only, that leads to a page.
+
+    Other users of the computer can read the browser's command line. The page's secret therefore stands in the file.
+    """
+    path = folder / "open.html"
+    path.touch(mode=0o600)
+    path.write_text(f'<meta charset="utf-8"><meta http-equiv="refresh" content="0; url={address}">', encoding="utf-8")
+    return path.as_uri()

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import stages_between
 from cboxlab.rendering.model import load_model
+from cboxlab.scenes.scene_file import PACKAGED, packaged_scenes
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import inputs_below
 from cboxlab.utils.progress import Progress, share
 
 from ...api import DiagnosisResult, Study, as_model
 from ...study import Prediction, same_effects
-from .places import path_of_name
+from .places import path_of_name, require_study_folder
 
 __all__ = ["Workbench"]
 
@@ -110,11 +113,23 @@ class Workbench:
         Raises
         ------
         InputError
-            If an input is faulty or outside the root folder.
+            If an input is faulty or outside the root folder. A ``Path`` comes from the program: then no input is
+            refused for its folder.
         """
-        folder = path_of_name(self.root, capture, "capture")
+        if isinstance(capture, Path):
+            self._open(capture, model, progress)
+        else:
+            with self._inputs():
+                self._open(path_of_name(self.root, capture, "capture"), model, progress)
+
+    def _inputs(self) -> AbstractContextManager[None]:
+        """Refusal of files outside the root folder and the open captures, also of those that other files name."""
+        captures = () if self._study is None else [capture.folder for capture in self._study.captures]
+        return inputs_below(self.root, PACKAGED, *captures)
+
+    def _open(self, folder: Path, model: str | Path | None, progress: Progress) -> None:
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
-            self._begin(Study.read(folder, cache=self.cache, known=self._study, progress=progress))
+            self._begin(Study.read(folder, cache=self.cache, calibrated_study=self._study, progress=progress))
             return
         loaded = load_capture(folder)
         start = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
@@ -138,13 +153,14 @@ class Workbench:
         InputError
             If the model is faulty or outside the root folder, or if no capture is open.
         """
-        start = as_model(self._model(model), self.study.captures, noise=self._noise, seed=self._seed)
+        with self._inputs():
+            start = as_model(self._model(model), self.study.captures, noise=self._noise, seed=self._seed)
         self._begin(self.study.with_model(start, progress))
 
     def _model(self, name: str | Path | None) -> Any:
-        if name is None or not str(name).endswith(".toml"):
-            return None if not name else load_model(str(name))
-        return load_model(path_of_name(self.root, name, "model"))
+        if not name:
+            return None
+        return load_model(name if name in packaged_scenes() else path_of_name(self.root, name, "model"))
 
     def _begin(self, study: Study) -> None:
         """Set a study of other inputs, without a diagnosis."""
@@ -169,7 +185,11 @@ class Workbench:
         InputError
             As of ``Study.add``.
         """
-        self._take(self.study.add(effect, **values))
+        if effect.endswith(".toml"):
+            effect = str(path_of_name(self.root, effect, "effect"))
+        with self._inputs():
+            study = self.study.add(effect, **values)
+        self._take(study)
 
     def change(self, which: int, values: Mapping[str, str | float], commit: bool) -> None:
         """Change an effect's parameters.
@@ -295,9 +315,10 @@ class Workbench:
         Raises
         ------
         InputError
-            If the folder is outside the root folder.
+            If the folder is outside the root folder, or has files other than a study's.
         """
         target = path_of_name(self.root, folder, "folder", new=True)
+        require_study_folder(self.root, target)
         written = [*self.study.write(target)]
         if report:
             self.render(progress)

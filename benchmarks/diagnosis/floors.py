@@ -1,7 +1,7 @@
 """The smallest effect that a capture shows, beside what its noise alone would allow, and what limits it.
 
-    python benchmarks/floors.py                                  # a sound capture of our own, 128 x 128
-    python benchmarks/floors.py --capture FOLDER --model M.toml  # another one; M should leave nothing
+    python benchmarks/diagnosis/floors.py                                  # a sound capture of our own, 128 x 128
+    python benchmarks/diagnosis/floors.py --capture FOLDER --model M.toml  # another one; M should leave nothing
 
 Strengths are chi-square per sample, to first order, camera and lamp fitted. For each effect, in the most visible of its
 ways to act:

@@ -1,6 +1,6 @@
 """Commands that are killed, run in pairs, meet a full disk, a closed pipe or Ctrl-C: what is left, and what is said.
 
-Run: python benchmarks/faults.py WORK [--moments 20] [--pairs 5] [--commands calibrate,render]
+Run: python benchmarks/mistakes/faults.py WORK [--moments 20] [--pairs 5] [--commands calibrate,render]
 
 Each case runs ``cbox`` on the smallest capture, in folders below WORK. Every case is one line of WORK/faults.jsonl; a
 later run skips those. Printed at the end: cases and failures by kind and command.

@@ -1,6 +1,6 @@
 """The sensor simulator against Vora, Farrell, Tietz and Brainard (2001), table by table, and against real frames.
 
-    python benchmarks/sensor_verification.py [--json] [--frames FOLDER]
+    python benchmarks/calibration/sensor_verification.py [--json] [--frames FOLDER]
 
 Where the paper measured in a laboratory, a stand-in of it is simulated by an independent path
 (tests/oracles/verification_chart.py); what was assumed there is printed. The real frames are those of the seven-band
@@ -12,11 +12,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import sys
 from pathlib import Path
 
 import colour
 import numpy as np
-import oracles_path  # noqa: F401
 import xarray as xr
 from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.calibration.radiometry.spectral_sensitivity import (
@@ -37,10 +37,13 @@ from cboxlab.rendering.sensor.detector import SensorCamera, noisy_counts
 from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, simulate
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
 from oracles import verification_chart as chart
 from oracles import verification_frames as frames
 
-FRAMES = Path(__file__).resolve().parents[2] / "shared" / "real" / "seven-band-colorchecker"
+FRAMES = Path(__file__).resolve().parents[3] / "shared" / "real" / "seven-band-colorchecker"
 COLUMNS = ("mean", "mean_percent", "rms", "maximum", "maximum_percent")
 HEADER = ("mean |error|", "mean %", "rms", "max", "max %")
 #: Table I, by exposure: mean, mean %, RMS, maximum, maximum %.

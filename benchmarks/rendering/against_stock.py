@@ -1,6 +1,6 @@
 """Every integrator against stock Mitsuba, in five boxes: mean radiance of each surface, over its standard error.
 
-    python benchmarks/against_stock.py [--size 32] [--samples 512]
+    python benchmarks/rendering/against_stock.py [--size 32] [--samples 512]
 
 Boxes: the published one; with a ball on each block; with a mesh of 99,904 triangles in place of the short
 block; with a rough coat on all that is white; in haze. Three bands, 16 batches of --samples paths a pixel for stock

@@ -1,7 +1,7 @@
 """Time and memory of large cubes, of a capture in many bands, and of many captures in one batch.
 
-    python benchmarks/scale.py                                   # all of it: an hour on two cores
-    python benchmarks/scale.py --sizes 256,1024 --bands 16 --captures 20
+    python benchmarks/speed/scale.py                                   # all of it: an hour on two cores
+    python benchmarks/speed/scale.py --sizes 256,1024 --bands 16 --captures 20
 
 Every figure is of a `cbox` command of its own: wall and CPU seconds, and the largest memory of a process. The batch is
 then repeated with a hundredth of its results removed, and has to keep the others. Exit code 1 if a command fails.

@@ -1,6 +1,6 @@
 """How much picture a CPU second buys: our integrators against stock Mitsuba and against bare ray tracing.
 
-    python benchmarks/spectral_engine.py [--json] [--parts default,specfilm,mono,floor,bands,bias,...]
+    python benchmarks/rendering/spectral_engine.py [--json] [--parts default,specfilm,mono,floor,bands,bias,...]
                                          [--size 256] [--samples 64] [--rounds 8] [--bias-error 0.00014]
 
 The published box and camera, --size pixels square, 31 bands from 400 to 700 nm (the part "bands": 76 too),

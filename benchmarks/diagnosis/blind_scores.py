@@ -1,6 +1,6 @@
 """Scores of blind captures: what is right by kind, box and instrument, the stated probabilities, and what fails.
 
-    python benchmarks/blind_scores.py blind-1.jsonl blind-2.jsonl
+    python benchmarks/diagnosis/blind_scores.py blind-1.jsonl blind-2.jsonl
 
 prints the tables, as Markdown, of results that blind_diagnosis.py kept, of several parts together; one state of the
 code must have made them all.

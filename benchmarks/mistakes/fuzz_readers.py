@@ -1,6 +1,7 @@
 """Coverage-guided fuzzing of every reader of files: what is no input ends in InputError, soon, and in little memory.
 
-Run: python benchmarks/fuzz_readers.py WORK [--inputs 5000] [--readers scene,points]   (needs: pip install atheris)
+Run: python benchmarks/mistakes/fuzz_readers.py WORK [--inputs 5000] [--readers scene,points]
+Needs `pip install atheris`.
 
 Each reader has a process of its own, which begins with a sound file and changes it: half of the changes are of bytes
 (libFuzzer's own, guided by the branches reached in cboxlab), half are of words, numbers and lines. An input fails if
@@ -114,7 +115,7 @@ def readers() -> dict[str, Reader]:
     from cboxlab.validation.study.study_file import read_study
     from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
 
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     demo = root / "validate" / "data" / "demo-capture"
     cube = as_cube(np.arange(60, dtype=np.float32).reshape(3, 4, 5) + 1, [400.0, 450, 500, 600, 700])
     counts = np.arange(300, dtype=np.uint16).reshape(15, 20)

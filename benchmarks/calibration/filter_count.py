@@ -1,6 +1,6 @@
 """How many narrow filters, and which, are enough for colour: error of trained weights against their number.
 
-    python benchmarks/filter_count.py
+    python benchmarks/calibration/filter_count.py
 
 Candidates: 31 Gaussian filters from 400 to 700 nm, 10 nm wide at half height, before the PXL 1300L and its lens.
 """

@@ -1,6 +1,6 @@
 """How well the diagnosis knows each effect's shape: its predicted change against an independent one.
 
-    python benchmarks/effect_shapes.py [--effects haze,gloss] [--size 32] [--samples 4096] [--batches 8] [--json]
+    python benchmarks/diagnosis/effect_shapes.py [--effects haze,gloss] [--size 32] [--samples 4096] [--json]
 
 The published box and camera, a lamp of radiance 1, three wavelengths, pixels inside faces away from the lamp. The
 prediction is the diagnosis' own: patches of a twelfth of the box's diagonal. Effects of light transport are compared
@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import oracles_path  # noqa: F401
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
@@ -29,8 +30,11 @@ from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from cboxlab.validation.predict import predictor
 from numpy.typing import NDArray
-from oracles import mitsuba_effects
 from scipy.ndimage import binary_dilation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
+from oracles import mitsuba_effects
 
 NM, GRID = np.array([450.0, 550.0, 650.0]), np.arange(400.0, 701.0)
 
@@ -116,7 +120,7 @@ class Bench:
             after = self.light(self.scene, int(values["max_bounces"])).picture()
         else:
             after = self.light(applied.apply(self.scene)).picture()
-        return predictor.changed_alike(self.picture, self.before, after, None)
+        return predictor.with_change_of(self.picture, self.before, after, None)
 
     def row(self, name: str, values: dict[str, Any]) -> dict[str, Any]:
         """What the table says of one effect."""

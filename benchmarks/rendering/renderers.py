@@ -1,6 +1,6 @@
 """Other renderers on the published box against our picture: each surface's difference, as they really ran.
 
-    python benchmarks/renderers.py [--with mitsuba,radiance,raysect] [--out FOLDER] [--effort 1]
+    python benchmarks/rendering/renderers.py [--with mitsuba,radiance,raysect] [--out FOLDER] [--effort 1]
 
 Every surface counts that lies within 0.2 % of ours, its standard deviation being at most 0.1 %; a surface whose error
 is larger is not decided. Each renderer takes so many samples that six of the seven surfaces are decided: about 1

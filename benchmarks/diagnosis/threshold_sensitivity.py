@@ -1,6 +1,6 @@
 """Sensitivity of verdicts to the constants that decide them: each one times 0.7 and times 1.4.
 
-    python benchmarks/threshold_sensitivity.py CAPTURE ... [BASELINE=CANDIDATE ...] [--only diagnose/evidence]
+    python benchmarks/diagnosis/threshold_sensitivity.py CAPTURE ... [BASELINE=CANDIDATE ...] [--only diagnose/evidence]
 
 The suspicions of a capture judge the constants of calibration/quality, its diagnosis those of validate/diagnose. A pair
 of cubes, compared as by `cbox regress`, judges those of compare_renders/regress. Every moved constant runs in another
@@ -25,7 +25,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, ModuleType
 
-import docs_path  # noqa: F401
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))
+
 from decision_constants import DecisionConstant, assigned, decision_constants
 
 #: Factors by which each constant is multiplied.

@@ -20,7 +20,7 @@ study.write_report("out/study/report")
 #: A diagnosis that ends with the unknown, as `effects --new` reads it.
 UNKNOWN = f"""
 import json, sys
-sys.path.insert(0, {str(Path(__file__).resolve().parents[1] / "tests")!r})
+sys.path.insert(0, {str(Path(__file__).resolve().parents[2] / "tests")!r})
 import numpy as np
 from cboxlab.validation.diagnose.explain import explain
 from cboxlab.validation.report.explanation import explanation_record

@@ -1,6 +1,6 @@
 """Every command of the README and the tutorial, run as it is written, with a cold cache.
 
-    python benchmarks/manual_trial.py [PAGE ...]
+    python benchmarks/speed/manual_trial.py [PAGE ...]
 
 Runs the commands of each page one after the other in a folder that holds the bundled data alone, with an empty cache,
 and tells the time and the exit code of each. Exit code 1 where one fails. Reckon with half an hour.
@@ -17,9 +17,11 @@ import tempfile
 import time
 from pathlib import Path
 
-import oracles_path  # noqa: F401
-from helpers.manual_commands import NEW_USER, commands
 from helpers.places import ROOT
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
+from helpers.manual_commands import NEW_USER, commands
 
 
 def trial(page: str) -> bool:

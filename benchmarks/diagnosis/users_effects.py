@@ -1,7 +1,7 @@
 """A user's own effects, one for every stage: hidden in captures, are they named, fitted and drawn?
 
-    python benchmarks/users_effects.py                      # all of them
-    python benchmarks/users_effects.py decentred-lens soot  # some, by name
+    python benchmarks/diagnosis/users_effects.py                      # all of them
+    python benchmarks/diagnosis/users_effects.py decentred-lens soot  # some, by name
 
 Installs the package of tests/render/effects/own_package, hides each of its effects in a capture of 128 x 128 pixels
 as blind_diagnosis.py does, and diagnoses it. Exit code 1 if one is not named first.
@@ -13,11 +13,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-import oracles_path  # noqa: F401
 from blind_diagnosis import Case, run
 from blind_scores import named
 from cboxlab.rendering.effects import catalogue
 from cboxlab.validation.app.commands.effect_picture import pictured_light, write_effect_picture
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
+
 from helpers.installed_effects import own_effects
 
 

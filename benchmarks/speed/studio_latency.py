@@ -1,6 +1,6 @@
 """How fast the workbench follows: from a moved parameter to new figures and pictures, by kind of effect.
 
-    python benchmarks/studio_latency.py [CAPTURE] [--moves 12]
+    python benchmarks/speed/studio_latency.py [CAPTURE] [--moves 12]
 
 Times what the page waits for, the prediction, its chi-square and the packed pictures, on the bundled capture of
 128 x 128 pixels and 7 bands where none is named. The first move of every effect is told apart from the later ones,

@@ -1,7 +1,7 @@
 """Do the tests find faults nobody thought of? Changes one place of the physics at a time and runs its module's tests.
 
-    python benchmarks/mutate_physics.py --out mutants.jsonl --count 200 --seed 1
-    python benchmarks/mutate_physics.py --out mutants.jsonl --count 40 --only calibration
+    python benchmarks/mutation/mutate_physics.py --out mutants.jsonl --count 200 --seed 1
+    python benchmarks/mutation/mutate_physics.py --out mutants.jsonl --count 40 --only calibration
 
 A mutant changes one sign, factor, power, axis, transpose, unit, half pixel, quadrature sum, wavelength, dark frame,
 degree of freedom, or takes energy for quanta. Modules take turns, so that each has its share. A module's tests are
@@ -33,9 +33,10 @@ from exchanged_code import OutOfTime, exchanged, run_here
 from planted_faults import ROOMS, ROOT
 
 PHYSICS = (
+    "render/effects",
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
     *(f"render/{name}" for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")),
-    *(f"validate/{name}" for name in ("compare", "diagnose", "effects")),
+    *(f"validate/{name}" for name in ("compare", "diagnose")),
 )
 _SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 _DARKS = {"dark_scene": "dark_flat", "dark_flat": "dark_reference", "dark_reference": "dark_scene"}

@@ -1,8 +1,8 @@
 """Causes that look alike in one capture, told apart by a second one of the same box?
 
-    python benchmarks/several_captures.py                      # all of them
-    python benchmarks/several_captures.py crosstalk defocus    # some, by the true cause
-    python benchmarks/several_captures.py --strength medium --seed 3
+    python benchmarks/diagnosis/several_captures.py                      # all of them
+    python benchmarks/diagnosis/several_captures.py crosstalk defocus    # some, by the true cause
+    python benchmarks/diagnosis/several_captures.py --strength medium --seed 3
 
 For each pair of look-alikes either one is hidden in a capture of 128 x 128 pixels, weakly, and the second capture
 differs by what separates them: half the exposure, half the aperture, another place of the camera. Prints what the first

@@ -1,6 +1,6 @@
 """How often the stated intervals of a calibration hold the truth, over many simulated captures.
 
-    python benchmarks/calibration_coverage.py --captures 1000 --results coverage.jsonl [--part 1/2] [--json]
+    python benchmarks/calibration/calibration_coverage.py --captures 1000 --results coverage.jsonl [--part 1/2] [--json]
 
 Every capture is written to files, loaded and calibrated as ``cbox calibrate`` does it, and each quantity handed on is
 held against what the capture was made of: is the truth within the 68% and the 95% interval? Finished captures are
@@ -15,13 +15,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import tempfile
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
-import oracles_path  # noqa: F401
 from oracles.calibration_coverage import LEVELS, coverage, score
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """How many mistakes in captures the suspicions of a calibration name, and how often sound captures raise one.
 
-    python benchmarks/spoilt_captures.py CAPTURE... [--sound FOLDER] [--only PATTERN] [--json F]
+    python benchmarks/mistakes/spoilt_captures.py CAPTURE... [--sound FOLDER] [--only PATTERN] [--json F]
 
 Each capture is copied and spoilt in the ways of ``manifest_mistakes.py``, ``frame_mistakes.py`` and
 ``further_mistakes.py``, calibrated from its files as ``cbox calibrate`` does it, and counted as named where a

@@ -145,7 +145,7 @@ def own_part(case: Case, part: str) -> bool:
     return int(hashlib.sha256(place.encode()).hexdigest(), 16) % parts == number - 1
 
 
-def code_state(root: Path = Path(__file__).parents[1]) -> str:
+def code_state(root: Path = Path(__file__).parents[2]) -> str:
     """A hash of the source that a diagnosis runs, comments and docstrings left out."""
     rooms = ("scenes", "calibration", "render", "validate")
     whole = hashlib.sha256()

@@ -1,9 +1,9 @@
 """False alarms, power and naming of `cbox regress`, beside the per-pixel z-test of a renderer's own tests and FLIP.
 
-    python benchmarks/regress_power.py alarms [--pairs 1000]
-    python benchmarks/regress_power.py renderers [--pairs 1000]
-    python benchmarks/regress_power.py power [--seeds 20] [--size 128]
-    python benchmarks/regress_power.py naming [--seeds 20] [--size 128] [--rows "tent filter,depth 3"]
+    python benchmarks/rendering/regress_power.py alarms [--pairs 1000]
+    python benchmarks/rendering/regress_power.py renderers [--pairs 1000]
+    python benchmarks/rendering/regress_power.py power [--seeds 20] [--size 128]
+    python benchmarks/rendering/regress_power.py naming [--seeds 20] [--size 128] [--rows "tent filter,depth 3"]
 
 `alarms`: pairs of equal pictures, the published box at 64 x 64 with noise made up in four batches (skewed;
 with tails; with a Cauchy distributed firefly in 0.1 % of the pixels; without standard errors). The stated

@@ -1,7 +1,7 @@
 """Do the tests find faults? Plants one at a time in a copy of the sources and runs the tests that should fail.
 
-    python benchmarks/planted_faults.py                 # all of them
-    python benchmarks/planted_faults.py optics-axis ddof  # some, by name
+    python benchmarks/mutation/planted_faults.py                 # all of them
+    python benchmarks/mutation/planted_faults.py optics-axis ddof  # some, by name
 
 Prints a table: the fault, whether it was found, by which test. Exit code 1 if one escapes. Each entry below is
 text of a source file that must occur there exactly once, so that a moved line is noticed.
@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 #: Folder and package inside cboxlab.
 ROOMS = {"scenes": "scenes", "calibration": "calibration", "render": "rendering", "validate": "validation"}
 #: Copied beside the rooms: what the tests read.

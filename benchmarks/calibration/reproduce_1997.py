@@ -1,6 +1,6 @@
 """Figures 1 to 6 of Pattanaik et al. (1997) from one command, on anybody's capture or on a simulated camera.
 
-    python benchmarks/reproduce_1997.py [CAPTURE] [--out FOLDER]
+    python benchmarks/calibration/reproduce_1997.py [CAPTURE] [--out FOLDER]
 
 Without CAPTURE a PXL 1300L is simulated: the box through seven filters, and an integrating sphere at several
 exposure times, f-numbers, image distances and levels. The figures are those that ``cbox calibrate`` draws:
