@@ -189,6 +189,8 @@ def explanation_to_report(
         ),
         None,
     )
+    if sharp:
+        sharp = replace(sharp, odds=best.odds)
     if sharp and sharp.family == best.family:
         sharp = replace(sharp, told_apart=best.told_apart, rivals=(sharp.rivals[0], *best.rivals[1:]))
         remains = remains and sharp.share < _MIN_SHARE_OF_SHARP_FORM * best.share

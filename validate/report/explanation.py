@@ -51,6 +51,8 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         "share": float(explanation.share),
         "runner_up": explanation.runner_up,
         "told_apart": bool(explanation.told_apart),
+        "probability": _rounded(explanation.probability),
+        "odds": {outcome: _rounded(value) for outcome, value in explanation.odds.items()},
         "form": explanation.form,
         "relative_change": {
             band: float(value) for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
@@ -75,6 +77,11 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
     }
 
 
+def _rounded(probability: float) -> float | None:
+    """A probability for JSON; None for NaN."""
+    return None if np.isnan(probability) else round(float(probability), 4)
+
+
 def explanation_sentence(explanation: Explanation) -> str:
     """Finding in one or two sentences.
 
@@ -90,7 +97,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     """
     family = explanation.family_record
     if family is None:
-        return "No family of fields explains what remains."
+        return f"No family of fields explains what remains{_believed(explanation)}."
     where = f" on {explanation.surface}" if explanation.surface else ""
     if explanation.centre_px is not None:
         where += f" about pixel ({explanation.centre_px[0]:.0f}, {explanation.centre_px[1]:.0f})"
@@ -98,7 +105,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     bands = "all bands" if every else ", ".join(explanation.bands)
     text = (
         f"What remains looks like {family.title} ({explanation.family}: {explanation.form}){where}, "
-        f"in {bands}. It explains {100 * explanation.share:.0f} % of the excess."
+        f"in {bands}{_believed(explanation)}. It explains {100 * explanation.share:.0f} % of the excess."
     )
     if explanation.runner_up is None:
         return text
@@ -106,6 +113,11 @@ def explanation_sentence(explanation: Explanation) -> str:
     if explanation.told_apart:
         return f"{text} The next family is {other.family}, with {100 * other.share:.0f} %."
     return f"{text} This capture cannot distinguish it from {other.family} ({100 * other.share:.0f} %)."
+
+
+def _believed(explanation: Explanation) -> str:
+    """Probability of the family in words; empty where not judged."""
+    return "" if np.isnan(explanation.probability) else f" (probability {explanation.probability:.2f})"
 
 
 def laboratory_sentences(explanation: Explanation) -> tuple[str, ...]:

@@ -1,13 +1,14 @@
 """Competition of the families of explanations for a residual."""
 
 from .competition import explain, explain_masked_families
-from .explanation import NONE, Explanation, Rival
+from .explanation import NONE, SOUND, Explanation, Rival
 from .laboratory import advice, appearance
 from .noise import noise_level
 from .registration import Registration, registration
 
 __all__ = [
     "NONE",
+    "SOUND",
     "Explanation",
     "Registration",
     "Rival",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import takewhile
 from threading import Event
@@ -17,8 +17,9 @@ from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, chang
 from .as_field import fitted_field
 from .explanation import NONE, Explanation, Rival
 from .noise import noise_level
+from .odds import probabilities
 from .prior_odds import soft_outline, spot_log_odds
-from .registration import registration
+from .registration import Registration, registration
 
 __all__ = ["explain", "explain_masked_families"]
 
@@ -198,8 +199,10 @@ def _compare(
     _, score, winner = ranked[0]
     margin = max(_MIN_SCORE_DIFFERENCE, _MIN_SCORE_DIFFERENCE_PART * winner.fit.gain)
     holds = winner.fit.predicts >= MIN_HELDOUT_GAIN
+    seen = registration(data)
+    odds = probabilities(rivals, seen) if continued else {}
     if winner.evidence < _MIN_EVIDENCE or rivals[0].share < min_share or not holds:
-        return _no_explanation(data, rivals, len(candidates))
+        return _no_explanation(data, rivals, len(candidates), seen, odds)
     change = change_dn(data, winner)
     change, further = _continued(data, winner, change, total) if continued else (change, [])
     whitened = data.whitened(change)
@@ -231,7 +234,8 @@ def _compare(
         effects_leave=winner.effects_leave,
         field=fitted_field(data, winner),
         family_record=winner.family,
-        registration=registration(data),
+        registration=seen,
+        odds=odds,
     )
 
 
@@ -259,7 +263,9 @@ def _visible_bands(change: NDArray[np.float64], whitened: NDArray[np.float64]) -
     return np.any(change, axis=(1, 2)) & (sizes > np.maximum(_MIN_BAND_PART * sizes.max(), _MIN_BAND_CHI2))
 
 
-def _no_explanation(data: ResidualData, rivals: Sequence[Rival], num_forms: int) -> Explanation:
+def _no_explanation(
+    data: ResidualData, rivals: Sequence[Rival], num_forms: int, seen: Registration, odds: Mapping[str, float]
+) -> Explanation:
     return Explanation(
         family=NONE,
         form=_NO_FORM,
@@ -282,7 +288,8 @@ def _no_explanation(data: ResidualData, rivals: Sequence[Rival], num_forms: int)
         effects_leave=0.0,
         field=None,
         family_record=None,
-        registration=registration(data),
+        registration=seen,
+        odds=odds,
     )
 
 

@@ -15,7 +15,7 @@ _MIN_SHARE = 0.2
 _ONE_SIGN = 0.25
 
 #: Share of the best scaling that a second one reaches at the most to be told from it.
-_SCALES_ALIKE = 0.9
+_SCALES_ALIKE = 0.97
 
 #: Advice where no family holds, by the attribute of `Registration` that explains most.
 _WITHOUT_FAMILY = {

@@ -20,11 +20,13 @@ _SQUARES_PX = (1, 2, 4, 8)
 
 @dataclass(frozen=True)
 class Registration:
-    """Shares of the excess, 0 to 1, that patterns of certain kinds explain, free numbers deducted.
+    """Size of the excess, and shares of it, 0 to 1, that patterns explain, free numbers deducted.
 
     The shares overlap, and do not add up to 1.
     """
 
+    #: Excess of chi2 per sample over noise.
+    per_sample: float
     #: Part of the excess in which counts are missing; the rest is counts too many.
     missing: float
     #: A pattern in proportion to the signal, alike in all bands.
@@ -45,7 +47,7 @@ class Registration:
     in_pixels: float
     #: The excess of pixels at edges between surfaces over their part of the picture.
     at_edges: float
-    #: The excess of the tenth of the picture's squares that differ most.
+    #: The excess of the tenth of the picture's squares that differ most: 0 for half of it, 1 for all.
     in_places: float
 
 
@@ -83,7 +85,8 @@ def registration(data: ResidualData) -> Registration:
     edges = (maximum_filter(surfaces, 3) != minimum_filter(surfaces, 3)) & data.used.any(axis=0)
     at_edges = float((square - noise * data.used)[:, edges].sum()) / excess
     return Registration(
-        missing=float(square[data.residual < 0].sum() / max(square.sum(), 1e-300)),
+        per_sample=excess / data.count,
+        missing=_missing(data, square, noise),
         by_signal=by_squares[side],
         by_count=share(flat, where),
         by_exposure=share(flat * exposure, where),
@@ -95,6 +98,14 @@ def registration(data: ResidualData) -> Registration:
         at_edges=float(np.clip(at_edges - edges.mean(), 0, 1)),
         in_places=_in_places(square - noise * data.used, squares(4), excess),
     )
+
+
+def _missing(data: ResidualData, square: NDArray[np.float64], noise: float) -> float:
+    """Part of the excess in which counts are missing; noise is even."""
+    below, above = (
+        max(float(square[sign * data.residual > 0].sum()) - noise * data.count / 2, 0.0) for sign in (-1, 1)
+    )
+    return below / max(below + above, 1e-300)
 
 
 def _gain(data: ResidualData, operator: NDArray[Any], labels: NDArray[Any], noise: float) -> float:
@@ -110,4 +121,4 @@ def _gain(data: ResidualData, operator: NDArray[Any], labels: NDArray[Any], nois
 def _in_places(over: NDArray[np.float64], where: NDArray[np.int64], excess: float) -> float:
     """Share of the excess in the tenth of the squares with most of it."""
     sums = np.sort(np.bincount(where.ravel(), over.sum(axis=0).ravel())[np.unique(where)])
-    return float(np.clip(sums[-max(len(sums) // 10, 1) :].sum() / excess, 0, 1))
+    return float(np.clip(2 * sums[-max(len(sums) // 10, 1) :].sum() / excess - 1, 0, 1))

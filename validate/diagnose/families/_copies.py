@@ -23,6 +23,9 @@ _MIN_ADDED = 0.5
 #: Part of the picture's light that a copy brings into the frame at the least: a small part of it resembles steps.
 _MIN_OVERLAP = 0.6
 
+#: Least chi2 of a copy beside the lamp's power, over the largest of all shifts: less is rounding.
+_MIN_POWER = 1e-3
+
 
 def copies(data: ResidualData, family: Family) -> Iterator[FittedExplanation]:
     """The best shifted copy of the picture, the best mirrored and the best turned one.
@@ -70,20 +73,23 @@ def _fitted(data: ResidualData, family: Family, form: str, place: PictureCopy, n
 
 
 def _best_shift(data: ResidualData, place: PictureCopy) -> tuple[float, PictureCopy]:
-    """Gain of chi2 and place of the copy that explains most, over all shifts by whole pixels."""
+    """Gain of chi2 and place of the copy that explains most, over all shifts by whole pixels.
+
+    The part of a copy that the lamp's power takes up is deducted.
+    """
     rows, columns = data.shape
     size = [next_fast_len(2 * n) for n in (rows, columns)]
-    product = power = overlap = np.zeros(1)
-    for band in range(len(data.bands)):
-        picture = place.turned(data.signal[band])
-        weight = data.weight[band]
+    product = power = cross = overlap = np.zeros(1)
+    for signal, weight, residual in zip(data.signal, data.weight, data.marginal_residual, strict=True):
+        picture = place.turned(signal)
         copy, square = (np.conj(rfft2(image, size)) for image in (picture, picture**2))
-        product = product + irfft2(rfft2(data.marginal_residual[band] * weight, size) * copy, size)
+        product = product + irfft2(rfft2(residual * weight, size) * copy, size)
         power = power + irfft2(rfft2(weight**2, size) * square, size)
-        overlap = overlap + irfft2(rfft2(weight > 0, size) * np.conj(rfft2(picture, size)), size)
-    gain = np.where(overlap > _MIN_OVERLAP * data.signal.sum(), product * np.abs(product), -1) / np.maximum(
-        power, 1e-30
-    )
+        cross = cross + irfft2(rfft2(weight**2 * signal, size) * copy, size)
+        overlap = overlap + irfft2(rfft2(weight > 0, size) * copy, size)
+    power = power - cross**2 / max(float(np.sum((data.weight * data.signal) ** 2)), 1e-300)
+    enough = (overlap > _MIN_OVERLAP * data.signal.sum()) & (power > _MIN_POWER * power.max())
+    gain = np.where(enough, product * np.abs(product) / np.maximum(power, 1e-30), -1.0)
     down, right = (np.fft.fftfreq(n, 1 / n).astype(int) for n in size)
     if place == PictureCopy():
         gain[np.hypot(down[:, None], right) < _MIN_SHIFT_PX] = -1

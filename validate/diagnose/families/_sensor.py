@@ -68,6 +68,8 @@ class SensorPatterns:
     by_exposure: NDArray[np.float64]
     #: The form of such a pattern in words.
     exposure_form: str
+    #: Variance of a pixel's number by noise that all bands share.
+    common_variance: float = 0.0
 
     @property
     def data(self) -> ResidualData:
@@ -94,11 +96,14 @@ class SensorPatterns:
         FittedExplanation
             None where neighbours are alike: then it is no pattern of single pixels.
         """
-        spectra = (("alike in all bands", np.ones(len(self.data.bands))), (self.exposure_form, self.by_exposure))
-        for form, spectrum in spectra:
+        spectra = (
+            ("alike in all bands", np.ones(len(self.data.bands)), self.common_variance),
+            (self.exposure_form, self.by_exposure, 0.0),
+        )
+        for form, spectrum, variance in spectra:
             scale = np.abs(spectrum).max()
             operator = self.operator * (spectrum / scale if scale > 0 else spectrum)[:, None, None]
-            fit, correlation = pixel_fit(self.data, operator)
+            fit, correlation = pixel_fit(self.data, operator, variance)
             gain = (fit.coefficients[0] ** 2).reshape(self.data.shape) * np.sum(
                 (operator * self.data.weight) ** 2, axis=0
             )

@@ -29,6 +29,9 @@ __all__ = ["FAMILY"]
 #: Smallest flat field by which counts are divided: keeps dark corners finite.
 _MIN_FLAT = 0.05
 
+#: Percentile of the variance that stands for pixels without light.
+_WITHOUT_LIGHT = 1
+
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
     data = fit_input.data
@@ -39,12 +42,22 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         operator=1 / np.maximum(data.flat, _MIN_FLAT),
         by_exposure=data.exposure_s,
         exposure_form="that grows with the exposure",
+        common_variance=_variance_of_darks(data),
     )
     yield from patterns.over_the_sensor()
     yield from patterns.single_pixels()
     yield from patterns.waves()
     yield from patterns.spots()
     yield _by_level(data)
+
+
+def _variance_of_darks(data: ResidualData) -> float:
+    """Variance of a pixel by the noise of darks that all bands may share, DN^2.
+
+    There are about as many dark frames as frames of a band: they make half of the variance without light.
+    """
+    counts = [(sigma * flat)[used] ** 2 for sigma, flat, used in zip(data.sigma, data.flat, data.used, strict=True)]
+    return float(np.mean([np.percentile(values, _WITHOUT_LIGHT) for values in counts if len(values)])) / 2
 
 
 def _by_level(data: ResidualData) -> FittedExplanation:

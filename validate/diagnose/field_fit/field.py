@@ -365,7 +365,9 @@ def _in_turn(n: NormalEquations, start: NDArray[Any]) -> FieldFit:
     return replace(fit, heldout_bands=_held_out_bands(n, s, width))
 
 
-def pixel_fit(data: ResidualData, operator: NDArray[np.float64]) -> tuple[FieldFit, float]:
+def pixel_fit(
+    data: ResidualData, operator: NDArray[np.float64], common_variance: float = 0.0
+) -> tuple[FieldFit, float]:
     """Fit of one number for each pixel, alike in all bands, that its neighbours do not predict.
 
     Each number is the pixel's own less the mean of its eight neighbours. Camera, lamp and shared errors are smooth
@@ -377,6 +379,8 @@ def pixel_fit(data: ResidualData, operator: NDArray[np.float64]) -> tuple[FieldF
         Residual to be explained.
     operator
         (band, y, x) change of the signal by a number of 1 in every pixel, DN.
+    common_variance
+        Variance of the numbers by noise that all bands share, as that of their darks.
 
     Returns
     -------
@@ -387,6 +391,8 @@ def pixel_fit(data: ResidualData, operator: NDArray[np.float64]) -> tuple[FieldF
     product = operator * data.weight * data.marginal_residual
     numbers = _single_pixels(product, size)
     h, b = size.sum(axis=0).ravel(), (size.sum(axis=0) * numbers).ravel()
+    beside = 1 + common_variance * h
+    h, b = h / beside, b / beside
     prior = _likeliest_prior(h, b)
     x, part = _pixels_under_prior(h, b, prior)
     gains = np.zeros(2)
@@ -403,7 +409,7 @@ def pixel_fit(data: ResidualData, operator: NDArray[np.float64]) -> tuple[FieldF
     coefficients = np.tile(x, (len(operator), 1))
     of_bands = np.sum(size.reshape(len(size), -1) * x**2, axis=1)
     freedom = float(np.sum(part * prior.width * h / (1 + prior.width * h)))
-    gain = float(np.sum(2 * x * b - x**2 * h))
+    gain = float(np.sum(beside * (2 * x * b - x**2 * h)))
     fit = FieldFit(coefficients, gain, prior.evidence, heldout, freedom, of_bands, heldout)
     return fit, _neighbours_correlation(product, size)
 

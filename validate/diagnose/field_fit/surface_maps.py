@@ -33,6 +33,9 @@ _FLAT_EXTENT = 0.01
 #: Part of the median radiance below which a pixel says nothing of the scale between DN and radiance.
 _DARK_RADIANCE = 0.05
 
+#: Least cosine of the angle of emission of which the logarithm is taken.
+_GRAZING = 0.03
+
 _Change = Literal["reflectance", "light", "incidence"]
 
 
@@ -178,8 +181,8 @@ class SmoothSurfaceMaps(FrozenMappings):
         Returns
         -------
         NDArray
-            (3, pixel) change of the signal, DN: lamps brighter by 1, by the cosine of the angle of emission, and by its
-            square. The light is reflected further.
+            (4, pixel) change of the signal, DN: lamps brighter by 1, by the cosine of the angle of emission, by its
+            square and by its logarithm. The light is reflected further.
         """
         t = self._transport
         rho, direct = t.reflectance[t.material, band], t.direct[:, band]
@@ -306,8 +309,8 @@ def _reflected_further(
 
 
 def _lamp_lobes(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, n) shapes of a lamp's lobe at cosines (n,) of the angle of emission."""
-    return np.array([np.ones(len(cosine)), cosine, cosine**2])
+    """(4, n) shapes of a lamp's lobe at cosines (n,) of the angle of emission."""
+    return np.array([np.ones(len(cosine)), cosine, cosine**2, np.log(np.maximum(cosine, _GRAZING))])
 
 
 def _at_angles(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
