@@ -54,9 +54,6 @@ _MIN_CHI2_FOR_FAMILY = 0.03
 #: Probability that nothing is missing, where no effect was accepted. Set by judgement.
 NOTHING_MISSING = 0.95
 
-#: Probability of an unknown cause where that is the whole answer. Set by judgement.
-_UNKNOWN_ALONE = 0.9
-
 #: Probability of an unknown cause where something remains next to effects. Set by judgement.
 _UNKNOWN_REMAINS = 0.3
 
@@ -251,9 +248,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=_ranking(
-            by_size.singles, search, answer.assessed, start, answer.explanation is not None, answer.selected
-        ),
+        ranking=_ranking(by_size.singles, search, answer.assessed, start, answer.explanation, answer.selected),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -400,7 +395,7 @@ def _ranking(
     search: Selection,
     assessed: Sequence[SelectedEffect],
     start: LinearModel,
-    remains: bool,
+    explanation: Explanation | None,
     selected: tuple[str, ...],
 ) -> tuple[Ranked, ...]:
     """Effects by probability: the selected ones, then their alternatives, then all others.
@@ -411,8 +406,9 @@ def _ranking(
     """
     singles = search.singles
     offset = start.chi2 - search.first.chi2
-    explained = _UNKNOWN_REMAINS if remains else _UNKNOWN_EXPLAINED
-    unknown = _UNKNOWN_ALONE if selected == (UNKNOWN,) else explained
+    unknown = _UNKNOWN_EXPLAINED if explanation is None else _UNKNOWN_REMAINS
+    if selected == (UNKNOWN,) and explanation is not None:
+        unknown = explanation.cause_probability
     entries = {c.hypothesis.effect.id: _ranked(c, 0.0, start.count, 0.0) for c in by_size}
     entries |= {c.hypothesis.effect.id: _ranked(c, offset, start.count, 0.0) for c in singles}
     if set(selected) - {UNKNOWN}:

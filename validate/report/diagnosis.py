@@ -14,8 +14,9 @@ from cboxlab.utils.files import replacing
 
 from ..compare import HEADLINE
 from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step, Verdict
+from ..diagnose.explain import advice
 from .blocks import with_error
-from .explanation import explanation_record, explanation_sentence
+from .explanation import explanation_record, explanation_sentence, laboratory_sentences
 from .metrics import PathStep
 
 __all__ = [
@@ -293,6 +294,14 @@ def unexplained_sentences(diagnosis: Diagnosis) -> list[str]:
     return [] if diagnosis.explanation is None else [explanation_sentence(diagnosis.explanation)]
 
 
+def _laboratory_lines(diagnosis: Diagnosis) -> list[str]:
+    """Place, causes and experiment of what remains; empty where nothing does."""
+    if diagnosis.explanation is None:
+        return []
+    experiment = advice(diagnosis.explanation).experiment
+    return [*laboratory_sentences(diagnosis.explanation), f"To settle it: {experiment}"]
+
+
 def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
     """Evidence for the effects found, from the survey and from data held out of the fits.
 
@@ -356,6 +365,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
         *flaw_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
+        *_laboratory_lines(diagnosis),
         *(f"To confirm {effect.id}: {effect.effect.confirm}" for effect in diagnosis.path[-1].effects),
         *further_sentences(diagnosis),
         *(separation_sentence(s) for s in diagnosis.separations),
