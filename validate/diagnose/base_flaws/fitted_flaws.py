@@ -159,7 +159,7 @@ class FlawModel(Generic[W]):
     def _posterior(
         self, width: Mapping[str, float], aim: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        covariance: NDArray[np.float64] = np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2))
+        covariance: NDArray = np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2))
         return covariance @ aim, covariance
 
     def _score(self, width: Mapping[str, float], aim: NDArray[np.float64], square: float) -> float:
