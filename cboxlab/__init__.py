@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter
     from cboxlab.validation.api import Study, calibrate, diagnose, render, simulate, validate
     from cboxlab.validation.compare_renders.regress import assert_same_light
+    from cboxlab.validation.dataset import Dataset, create_dataset, open_dataset
 
     __version__: str
 
 __all__ = [
     "Cancelled",
+    "Dataset",
     "Declared",
     "InputError",
     "Progress",
@@ -34,10 +36,12 @@ __all__ = [
     "__version__",
     "assert_same_light",
     "calibrate",
+    "create_dataset",
     "diagnose",
     "load_capture",
     "load_model",
     "load_scene",
+    "open_dataset",
     "render",
     "simulate",
     "validate",

@@ -5,7 +5,9 @@ A mesh is (vertices (n, 3), faces (m, 3)), faces counter-clockwise seen from the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +43,9 @@ PLANE_TOLERANCE = 1e-4
 
 #: Number of divisions of an icosahedron's faces for a sphere: 20,480 triangles, edges of a thirtieth of the radius.
 _SPHERE_DIVISIONS = 5
+
+#: Lines of an OBJ file that select a material.
+_MATERIAL_LINE = re.compile(rb"^[ \t]*(?:usemtl|mtllib)\b[^\n]*\n", re.MULTILINE)
 
 #: Height above the lowest vertex, mm, below which a vertex stands on the floor: rounding of rotations.
 STANDING_MM = 1e-3
@@ -355,9 +360,11 @@ def _loaded(path: Path) -> trimesh.Trimesh:
         raise InputError(path, f"a file of kind '{kind}'", expected)
     require_regular_file(path, expected)
     try:
-        with open(path, "rb") as stream:
-            # skip_materials: reflectances come from the scene file, and no other file may be opened
-            return trimesh.load_mesh(stream, file_type=kind, process=False, skip_materials=True)
+        content = path.read_bytes()
+        if kind == "obj":  # time grows with the square of the materials, and reflectances come from the scene file
+            content = _MATERIAL_LINE.sub(b"", content)
+        # skip_materials: no other file may be opened
+        return trimesh.load_mesh(BytesIO(content), file_type=kind, process=False, skip_materials=True)
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
     except Exception as error:  # the mesh parsers raise exceptions of any type on damaged input

@@ -10,13 +10,15 @@ if TYPE_CHECKING:
     from .capture import Capture, FrameTable, load_capture
     from .first_manifest import FirstManifest, write_first_manifest
     from .labels import Label
-    from .manifest import BandTable, BracketTable, DarkTable, FlatTable, ReferenceTable
+    from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
     from .manifest_faults import nearest
     from .mosaic import (
         band_channels,
         brighter_channel_notes,
         channel_lattice,
+        channel_letters,
         channel_mask,
+        checked_pattern,
         chosen_channel_notes,
         file_mosaic_notes,
         pattern_rows,
@@ -32,11 +34,15 @@ __all__ = [
     "FlatTable",
     "FrameTable",
     "Label",
+    "LensTable",
     "ReferenceTable",
+    "TargetTable",
     "band_channels",
     "brighter_channel_notes",
     "channel_lattice",
+    "channel_letters",
     "channel_mask",
+    "checked_pattern",
     "chosen_channel_notes",
     "file_mosaic_notes",
     "load_capture",

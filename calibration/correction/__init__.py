@@ -12,18 +12,23 @@ if TYPE_CHECKING:
     from .dark import DarkLibrary, read_darks
     from .defects import hot_pixels
     from .full_well import with_full_well
+    from .merged_noise import measure_merged_noise
     from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
+    from .nominal_fall_off import LensAxis, fall_off_terms
     from .repeat_light import with_steady_light
 
 __all__ = [
     "ROUNDING_VARIANCE",
     "CorrectedBands",
     "DarkLibrary",
+    "LensAxis",
     "NoiseModel",
     "correct",
     "correct_bands",
     "evaluate_variance",
+    "fall_off_terms",
     "hot_pixels",
+    "measure_merged_noise",
     "measure_noise",
     "read_darks",
     "uniform_flat",

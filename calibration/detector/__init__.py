@@ -11,10 +11,11 @@ if TYPE_CHECKING:
     from .linearity import Linearity, measure_linearity
     from .response import LAWS
     from .response_points import ResponseSeries, light_series
-    from .sensor_study import SensorStudy, study_sensor
+    from .sensor_study import NO_STUDY, SensorStudy, study_sensor
 
 __all__ = [
     "LAWS",
+    "NO_STUDY",
     "Linearity",
     "ResponseSeries",
     "SensorStudy",

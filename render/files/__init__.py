@@ -23,9 +23,10 @@ if TYPE_CHECKING:
         stated_in,
     )
     from .dng import write_dng
-    from .exr_channels import write_channels
+    from .exr_channels import require_exr_size, write_channels
     from .headers import Window, common_pixels, window_in_file, window_of
-    from .previews import raw_to_srgb, scene_white, xyz_weights
+    from .netcdf import open_netcdf
+    from .previews import cube_to_srgb, raw_to_srgb, scene_white, xyz_weights
     from .raw_files import write_raw
 
 __all__ = [
@@ -42,13 +43,16 @@ __all__ = [
     "camera_attribute",
     "camera_of_attribute",
     "common_pixels",
+    "cube_to_srgb",
     "declared_for",
     "files_of",
     "open_cube",
+    "open_netcdf",
     "primaries_matrix",
     "raw_to_srgb",
     "read_cube",
     "read_picture",
+    "require_exr_size",
     "require_used",
     "scene_white",
     "stated_in",

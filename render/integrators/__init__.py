@@ -9,6 +9,7 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from ..image import RenderJob
     from .choice import render
+    from .passes import TIMEOUT_S
     from .precision import (
         BATCHES,
         MOST_PASSES,
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BATCHES",
     "MOST_PASSES",
+    "TIMEOUT_S",
     "RenderJob",
     "fireflies",
     "relative_error",

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.hidden_dask import show_dask
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..device import variant
@@ -107,7 +106,6 @@ def distributed(jobs: list[RenderJob], scheduler: str) -> Iterator[tuple[RenderJ
     InputError
         If Dask is not installed or no scheduler answers.
     """
-    show_dask()
     try:
         import distributed as dask
     except ImportError:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .edge_alignment import refine_geometry
     from .excess import Region, regions_of
     from .failure import OUTSIDE, Failure, Part
+    from .free_scale import FreeScale, free_columns
     from .maps import read_map, write_map, write_maps
     from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
     from .pipeline import (
@@ -39,6 +40,7 @@ __all__ = [
     "Comparison",
     "DifferenceStatistics",
     "Failure",
+    "FreeScale",
     "NuisanceFit",
     "Nuisances",
     "Part",
@@ -53,6 +55,7 @@ __all__ = [
     "compared",
     "failures",
     "fit_lamp_scale",
+    "free_columns",
     "held_lamp_scale",
     "prepare",
     "read_map",

@@ -10,8 +10,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
-from cboxlab.utils.hidden_dask import hidden_dask
-
 __all__ = ["main"]
 
 
@@ -26,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # NumPy reads these at its import: idle threads of its matrix products would slow down ray tracing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    with _interrupts_noted() as pressed, hidden_dask():
+    with _interrupts_noted() as pressed:
         try:
             from .app import run
         except (KeyboardInterrupt, Exception):

@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     )
     from .pooled import SYSTEMATIC, PooledMean
     from .sides import Side, SurfaceMap, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
-    from .strata import strata_of
+    from .strata import BLOCKS, strata_of
     from .verdict import FALSE_ALARMS, regress_sides
 
 __all__ = [
+    "BLOCKS",
     "FALSE_ALARMS",
     "SIDES",
     "SYSTEMATIC",

@@ -175,7 +175,11 @@ def regress_pictures(
     outcome, comparison = regress_sides(baseline, candidate, surfaces, false_alarms)
     progress.part(0.2)
     changes: tuple[NamedChange, ...] = ()
-    if not outcome.same:
+    if outcome.is_pattern:
+        from .naming import pattern_alone
+
+        changes = (pattern_alone(outcome.cancelling or ""),)
+    elif not outcome.same:
         from .naming import named_changes
 
         variants = variants or _variants(view, baseline, candidate, notes)
