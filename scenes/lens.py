@@ -177,8 +177,8 @@ class Lens:
             and beyond a quarter turn.
         """
         radius = np.hypot(*distorted.T)
-        solved = self._radius(radius, k1)
-        slopes = distorted * np.divide(solved, radius, out=np.ones_like(radius), where=radius > 0)[:, None]
+        straight = self._radius(radius, k1)
+        slopes = distorted * np.divide(straight, radius, out=np.ones_like(radius), where=radius > 0)[:, None]
         if self.p1 == 0 and self.p2 == 0:
             return slopes
         for _ in range(_ROUNDS):
@@ -193,7 +193,7 @@ class Lens:
         return np.where(lost[:, None], np.nan, slopes)
 
     def reaches(self, slopes: NDArray[np.float64], k1: float) -> NDArray[np.bool_]:
-        """Where the radial function still rises.
+        """Whether the radial function still rises at the slopes.
 
         Parameters
         ----------
@@ -211,11 +211,11 @@ class Lens:
         return np.asarray((np.arctan(radius) if self.model == "fisheye" else radius) < self._turning(k1))
 
     def _radial(self, k1: float) -> tuple[float, ...]:
-        """Coefficients of the radial function s (c0 + c1 s^2 + ...), with s the slope or a fisheye's angle."""
+        """Coefficients of the radial function s (c0 + c1 s^2 + ...) of a slope or angle s."""
         return (1.0, k1, self.k2, self.k3, self.k4)
 
     def _turning(self, k1: float) -> float:
-        """Smallest slope, or angle of a fisheye, at which the radial function stops rising; infinite without one."""
+        """Smallest slope or angle at which the radial function stops rising; infinite without one."""
         rising = np.array([(2 * i + 1) * c for i, c in enumerate(self._radial(k1))])
         roots = np.roots(np.trim_zeros(rising[::-1], "f"))
         real = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]

@@ -33,12 +33,13 @@ from .manifest import (
     BandTable,
     BracketTable,
     FlatTable,
-    Manifest,
     ReferenceTable,
     pattern_rows,
     split_channel,
 )
 from .manifest_faults import raise_faults, read_manifest
+from .reduction import Reduction, reduced_manifest, reduction_of
+from .whole_manifest import Manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
 
@@ -65,6 +66,10 @@ class Capture:
     #: By reference to a channel of a named camera, its peak quantum efficiency over the largest one, measured from the
     #: references; empty where not measured.
     channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
+    #: Window and blocks of the stored frames that are the pixels in use; None where the stored pixels are.
+    reduction: Reduction | None = None
+    #: Reduced frames that were read, by name.
+    reduced_frames: dict[str, NDArray[np.uint32]] = field(default_factory=dict, repr=False)
 
     @property
     def band_ids(self) -> tuple[str, ...]:
@@ -78,7 +83,7 @@ class Capture:
 
     @property
     def is_merged(self) -> bool:
-        """Whether the frames are merged pictures of floating-point values, with a stated kind of noise."""
+        """Whether the frames are merged pictures of floating-point values."""
         return self.manifest.noise is not None
 
     @property
@@ -126,7 +131,7 @@ class Capture:
                 return band
         raise KeyError(f"no band '{identifier}'; there are {', '.join(self.band_ids)}")
 
-    def frame(self, path: str) -> NDArray[np.uint16] | NDArray[np.float64]:
+    def frame(self, path: str) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.float64]:
         """Counts of one frame.
 
         Parameters
@@ -137,7 +142,35 @@ class Capture:
         Returns
         -------
         NDArray
-            (y, x) counts, uint16, DN; values of a merged picture.
+            (y, x) counts, DN; sums over blocks of a reduced capture; values of a merged picture.
+
+        Raises
+        ------
+        InputError
+            For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
+        """
+        if self.reduction is not None and not self.is_merged:
+            if path not in self.reduced_frames:
+                self.reduced_frames[path] = self.reduction.counts(self.stored_frame(path))
+            return self.reduced_frames[path]
+        file, number = split_name(self.folder, path)
+        if self.is_merged:
+            picture = range(number or 0, (number or 0) + 1)
+            return read_merged(self.folder / file, *self.shape, picture)[0]
+        return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
+
+    def stored_frame(self, path: str) -> NDArray[np.uint16]:
+        """Counts of one frame as stored, without reduction.
+
+        Parameters
+        ----------
+        path
+            Path in the manifest.
+
+        Returns
+        -------
+        NDArray
+            (y, x) counts, uint16, DN.
 
         Raises
         ------
@@ -145,10 +178,10 @@ class Capture:
             For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
         """
         file, number = split_name(self.folder, path)
-        if self.is_merged:
-            picture = range(number or 0, (number or 0) + 1)
-            return read_merged(self.folder / file, *self.shape, picture)[0]
-        return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
+        shape, depth, part = self.shape, self.manifest.camera.bit_depth, self.reduction
+        if part is not None:
+            shape, depth = (part.full_height_px, part.full_width_px), part.bit_depth
+        return read_frame(self.folder / file, *shape, depth, number or 0)
 
     def frames(self, table: FrameTable) -> NDArray:
         """Counts of all frames of a table.
@@ -161,8 +194,10 @@ class Capture:
         Returns
         -------
         NDArray
-            (repeat, y, x) counts, uint16, DN; values of merged pictures.
+            (repeat, y, x) counts, DN; sums over blocks of a reduced capture; values of merged pictures.
         """
+        if self.reduction is not None and not self.is_merged:
+            return np.stack([self.frame(name) for name in table.frames])
         files = pictures_by_file(self.folder, table.frames)
         if self.is_merged:
             return np.concatenate([read_merged(file, *self.shape, pictures) for file, pictures in files])
@@ -327,11 +362,17 @@ class Capture:
         ------
         ValueError
             If the capture has no [labels].
+        InputError
+            If [labels] states no image.
         """
         if self.manifest.labels is None:
             raise ValueError("the capture has no [labels]")
+        if self.manifest.labels.image is None:
+            where = self.folder / "capture.toml: labels.image"
+            raise InputError(where, "no label image", "an 8-bit PNG with a label per pixel")
         with Image.open(self.folder / self.manifest.labels.image) as image:
-            return np.asarray(image, np.uint8)
+            labels = np.asarray(image, np.uint8)
+        return labels if self.reduction is None else self.reduction.labels(labels)
 
     def label_names(self) -> tuple[Label, ...]:
         """The rows of the label table.
@@ -392,7 +433,11 @@ def load_capture(folder: Path) -> Capture:
     path = folder / "capture.toml"
     manifest = read_manifest(path)
     raise_faults(path, capture_faults(folder, manifest))
-    return Capture(folder, _with_each_picture(folder, manifest))
+    manifest = _with_each_picture(folder, manifest)
+    reduction = reduction_of(folder, manifest)
+    if reduction is None:
+        return Capture(folder, manifest)
+    return Capture(folder, reduced_manifest(manifest, reduction), reduction=reduction)
 
 
 def _with_each_picture(folder: Path, manifest: Manifest) -> Manifest:

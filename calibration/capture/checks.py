@@ -17,8 +17,9 @@ from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
 from .lens_checks import lens_faults
-from .manifest import CameraTable, Manifest, NoiseTable, channel_letters, example_of, is_channel
+from .manifest import CameraTable, NoiseTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
+from .whole_manifest import Manifest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
 
@@ -91,6 +92,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
     yield from _mosaic_faults(path, manifest)
     yield from _level_faults(path, manifest)
     yield from lens_faults(path, manifest)
+    yield from _reduction_faults(path, manifest)
     yield from _noise_faults(path, manifest)
     camera = manifest.camera
     crop = manifest.crop
@@ -119,6 +121,26 @@ def _noise_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
     if noise.kind != "poisson" and stated:
         hint = f'Leave it out, or state kind = "poisson", not "{noise.kind}".'
         yield InputError(f"{path}: noise.{stated[0]}", "a key of kind = 'poisson'", "no such key", hint)
+
+
+def _reduction_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """A window outside the frame, blocks larger than it, and blocks behind a mosaic."""
+    camera = manifest.camera
+    width, height = camera.width_px, camera.height_px
+    if camera.window_px is not None:
+        u0, v0, columns, rows = camera.window_px
+        if min(u0, v0) < 0 or min(columns, rows) < 1 or u0 + columns > width or v0 + rows > height:
+            expected = f"first column, first row, columns and rows within {width} x {height} px"
+            yield InputError(f"{path}: camera.window_px", f"{list(camera.window_px)}", expected)
+            return
+        width, height = columns, rows
+    if camera.binning is not None and camera.binning > min(width, height):
+        yield InputError(f"{path}: camera.binning", f"{camera.binning}", f"at most {min(width, height)}")
+    if camera.binning not in (None, 1) and (manifest.mosaic is not None or manifest.noise is not None):
+        table = (
+            "[mosaic]: its pixels see different channels" if manifest.mosaic else "[noise]: its values are no counts"
+        )
+        yield InputError(f"{path}: camera.binning", f"{camera.binning} with {table}", "1, or no binning")
 
 
 def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
@@ -249,9 +271,10 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
     if manifest.geometry is not None:
         yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)
     if labels is not None:
-        yield partial(_check_file, folder, path, "labels.image", labels.image)
-        if _is_readable(folder / labels.image):
-            yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
+        if labels.image is not None:
+            yield partial(_check_file, folder, path, "labels.image", labels.image)
+            if _is_readable(folder / labels.image):
+                yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
         yield partial(_check_file, folder, path, "labels.names", labels.names)
         if _is_readable(folder / labels.names):
             yield partial(_check_label_table, folder / labels.names)

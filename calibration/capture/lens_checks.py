@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from cboxlab.utils.errors import InputError
 
-from .manifest import Manifest, TargetTable
+from .manifest import TargetTable
+from .whole_manifest import Manifest
 
 __all__ = ["lens_faults"]
 
@@ -36,7 +37,7 @@ def lens_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
     """
     lens = manifest.lens
     if lens.fy_px is not None and lens.fx_px is None:
-        yield InputError(f"{path}: lens.fy_px", "no fx_px beside it", "both, or fx_px alone for square pixels")
+        yield InputError(f"{path}: lens.fy_px", "no fx_px with it", "both, or fx_px alone for square pixels")
     count = _COEFFICIENTS[lens.model]
     if lens.distortion is not None and len(lens.distortion) != count:
         order = "k1, k2, k3, k4 of a fisheye" if lens.model == "fisheye" else "k1, k2, p1, p2, k3"
@@ -53,12 +54,12 @@ def lens_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
 def _place_faults(where: str, target: TargetTable) -> Iterator[InputError]:
     """Missing or wrong keys of a board's place."""
     keys = {"origin_mm": target.origin_mm, "right": target.right, "down": target.down}
-    stated = [key for key, value in keys.items() if value is not None]
-    if not stated:
+    present = [key for key, value in keys.items() if value is not None]
+    if not present:
         return
     if target.right is None or target.down is None or target.origin_mm is None:
-        missing = [key for key in keys if key not in stated]
-        yield InputError(where, f"{', '.join(stated)} without {', '.join(missing)}", "all three, or none")
+        missing = [key for key in keys if key not in present]
+        yield InputError(where, f"{', '.join(present)} without {', '.join(missing)}", "all three, or none")
         return
     for key, axis in (("right", target.right), ("down", target.down)):
         length = float(np.linalg.norm(axis))

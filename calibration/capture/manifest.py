@@ -17,7 +17,6 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
-    model_validator,
 )
 
 __all__ = [
@@ -32,7 +31,6 @@ __all__ = [
     "LabelsTable",
     "LampTable",
     "LensTable",
-    "Manifest",
     "MosaicTable",
     "NoiseTable",
     "ReferenceTable",
@@ -224,6 +222,7 @@ Moment = Annotated[float, AfterValidator(_of_some_size)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
+Window = Annotated[tuple[int, int, int, int], BeforeValidator(_tuple)]
 Coefficients = Annotated[tuple[float, ...], BeforeValidator(_tuple)]
 
 
@@ -280,6 +279,18 @@ class CameraTable(_Table):
         "electrons per count; measured from repeats where there are any", "12.0", None
     )
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
+    binning: Count | None = _key(
+        "side of the square blocks whose counts are summed to one pixel; where left out, frames of more than 4 "
+        "megapixels have about 256 pixels across the surveyed points; pixels behind a [mosaic] are not summed",
+        "8",
+        None,
+    )
+    window_px: Window | None = _key(
+        "first column, first row, columns and rows of the part of the frames in use; where left out, the surveyed "
+        "points with half their extent around them in frames of more than 4 megapixels",
+        "[1200, 300, 3600, 3400]",
+        None,
+    )
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
         "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, a list for R, G, B, or a "
@@ -438,7 +449,12 @@ class MosaicTable(_Table):
 class LabelsTable(_Table):
     """Patches of a chart, by a label per pixel."""
 
-    image: RelativePath = _key("8-bit PNG of one channel, a label per pixel, 0 for none", '"labels.png"')
+    image: RelativePath | None = _key(
+        "8-bit PNG of one channel, a label per pixel, 0 for none; where left out a ColorChecker is found in the "
+        "picture, and its patches have the labels 1 (dark skin) to 24 (black)",
+        '"labels.png"',
+        None,
+    )
     names: RelativePath = _key(
         "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
     )
@@ -477,91 +493,6 @@ class DefaultsTable(_Table):
     radiance: ColumnReference | None = _key(
         "of every flat and reference that states none, W m^-2 sr^-1 nm^-1", '"spectra/sphere.csv:radiance"', None
     )
-
-
-#: By key of [defaults], the tables that it fills. The others take f-number and image distance from their band.
-DEFAULTS_FILL = {
-    "f_number": ("band",),
-    "image_distance_mm": ("band",),
-    "exposure_s": ("band", "bracket", "dark", "flat", "reference"),
-    "radiance": ("flat", "reference"),
-}
-
-
-DarkState = Annotated[
-    Annotated[Literal["subtracted"], Tag("<text>")]
-    | Annotated[tuple[DarkTable, ...], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
-]
-FlatState = Annotated[
-    Annotated[Literal["divided"], Tag("<text>")]
-    | Annotated[tuple[FlatTable, ...], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
-]
-
-
-class Manifest(_Table):
-    """The content of capture.toml. Absent tables are None or empty."""
-
-    format: Literal["capture/1"] = _key("the format and its version", '"capture/1"')
-    camera: CameraTable
-    band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
-    name: str = _key("a title, for reports", '"white box, second lamp"', "")
-    scene: str | None = _key("packaged scene, or scene file (.toml) of the folder", '"cornell-box"', None)
-    scale: Literal["free", "free-by-band"] | None = _key(
-        "claims no absolute scale: 'free' is one unknown factor of all bands, 'free-by-band' one of each; absolute "
-        "where left out",
-        '"free"',
-        None,
-    )
-    lens: LensTable = LensTable()
-    dark: DarkState = ()
-    flat: FlatState = ()
-    reference: Annotated[tuple[ReferenceTable, ...], BeforeValidator(_tuple)] = ()
-    bracket: Annotated[tuple[BracketTable, ...], BeforeValidator(_tuple)] = ()
-    lamp: LampTable | None = None
-    geometry: GeometryTable | None = None
-    target: Annotated[tuple[TargetTable, ...], BeforeValidator(_tuple)] = ()
-    mosaic: MosaicTable | None = None
-    labels: LabelsTable | None = None
-    crop: CropTable | None = None
-    noise: NoiseTable | None = None
-    defaults: DefaultsTable | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _with_defaults(cls, data: Any) -> Any:
-        """The tables of frames with the values of [defaults] that they do not state."""
-        defaults = data.get("defaults") if isinstance(data, dict) else None
-        if not isinstance(defaults, dict):
-            return data
-        filled = dict(data)
-        for key, tables in DEFAULTS_FILL.items():
-            for table in tables if key in defaults else ():
-                rows = filled.get(table)
-                if isinstance(rows, list | tuple):
-                    filled[table] = [{key: defaults[key], **row} if isinstance(row, dict) else row for row in rows]
-        return filled
-
-    @property
-    def is_absolute(self) -> bool:
-        """Whether the capture claims an absolute scale."""
-        return self.scale is None
-
-    @property
-    def is_free_by_band(self) -> bool:
-        """Whether each band has a free factor: as claimed, or since the colour of the lens is not stated."""
-        return self.scale == "free-by-band" or (self.scale == "free" and self.lens.transmittance is None)
-
-    @property
-    def darks(self) -> tuple[DarkTable, ...]:
-        """The dark tables; empty if the dark was subtracted before the frames were stored."""
-        return self.dark if isinstance(self.dark, tuple) else ()
-
-    @property
-    def flats(self) -> tuple[FlatTable, ...]:
-        """The flat tables; empty if the frames were divided by their flat before they were stored."""
-        return self.flat if isinstance(self.flat, tuple) else ()
 
 
 def example_of(table: type[BaseModel], key: str) -> str:

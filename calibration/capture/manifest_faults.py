@@ -14,7 +14,8 @@ from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
 from .file_facts import with_file_facts
-from .manifest import Manifest, example_of
+from .manifest import example_of
+from .whole_manifest import Manifest
 
 __all__ = ["nearest", "raise_faults", "read_manifest"]
 
@@ -112,7 +113,7 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
-    """The errors without those of a key present in misspelt form, and without copies of [defaults]."""
+    """The errors without those of misspelt keys and without copies of [defaults]."""
     errors: list[Mapping[str, Any]] = [dict(error) for error in failure.errors()]
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
 

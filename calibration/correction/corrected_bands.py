@@ -63,9 +63,9 @@ class CorrectedBands(FrozenMappings):
         NDArray
             (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats.
         """
-        seen = np.sum(self.images["mask"].values == 0, axis=0)
+        bands_of_pixel = np.sum(self.images["mask"].values == 0, axis=0)
         signal = np.asarray(expected_signal, float)
-        return np.maximum(seen - 1, 0) * (self.pixel_scatter * signal) ** 2
+        return np.maximum(bands_of_pixel - 1, 0) * (self.pixel_scatter * signal) ** 2
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -117,7 +117,7 @@ def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict
 def _nominal_flats(
     capture: Capture, axis: LensAxis, dark: DarkLibrary, noise: NoiseModel, of_channel: Mapping[str, NDArray | None]
 ) -> tuple[dict[str, FlatField], float]:
-    """By band, the nominal flat field with the scatter of the pixels' sensitivities, and that scatter."""
+    """Nominal flat fields by band, and the scatter of the pixels' sensitivities in them."""
     flat = nominal_flat(axis, capture.shape, dark)
     scatters = []
     for band in capture.manifest.band:
@@ -139,9 +139,10 @@ def _longest(capture: Capture, band: BandTable) -> float:
 def _without_misfits(
     exposures: Sequence[Exposure], findings: Sequence[ExposureFinding], band: str
 ) -> tuple[Exposure, ...]:
-    """The exposures of a band whose stated times fit each other; the band's own one where none is at fault for certain.
+    """The exposures of a band with times that fit each other.
 
-    The time of the signal is that of the band's own exposure, so that this one always stays.
+    The band's own one alone remains where the fault is not certain. It always stays, since its time is that of the
+    signal.
     """
     wrong = [finding.index for finding in findings if finding.band == band]
     if None in wrong or 0 in wrong:

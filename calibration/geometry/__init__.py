@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .camera_calibration import calibrate_camera
     from .camera_fit import CameraFit, fit_camera, read_points
     from .camera_jacobian import parameter_jacobian
-    from .surveyed_points import SurveyedPoints
+    from .surveyed_points import SurveyedPoints, capture_points
     from .target_camera import TargetFit
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "SurveyedPoints",
     "TargetFit",
     "calibrate_camera",
+    "capture_points",
     "fit_camera",
     "parameter_jacobian",
     "read_points",

@@ -13,15 +13,18 @@ from cboxlab.utils.errors import InputError
 from scipy import stats
 
 from ..capture import Capture, LensTable, TargetTable, channel_lattice
-from .camera_fit import CameraFit, fit_camera, read_points
+from .camera_fit import CameraFit, fit_camera
 from .distortion_choice import DistortionChoice, choose_distortion
 from .lens_model import ONE_TERM, LensModel
 from .placed_boards import BoardPlace, fit_placed, place_notes, placed_points
-from .surveyed_points import SurveyedPoints
+from .surveyed_points import SurveyedPoints, capture_points
 from .target_camera import TargetFit, fit_camera_targets
 from .targets import TargetView, detect_target
 
 __all__ = ["calibrate_camera"]
+
+#: Width or height of a board's picture above which it is reduced, px: a corner is found to a twentieth of a pixel.
+_LARGEST_BOARD_PX = 2400
 
 #: Choices of the lens at most: the second one has the points that agree with the first one.
 _ROUNDS = 2
@@ -36,7 +39,7 @@ class _Views:
     #: Frame of each.
     names: list[str]
     #: Its place in the box; None where it is not stated.
-    places: list[BoardPlace | None]
+    board_places: list[BoardPlace | None]
     #: Targets that were not detected, one sentence each.
     notes: list[str]
 
@@ -63,20 +66,25 @@ def _views(capture: Capture) -> _Views:
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
     for target in capture.manifest.target:
         for name in target.frames:
-            image, row, column, step = capture.frame(name), 0, 0, 1
+            image, row, column, step = capture.stored_frame(name), 0, 0, 1
             if pattern is not None:
                 # Use one green pixel of each 2 x 2 (X-Trans: 3 x 3) pixels: an image of lower resolution. Without green
                 # the most frequent channel has the densest lattice.
                 row, column, step = channel_lattice(pattern, "G" if "G" in pattern else _commonest(pattern))
                 image = image[row::step, column::step]
+            k = -(-max(image.shape) // _LARGEST_BOARD_PX)
+            if k > 1:
+                height, width = image.shape[0] // k, image.shape[1] // k
+                image = image[: k * height, : k * width].reshape(height, k, width, k).mean(axis=(1, 3))
             try:
                 world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:
                 views.notes.append(f"target not used: {fault}")
                 continue
-            views.points.append((world, step * corners + [column, row]))
+            stored = step * (k * corners + (k - 1) / 2) + [column, row]
+            views.points.append((world, stored if capture.reduction is None else capture.reduction.positions(stored)))
             views.names.append(name)
-            views.places.append(_place(target))
+            views.board_places.append(_place(target))
     return views
 
 
@@ -107,11 +115,11 @@ class _Survey:
 
 
 def _survey(capture: Capture, model: LensModel) -> _Survey | None:
-    """Surveyed points and the camera fitted to them, with the lens that they choose; None without [geometry]."""
+    """Surveyed points with camera and lens fitted to them; None without [geometry]."""
     geometry, camera = capture.manifest.geometry, capture.manifest.camera
-    if geometry is None:
+    points = capture_points(capture)
+    if geometry is None or points is None:
         return None
-    points = read_points(capture.folder / geometry.points)
 
     def fitted(model: LensModel, start: Camera | None = None) -> CameraFit:
         return fit_camera(
@@ -250,7 +258,7 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
     if targets is not None and targets.survey_camera is not None:
         if not targets.survey_camera.lens.one_term:
             fit = _seen_by(fit, survey.points, targets.survey_camera, model, targets.lens_sigmas)
-        notes += place_notes(views.points, views.places, views.names, fit.camera, targets.point_sigma_px)
+        notes += place_notes(views.points, views.board_places, views.names, fit.camera, targets.point_sigma_px)
     notes += survey.notes if model == survey.model else []
     if fit.outliers:
         notes.append(f"surveyed points left out as outliers: {', '.join(fit.outliers)}")
@@ -265,7 +273,7 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
 def _seen_by(
     fit: CameraFit, points: SurveyedPoints, camera: Camera, model: LensModel, lens_sigmas: Mapping[str, float]
 ) -> CameraFit:
-    """The fit of a survey with the camera of a joint fit, of which it leaves the pose free."""
+    """The fit of a survey with the camera of a joint fit."""
     residuals = points.image_px - camera.project(points.points_mm)
     squares, freedom = (
         float(np.sum(residuals[fit.in_use] ** 2)),
@@ -292,16 +300,18 @@ def _without_survey(
     if targets is not None:
         excluded = {view.index for view in targets.discordant}
         in_use = [index for index in range(len(views.points)) if index not in excluded]
-    placed = [index for index in in_use if views.places[index] is not None]
+    placed = [index for index in in_use if views.board_places[index] is not None]
     if targets is None or not placed:
         reason = (
-            "no [geometry] and no board at a stated place that could be used" if any(views.places) else "no [geometry]"
+            "no [geometry] and no board at a stated place that could be used"
+            if any(views.board_places)
+            else "no [geometry]"
         )
         return None, targets, [*notes, f"{reason}: the camera's pose in the box cannot be computed"]
     cameras = dict(zip(in_use, targets.cameras, strict=True))
     points, start = placed_points(
         [views.points[i] for i in placed],
-        [place for i in placed if (place := views.places[i]) is not None],
+        [board for i in placed if (board := views.board_places[i]) is not None],
         [cameras[i] for i in placed],
         [views.names[i] for i in placed],
     )

@@ -198,8 +198,8 @@ def _starting_camera(
     tolerance = max(10 * (sigma or 0.0), 0.02 * diagonal)
     best: tuple[float, Camera, NDArray] | None = None
     shares = [1.0, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0]
-    stated = model.focal_length_px
-    for focal in middle * np.array(shares) if stated is None else [stated]:
+    fixed = model.focal_length_px
+    for focal in middle * np.array(shares) if fixed is None else [fixed]:
         matrix = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
         lens = Camera(
             width_px, height_px, focal, matrix[:2, 2], model.k1 or 0.0, np.eye(3), np.zeros(3), lens=model.lens
@@ -239,12 +239,12 @@ def _starting_camera(
 
 
 def _straightened(lens: Camera, world: NDArray, image: NDArray) -> tuple[NDArray, NDArray]:
-    """World points and image positions without the distortion of a lens; those without a ray are left out."""
+    """Points and their image positions without distortion; points without a ray are left out."""
     if lens.is_pinhole:
         return world, image
     straight = lens.focal_length_px * lens.slopes(*image.T) + lens.principal_point_px
-    seen = np.isfinite(straight).all(axis=1)
-    return np.ascontiguousarray(world[seen]), np.ascontiguousarray(straight[seen])
+    finite = np.isfinite(straight).all(axis=1)
+    return np.ascontiguousarray(world[finite]), np.ascontiguousarray(straight[finite])
 
 
 def _opencv_calibration(camera: Camera, points: SurveyedPoints, selected: NDArray[np.int_]) -> Camera:

@@ -90,7 +90,7 @@ def term_jacobian(camera: Camera, points_mm: NDArray[np.float64], terms: Sequenc
 def _lens_derivatives(
     camera: Camera, xy: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives of image positions by the slopes xy (n, 2, 2), by the focal length (n, 2), and by k1 (n, 2)."""
+    """Derivatives of image positions by slopes (n, 2, 2), focal length and k1 (n, 2 each)."""
     if camera.lens.one_term:
         square = np.sum(xy**2, axis=1)
         radial = 1 + camera.k1 * square

@@ -101,8 +101,8 @@ def _robust_start(
     starts: list[list[Camera]] = []
     if lens is None:
         with suppress(InputError):
-            found = starting_cameras(views, width_px, height_px, None, "target views")
-            starts.append([model.start(camera) for camera in found])
+            of_views = starting_cameras(views, width_px, height_px, None, "target views")
+            starts.append([model.start(camera) for camera in of_views])
         lenses = [model.start(replace(ideal, focal_length_px=share * diagonal)) for share in _FOCAL_LENGTHS]
     else:
         lenses = [replace(lens, covariance=None)]
@@ -172,9 +172,8 @@ def view_scatter(
     if survey is not None:
         points, fit = survey
         measured.append((points.points_mm[fit.in_use], points.image_px[fit.in_use]))
-        own = fit.camera if lens is None else lens
-        pose = fit.camera
-        cameras.append(replace(own, covariance=None, position_mm=pose.position_mm, rotation=pose.rotation))
+        optics, pose = fit.camera if lens is None else lens, fit.camera
+        cameras.append(replace(optics, covariance=None, position_mm=pose.position_mm, rotation=pose.rotation))
         fixed = [fit.point_sigma_px]
     for _ in range(_ROUNDS):
         sigmas = np.array([*np.maximum(scatter, _LOWEST_SHARE * np.median(scatter)), *fixed])

@@ -76,7 +76,7 @@ def model_name(model: LensModel) -> str:
 
 
 def _candidates(first: LensModel) -> list[LensModel]:
-    """Models that agree with what the first one states, ordered by their number of terms; the first one first."""
+    """Models that agree with what the first one states, by their number of terms."""
     formulas = ["fisheye"] if first.lens.model == "fisheye" else ["polynomial", "fisheye"]
     distortions = [(formula, terms) for formula in formulas for terms in _TERMS[formula]]
     if first.k1 is not None:
@@ -98,7 +98,7 @@ def _held_out(
     model: LensModel,
     folds: Sequence[NDArray[np.int_]],
 ) -> tuple[NDArray[np.float64], float]:
-    """Squared errors of each point while it is held out, and the sum of squares of the fit, over the variances.
+    """Squared errors of held-out points and the sum of squares of the fit, over the variances.
 
     The fit without a fold follows from the fit of all by one step of Gauss and Newton, exact for a linear model: its
     errors are (I - H)^-1 r with the fold's block H of the hat matrix and its residuals r.

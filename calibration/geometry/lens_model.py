@@ -1,4 +1,4 @@
-"""Parameters of a camera that a fit determines: its pose, its intrinsics, and terms of its lens."""
+"""Parameters of a camera that a fit determines: pose, intrinsics, terms of the lens."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class LensModel:
     @property
     def intrinsics(self) -> list[int]:
         """Positions of the fitted intrinsics in PARAMETER_NAMES."""
-        stated = dict(zip(_INTRINSICS, (self.focal_length_px, None, None, self.k1), strict=True))
-        return [i for i in _INTRINSICS if stated[i] is None]
+        values = (self.focal_length_px, None, None, self.k1)
+        return [i for i, value in zip(_INTRINSICS, values, strict=True) if value is None]
 
     @property
     def shared(self) -> int:
@@ -163,7 +163,7 @@ class LensModel:
         Returns
         -------
         NDArray
-            (10, 10) covariance; stated parameters have a small variance of their own.
+            (10, 10) covariance; stated parameters have a small variance.
         """
         positions = [*range(6), *self.intrinsics]
         covariance = np.diag([0.0] * 6 + [(_STATED_FOCAL_LENGTH * camera.focal_length_px) ** 2, 0, 0, _STATED_K1**2])
@@ -176,7 +176,7 @@ class LensModel:
         Parameters
         ----------
         fitted
-            Covariance of the fitted parameters, of which the terms are last.
+            Covariance of the fitted parameters, the terms last.
 
         Returns
         -------

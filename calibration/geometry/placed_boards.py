@@ -47,9 +47,9 @@ class BoardPlace:
         return self.origin_mm + board_mm @ self.axes.T
 
 
-def _orders(world: NDArray[np.float64], place: BoardPlace) -> list[NDArray[np.float64]]:
+def _orders(world: NDArray[np.float64], board: BoardPlace) -> list[NDArray[np.float64]]:
     """The board's points in every order that a detection of an unmarked pattern may have."""
-    if not place.symmetric:
+    if not board.symmetric:
         return [world]
     extent = world.max(axis=0)
     orders = [world, extent - world]
@@ -60,7 +60,7 @@ def _orders(world: NDArray[np.float64], place: BoardPlace) -> list[NDArray[np.fl
 
 
 def placed_points(
-    views: Sequence[TargetView], places: Sequence[BoardPlace], cameras: Sequence[Camera], names: Sequence[str]
+    views: Sequence[TargetView], boards: Sequence[BoardPlace], cameras: Sequence[Camera], names: Sequence[str]
 ) -> tuple[SurveyedPoints, Camera]:
     """Points of boards at stated places as surveyed points, and the camera before them.
 
@@ -71,7 +71,7 @@ def placed_points(
     ----------
     views
         Points of each board in its own axes, mm, and in the image, px.
-    places
+    boards
         Place of each board.
     cameras
         Camera of each view, in the board's axes.
@@ -86,20 +86,20 @@ def placed_points(
         Camera with its pose in the box by the first board, without covariance.
     """
     worlds, ids, posed = [], [], []
-    for (world, _), place, camera, name in zip(views, places, cameras, names, strict=True):
-        found = []
-        for order in _orders(world, place):
+    for (world, _), board, camera, name in zip(views, boards, cameras, names, strict=True):
+        poses = []
+        for order in _orders(world, board):
             # Rigid motion of the board's own axes that takes the detected order to this one.
             motion = np.linalg.lstsq(np.c_[world[:, :2], np.ones(len(world))], order[:, :2], rcond=None)[0].T
             turn = np.eye(3)
             turn[:2, :2] = np.round(motion[:, :2])
             shift = np.append(motion[:, 2], 0.0)
-            rotation = camera.rotation @ turn.T @ place.axes.T
-            position = place.in_box((turn @ camera.position_mm + shift)[None])[0]
-            found.append((float(np.trace(rotation @ REFERENCE_ROTATION.T)), rotation, position, order))
-        _, rotation, position, order = max(found, key=lambda entry: entry[0])
+            rotation = camera.rotation @ turn.T @ board.axes.T
+            position = board.in_box((turn @ camera.position_mm + shift)[None])[0]
+            poses.append((float(np.trace(rotation @ REFERENCE_ROTATION.T)), rotation, position, order))
+        _, rotation, position, order = max(poses, key=lambda entry: entry[0])
         posed.append(replace(camera, rotation=rotation, position_mm=position, covariance=None))
-        worlds.append(place.in_box(order))
+        worlds.append(board.in_box(order))
         ids += [f"{name} {number}" for number in range(len(order))]
     images = [image for _, image in views]
     points = SurveyedPoints(tuple(ids), np.concatenate(worlds), np.concatenate(images), ", ".join(names))
@@ -140,13 +140,13 @@ def fit_placed(
     fitted = adjust(cameras, measured, sigmas, model)
     inverse = inverse_information(view_jacobian(fitted, measured, sigmas, model), source, HINT)
     order = np.r_[len(inverse) - 6 : len(inverse), 0 : model.shared]
-    camera, own = fitted[-1], inverse[np.ix_(order, order)]
-    return replace(camera, covariance=model.covariance(camera, own)), model.term_sigmas(own)
+    camera, covariance = fitted[-1], inverse[np.ix_(order, order)]
+    return replace(camera, covariance=model.covariance(camera, covariance)), model.term_sigmas(covariance)
 
 
 def place_notes(
     views: Sequence[TargetView],
-    places: Sequence[BoardPlace | None],
+    boards: Sequence[BoardPlace | None],
     names: Sequence[str],
     camera: Camera,
     sigma_px: float,
@@ -157,7 +157,7 @@ def place_notes(
     ----------
     views
         Points of each board in its own axes, mm, and in the image, px.
-    places
+    boards
         Place of each board in the box; None where it is not stated.
     names
         Name of each view.
@@ -172,10 +172,10 @@ def place_notes(
         One sentence for each board whose mean displacement has a probability below FALSE_ALARM.
     """
     notes = []
-    for (world, image), place, name in zip(views, places, names, strict=True):
-        if place is None:
+    for (world, image), board, name in zip(views, boards, names, strict=True):
+        if board is None:
             continue
-        orders = [place.in_box(order) for order in _orders(world, place)]
+        orders = [board.in_box(order) for order in _orders(world, board)]
         points = min(
             orders, key=lambda order: float(np.sum(np.nan_to_num(image - camera.project(order), nan=1e6) ** 2))
         )

@@ -118,7 +118,7 @@ def adjust(
         return [np.concatenate([pose, values[:shared]]) for pose in poses]
 
     def with_values(values: NDArray[np.float64]) -> list[Camera]:
-        return [model.applied(camera, own) for camera, own in zip(cameras, of_views(values), strict=True)]
+        return [model.applied(camera, fitted) for camera, fitted in zip(cameras, of_views(values), strict=True)]
 
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
         parts = [
@@ -131,8 +131,8 @@ def adjust(
     def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return view_jacobian(cameras, measured, sigmas, model, of_views(values))
 
-    own = [model.values(camera) for camera in cameras]
-    start = np.concatenate([own[-1][6:], *(values[:6] for values in own)])
+    initial = [model.values(camera) for camera in cameras]
+    start = np.concatenate([initial[-1][6:], *(values[:6] for values in initial)])
     solution = least_squares(
         residuals, start, jac=jacobian, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200
     )

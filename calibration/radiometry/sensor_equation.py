@@ -93,7 +93,7 @@ def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float |
 
 
 def _is_free(capture: Capture, key: str) -> bool:
-    """Whether a key of the bands belongs to the free scale: no band states it, or each band's scale is free."""
+    """Whether the free scale holds a key that bands may leave out."""
     manifest = capture.manifest
     one_of_all = all(getattr(band, key) is None for band in manifest.band)
     return manifest.is_free_by_band or (manifest.scale == "free" and one_of_all)
@@ -112,10 +112,10 @@ def _filter_of(capture: Capture, band: BandTable) -> Spectrum | None:
 
 
 def _lens_of(capture: Capture) -> Spectrum | None:
-    """Transmittance of the lens, 1 where it belongs to a free scale or a named camera; None where it is not stated."""
-    stated = capture.manifest.lens.transmittance
-    if stated is not None:
-        return capture.light(stated)
+    """Transmittance of the lens, 1 within a free scale or for a named camera; None where it is not stated."""
+    column = capture.manifest.lens.transmittance
+    if column is not None:
+        return capture.light(column)
     return None if capture.manifest.is_absolute and not _is_named(capture) else _CLEAR
 
 

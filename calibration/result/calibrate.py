@@ -173,6 +173,25 @@ def _camera(
         return None, None, [f"no camera: {explained.what}"], (explained,)
 
 
+def _patches(
+    capture: Capture, bands: CorrectedBands, noise: NoiseModel, linearity: Linearity | None
+) -> tuple[PatchTable | None, list[str]]:
+    """Measured patches with their notes, or a note that says why there are none."""
+    labels = capture.manifest.labels
+    try:
+        patches = measure_patches(capture, bands, noise, linearity)
+    except InputError as fault:
+        if labels is None or labels.image is not None:
+            raise
+        return None, [f"no patch reflectances: {fault}"]
+    if labels is None:
+        return None, []
+    if patches is None:
+        return None, ["[labels] without a known white patch or without filters: no patch reflectances"]
+    found = [] if labels.image is not None else ["[labels] states no image: a ColorChecker was found in the picture"]
+    return patches, [*found, *patches.notes]
+
+
 def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
     """Axis of the lens by the fitted camera, else by its nominal focal length, for a capture with a free scale."""
     manifest = capture.manifest
@@ -224,6 +243,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         capture = replace(capture, channel_levels=levels)
         radiometry = measure_constant(capture, bands, dark, noise, channels)
     notes = [
+        *([] if capture.reduction is None else [capture.reduction.note]),
         *file_mosaic_notes(capture),
         *level_notes(capture),
         *noise.notes,
@@ -252,11 +272,8 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
     sensor = NO_STUDY if capture.is_merged else study_sensor(capture, bands, dark, noise, channels)
     notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
-    patches = measure_patches(capture, bands, noise, linearity)
-    if patches is not None:
-        notes += patches.notes
-    elif capture.manifest.labels is not None:
-        notes.append("[labels] without a known white patch or without filters: no patch reflectances")
+    patches, patch_notes = _patches(capture, bands, noise, linearity)
+    notes += patch_notes
     missing = missing_keys(capture)
     if missing:
         notes.append(f"no absolute signals and no XYZ: missing {', '.join(missing)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from cboxlab.utils.files import origin, replacing, writing_hdf5
 
 from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma
-from ..geometry import CameraFit, read_points
+from ..geometry import CameraFit, capture_points
 from ..instrument import Mask
 from .calibrate import Calibration
 from .geometry_plot import plot_geometry
@@ -152,6 +153,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
     return {
         "capture": calibration.capture.manifest.name,
         "bands": list(calibration.capture.band_ids),
+        **({} if calibration.capture.reduction is None else {"reduction": asdict(calibration.capture.reduction)}),
         "channels": calibration.channels,
         "camera": None if fit is None or camera is None else camera_record(camera, fit),
         "target_intrinsics": None
@@ -261,10 +263,9 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
     if calibration.sensor.curve is not None:
         jobs["curve.png"] = lambda path: plot_curve(calibration, path)
-    survey = calibration.capture.manifest.geometry
+    points = capture_points(calibration.capture)
     camera, fit = calibration.camera, calibration.camera_fit
-    if survey is not None and camera is not None and fit is not None:
-        points = read_points(calibration.capture.folder / survey.points)
+    if points is not None and camera is not None and fit is not None:
         scene = calibration.capture.scene
         photograph = calibration.photograph
         jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)

@@ -113,7 +113,7 @@ def resampling(film: Film, camera: Camera) -> csr_array:
 def _image_of_pixels(
     film: Film, camera: Camera, xy: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """(n,) True for film pixels with centres ``xy`` that have an image; (n, 2) its size, camera pixels."""
+    """Film pixels with an image (n,), and its width and height (n, 2), camera pixels."""
     if camera.lens.one_term:
         square = xy**2
         radial = 1 + camera.k1 * square.sum(axis=1)

@@ -392,7 +392,7 @@ def _undistorted_positions(
 
 
 def _tabulated_positions(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]:
-    """Slopes x and y of camera rays by the position in the pixel, from each pixel's Taylor series of second order."""
+    """Slopes of camera rays by the position in the pixel, from a Taylor series of each pixel."""
     series = [dr.gather(mi.Float, device_array(mi.Float, values), pixel) for values in _slope_series(camera)]
 
     def positions(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
@@ -407,9 +407,10 @@ def _tabulated_positions(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float
 
 
 def _slope_series(camera: Camera) -> np.ndarray:
-    """(12, pixels) coefficients of 1, u, v, u^2, u v, v^2 about each pixel's centre, of x and of y.
+    """Taylor coefficients (12, pixels) of slopes about the pixels' centres.
 
-    They come from the slopes at the centre, at the middles of the sides and at two corners.
+    They are those of 1, u, v, u^2, u v, v^2 for x, then for y. They come from the slopes at the centre, at the middles
+    of the sides and at two corners.
     """
     row, column = np.indices((camera.height_px, camera.width_px)).reshape(2, -1)
     right = np.array([0.0, 0.5, -0.5, 0.0, 0.0, 0.5, -0.5])[:, None]

@@ -124,9 +124,10 @@ def _channel_ratio(calibration: Calibration, band: BandTable, letter: str, sourc
 def _merged(
     calibration: Calibration, sound: NDArray[np.bool_], minutes: NDArray[np.float64]
 ) -> tuple[MergedExposure, ...]:
-    """The exposures that were merged, the bands' own first; bands with fewer exposures have weight 0 in the others.
+    """The exposures that were merged, the bands' own first.
 
-    sound : (band, y, x) pixels of which the dark level is the mean. minutes : (band,) those of the bands' own frames.
+    Bands with fewer exposures have weight 0 in the others. sound : (band, y, x) pixels that give the dark level.
+    minutes : (band,) those of the bands' own frames.
     """
     capture, merged = calibration.capture, calibration.bands.merged
     ids, readout = capture.band_ids, capture.manifest.camera.readout_s

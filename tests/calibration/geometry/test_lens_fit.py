@@ -242,7 +242,7 @@ def test_half_a_turn_of_the_pattern_does_not_turn_the_camera():
 @pytest.mark.parametrize(
     ("lens", "target", "words"),
     [
-        ("fy_px = 500.0", "", "no fx_px beside it"),
+        ("fy_px = 500.0", "", "no fx_px with it"),
         ("distortion = [0.1, 0.2]", "", "2 numbers; expected 5: k1, k2, p1, p2, k3"),
         ('model = "fisheye"\ndistortion = [0.1, 0, 0, 0, 0]', "", "5 numbers; expected 4: k1, k2, k3, k4 of a fisheye"),
         ('model = "wide"', "", "lens.model"),
