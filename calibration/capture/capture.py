@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from cboxlab.scenes import Scene, load_scene
+from cboxlab.scenes import Scene, load_scene, named_camera_channel
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
+from cboxlab.utils.frozen import FrozenDict
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -31,13 +33,13 @@ from .manifest import (
     BandTable,
     BracketTable,
     FlatTable,
-    Manifest,
     ReferenceTable,
     pattern_rows,
     split_channel,
 )
 from .manifest_faults import raise_faults, read_manifest
 from .reduction import Reduction, reduced_manifest, reduction_of
+from .whole_manifest import Manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
 
@@ -61,6 +63,9 @@ class Capture:
     manifest: Manifest
     #: Count at which pixels saturate below full scale, DN; None if they do not. See ``with_full_well``.
     full_well_dn: int | None = None
+    #: By reference to a channel of a named camera, its peak quantum efficiency over the largest one, measured from the
+    #: references; empty where not measured.
+    channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
     #: Window and blocks of the stored frames that are the pixels in use; None where the stored pixels are.
     reduction: Reduction | None = None
     #: Reduced frames that were read, by name.
@@ -78,7 +83,7 @@ class Capture:
 
     @property
     def is_merged(self) -> bool:
-        """Whether the frames are merged pictures of floating-point values, with a stated kind of noise."""
+        """Whether the frames are merged pictures of floating-point values."""
         return self.manifest.noise is not None
 
     @property
@@ -90,8 +95,10 @@ class Capture:
 
     @property
     def saturation_dn(self) -> int:
-        """The count from which a pixel is saturated, DN: full scale, or the full well below it."""
-        return self.full_scale_dn if self.full_well_dn is None else self.full_well_dn
+        """The count from which a pixel is saturated, DN: full scale, or the white level or full well below it."""
+        white = self.manifest.camera.white_level_dn
+        limits = (self.full_scale_dn, self.full_well_dn, None if white is None else int(white))
+        return min(limit for limit in limits if limit is not None)
 
     @property
     def cell(self) -> tuple[int, int] | None:
@@ -283,13 +290,15 @@ class Capture:
         Parameters
         ----------
         reference
-            Column of a file, ``file.csv:column``.
+            Column of a file, ``file.csv:column``, or a channel of a named camera, ``camera:NAME:R``.
 
         Returns
         -------
         Spectrum
             Zero beyond its table.
         """
+        if (channel := named_camera_channel(reference)) is not None:
+            return channel.scaled(self.channel_levels.get(reference, 1.0))
         return read_spectrum(self.folder, reference, "zero")
 
     def quantum_efficiency(self, channel: str | None = None) -> Spectrum | None:

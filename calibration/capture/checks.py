@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from cboxlab.scenes import NAMED_CAMERA
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import kind_of
@@ -16,8 +17,9 @@ from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
 from .lens_checks import lens_faults
-from .manifest import CameraTable, Manifest, NoiseTable, channel_letters, example_of, is_channel
+from .manifest import CameraTable, NoiseTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
+from .whole_manifest import Manifest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
 
@@ -88,6 +90,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                 "List all its frames in one table.",
             )
     yield from _mosaic_faults(path, manifest)
+    yield from _level_faults(path, manifest)
     yield from lens_faults(path, manifest)
     yield from _reduction_faults(path, manifest)
     yield from _noise_faults(path, manifest)
@@ -170,6 +173,27 @@ def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
             )
 
 
+def _level_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """Black and white levels that the counts or the mosaic do not allow."""
+    camera, full_scale = manifest.camera, 2**manifest.camera.bit_depth - 1
+    black, white = camera.black_level_dn, camera.white_level_dn
+    where = f"{path}: camera.black_level_dn"
+    if isinstance(black, dict):
+        pattern = "" if manifest.mosaic is None else manifest.mosaic.pattern
+        letters = channel_letters(pattern)
+        if not letters:
+            yield InputError(where, "a table", "one number", "A table needs [mosaic].")
+        elif not set(letters) <= set(black) or not all(is_channel(pattern, channel) for channel in black):
+            yield InputError(where, f"a table with {', '.join(black)}", f"one with {', '.join(letters)}")
+    highest = max(black.values(), default=0.0) if isinstance(black, dict) else black or 0.0
+    limit = full_scale if white is None else min(white, full_scale)
+    if highest >= limit:
+        yield InputError(where, f"{highest:g} DN", f"less than the white level, {limit:g} DN")
+    if white is not None and white > full_scale:
+        expected = f"at most the largest count, {full_scale} DN for {camera.bit_depth} bits"
+        yield InputError(f"{path}: camera.white_level_dn", f"{white:g} DN", expected)
+
+
 def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
     """Raise InputError for a path that is missing, leaves the folder or cannot be a file."""
     try:
@@ -241,6 +265,8 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
         yield partial(_check_once, folder, f"{path}: {key}", names)
     tables: dict[str, dict[str, Spectrum] | None] = {}
     for key, reference in _references(manifest):
+        if reference.startswith(NAMED_CAMERA):
+            continue
         yield partial(_check_spectrum, folder, path, key, reference, tables)
     if manifest.geometry is not None:
         yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from cboxlab.utils.errors import InputError
 
-from .manifest import Manifest, TargetTable
+from .manifest import TargetTable
+from .whole_manifest import Manifest
 
 __all__ = ["lens_faults"]
 

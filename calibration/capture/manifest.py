@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
+from cboxlab.scenes import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -16,7 +17,6 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
-    model_validator,
 )
 
 __all__ = [
@@ -31,12 +31,12 @@ __all__ = [
     "LabelsTable",
     "LampTable",
     "LensTable",
-    "Manifest",
     "MosaicTable",
     "NoiseTable",
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
+    "checked_pattern",
     "example_of",
     "is_channel",
     "pattern_rows",
@@ -63,9 +63,23 @@ def _inside(path: str) -> str:
 def _column(reference: str) -> str:
     """The column reference itself; ValueError for one that is not ``file.csv:column``."""
     name, _, column = reference.rpartition(":")
+    if reference.startswith(NAMED_CAMERA):
+        if named_camera_channel(reference) is None:
+            raise ValueError(f"a channel of a known camera, such as '{NAMED_CAMERA}{camera_names()[0]}:R'")
+        return reference
     if not name or not column:
         raise ValueError("a column of a file, 'file.csv:column'")
     return f"{_inside(name)}:{column}"
+
+
+def _of_camera(value: Any) -> Any:
+    """The table of a named camera's channels; any other value itself."""
+    if not isinstance(value, str) or not value.startswith(NAMED_CAMERA):
+        return value
+    columns = camera_columns(value.removeprefix(NAMED_CAMERA))
+    if columns is None:
+        raise ValueError(f"a known camera: {', '.join(NAMED_CAMERA + name for name in camera_names())}")
+    return columns
 
 
 def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
@@ -145,8 +159,24 @@ def is_channel(pattern: str, channel: str) -> bool:
     return channel == letter if number is None else 1 <= number <= pattern.count(letter)
 
 
-def _pattern(pattern: str) -> str:
-    """The mosaic pattern itself; ValueError for one that is no repeat of two letters or more."""
+def checked_pattern(pattern: str) -> str:
+    """A mosaic pattern, unchanged.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``pattern_rows``.
+
+    Returns
+    -------
+    str
+        The pattern itself.
+
+    Raises
+    ------
+    ValueError
+        If it is no repeat of two letters or more.
+    """
     rows = pattern_rows(pattern)
     letters = "".join(rows)
     one_length = len({len(row) for row in rows}) == 1 and (" " in pattern or len(pattern) == 4)
@@ -179,6 +209,10 @@ def _kind_or_table(value: Any) -> str:
     return "<table>" if isinstance(value, dict) else _kind(value)
 
 
+def _number_or_table(value: Any) -> str:
+    return "<table>" if isinstance(value, dict) else "<number>"
+
+
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
@@ -197,6 +231,13 @@ QuantumEfficiency = Annotated[
     | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")]
     | Annotated[dict[Name, ColumnReference], Tag("<table>")],
     Discriminator(_kind_or_table),
+    BeforeValidator(_of_camera),
+]
+
+
+BlackLevel = Annotated[
+    Annotated[NotNegative, Tag("<number>")] | Annotated[dict[Name, NotNegative], Tag("<table>")],
+    Discriminator(_number_or_table),
 ]
 
 
@@ -252,8 +293,20 @@ class CameraTable(_Table):
     )
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
-        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, or a list for R, G, B",
+        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, a list for R, G, B, or a "
+        "camera that colour-science knows, 'camera:NAME'",
         '"spectra/camera.csv:quantum_efficiency"',
+        None,
+    )
+    black_level_dn: BlackLevel | None = _key(
+        "counts of no light and no exposure, where no darks say it, or a table with one for each channel; that of the "
+        "raw files where left out",
+        "512",
+        None,
+    )
+    white_level_dn: Positive | None = _key(
+        "counts from which a pixel is saturated, below the largest count; that of the raw files where left out",
+        "16000",
         None,
     )
 
@@ -386,7 +439,7 @@ class TargetTable(_Table):
 class MosaicTable(_Table):
     """A colour filter array on the sensor."""
 
-    pattern: Annotated[str, AfterValidator(_pattern)] = _key(
+    pattern: Annotated[str, AfterValidator(checked_pattern)] = _key(
         "channels of the upper left 2 x 2 pixels, a letter each, row by row; of another repeat, its rows separated by "
         "a space",
         '"RGGB"',
@@ -440,91 +493,6 @@ class DefaultsTable(_Table):
     radiance: ColumnReference | None = _key(
         "of every flat and reference that states none, W m^-2 sr^-1 nm^-1", '"spectra/sphere.csv:radiance"', None
     )
-
-
-#: By key of [defaults], the tables that it fills. The others take f-number and image distance from their band.
-DEFAULTS_FILL = {
-    "f_number": ("band",),
-    "image_distance_mm": ("band",),
-    "exposure_s": ("band", "bracket", "dark", "flat", "reference"),
-    "radiance": ("flat", "reference"),
-}
-
-
-DarkState = Annotated[
-    Annotated[Literal["subtracted"], Tag("<text>")]
-    | Annotated[tuple[DarkTable, ...], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
-]
-FlatState = Annotated[
-    Annotated[Literal["divided"], Tag("<text>")]
-    | Annotated[tuple[FlatTable, ...], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
-]
-
-
-class Manifest(_Table):
-    """The content of capture.toml. Absent tables are None or empty."""
-
-    format: Literal["capture/1"] = _key("the format and its version", '"capture/1"')
-    camera: CameraTable
-    band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
-    name: str = _key("a title, for reports", '"white box, second lamp"', "")
-    scene: str | None = _key("packaged scene, or scene file (.toml) of the folder", '"cornell-box"', None)
-    scale: Literal["free", "free-by-band"] | None = _key(
-        "claims no absolute scale: 'free' is one unknown factor of all bands, 'free-by-band' one of each; absolute "
-        "where left out",
-        '"free"',
-        None,
-    )
-    lens: LensTable = LensTable()
-    dark: DarkState = ()
-    flat: FlatState = ()
-    reference: Annotated[tuple[ReferenceTable, ...], BeforeValidator(_tuple)] = ()
-    bracket: Annotated[tuple[BracketTable, ...], BeforeValidator(_tuple)] = ()
-    lamp: LampTable | None = None
-    geometry: GeometryTable | None = None
-    target: Annotated[tuple[TargetTable, ...], BeforeValidator(_tuple)] = ()
-    mosaic: MosaicTable | None = None
-    labels: LabelsTable | None = None
-    crop: CropTable | None = None
-    noise: NoiseTable | None = None
-    defaults: DefaultsTable | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _with_defaults(cls, data: Any) -> Any:
-        """The tables of frames with the values of [defaults] that they do not state."""
-        defaults = data.get("defaults") if isinstance(data, dict) else None
-        if not isinstance(defaults, dict):
-            return data
-        filled = dict(data)
-        for key, tables in DEFAULTS_FILL.items():
-            for table in tables if key in defaults else ():
-                rows = filled.get(table)
-                if isinstance(rows, list | tuple):
-                    filled[table] = [{key: defaults[key], **row} if isinstance(row, dict) else row for row in rows]
-        return filled
-
-    @property
-    def is_absolute(self) -> bool:
-        """Whether the capture claims an absolute scale."""
-        return self.scale is None
-
-    @property
-    def is_free_by_band(self) -> bool:
-        """Whether each band has a free factor: as claimed, or since the colour of the lens is not stated."""
-        return self.scale == "free-by-band" or (self.scale == "free" and self.lens.transmittance is None)
-
-    @property
-    def darks(self) -> tuple[DarkTable, ...]:
-        """The dark tables; empty if the dark was subtracted before the frames were stored."""
-        return self.dark if isinstance(self.dark, tuple) else ()
-
-    @property
-    def flats(self) -> tuple[FlatTable, ...]:
-        """The flat tables; empty if the frames were divided by their flat before they were stored."""
-        return self.flat if isinstance(self.flat, tuple) else ()
 
 
 def example_of(table: type[BaseModel], key: str) -> str:

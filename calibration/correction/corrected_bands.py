@@ -13,6 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import BandTable, Capture, channel_mask
 from ..instrument import Mask, band_images
+from .black_level import black_level
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
@@ -62,9 +63,9 @@ class CorrectedBands(FrozenMappings):
         NDArray
             (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats.
         """
-        seen = np.sum(self.images["mask"].values == 0, axis=0)
+        bands_of_pixel = np.sum(self.images["mask"].values == 0, axis=0)
         signal = np.asarray(expected_signal, float)
-        return np.maximum(seen - 1, 0) * (self.pixel_scatter * signal) ** 2
+        return np.maximum(bands_of_pixel - 1, 0) * (self.pixel_scatter * signal) ** 2
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -116,7 +117,7 @@ def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict
 def _nominal_flats(
     capture: Capture, axis: LensAxis, dark: DarkLibrary, noise: NoiseModel, of_channel: Mapping[str, NDArray | None]
 ) -> tuple[dict[str, FlatField], float]:
-    """By band, the nominal flat field with the scatter of the pixels' sensitivities, and that scatter."""
+    """Nominal flat fields by band, and the scatter of the pixels' sensitivities in them."""
     flat = nominal_flat(axis, capture.shape, dark)
     scatters = []
     for band in capture.manifest.band:
@@ -138,9 +139,10 @@ def _longest(capture: Capture, band: BandTable) -> float:
 def _without_misfits(
     exposures: Sequence[Exposure], findings: Sequence[ExposureFinding], band: str
 ) -> tuple[Exposure, ...]:
-    """The exposures of a band whose stated times fit each other; the band's own one where none is at fault for certain.
+    """The exposures of a band with times that fit each other.
 
-    The time of the signal is that of the band's own exposure, so that this one always stays.
+    The band's own one alone remains where the fault is not certain. It always stays, since its time is that of the
+    signal.
     """
     wrong = [finding.index for finding in findings if finding.band == band]
     if None in wrong or 0 in wrong:
@@ -197,7 +199,13 @@ def correct_bands(
             "they have no more noise than in the dark; those are masked"
         )
     if not manifest.darks and manifest.dark != "subtracted":
-        notes.append("no dark frames: a dark level of 0 was assumed")
+        black = black_level(capture)
+        notes.append(
+            "no dark frames: a dark level of 0 was assumed"
+            if black is None
+            else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
+            "dark current and hot pixels are not corrected"
+        )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")
     if manifest.flat == "divided":
@@ -260,7 +268,11 @@ def correct_bands(
     images.attrs["reduction"] = "; ".join(
         [
             "repeats averaged",
-            "dark subtracted" if dark.exposure_s.size else "no dark subtracted",
+            "dark subtracted"
+            if dark.exposure_s.size
+            else "black level subtracted"
+            if dark.bias.any()
+            else "no dark subtracted",
             "flat divided" if manifest.flats else "nominal fall-off divided" if nominal_axis else "no flat divided",
             *notes,
         ]

@@ -95,7 +95,7 @@ def _series(band: str, exposures: Sequence[Exposure], used: NDArray[np.bool_]) -
 
 
 def _residuals(series: _Series, offset_s: float) -> NDArray[np.float64]:
-    """(n,) deviation of the logarithm of each level from proportionality to time plus offset, about the median."""
+    """(n,) logarithms of level over time plus offset, about their median."""
     with np.errstate(invalid="ignore", divide="ignore"):
         deviation = series.rate - np.log1p(offset_s / series.time)
     return deviation - np.nanmedian(deviation)
@@ -147,5 +147,5 @@ def _finding(series: _Series, offset_s: float) -> ExposureFinding | None:
         short, long = finite[np.argsort(series.time[finite])]
         ratio = float(np.exp(deviation[long] - deviation[short]))
         return ExposureFinding(series.band, None, float(series.time[long]), float(series.time[long]) * ratio, size)
-    stated = float(series.time[worst])
-    return ExposureFinding(series.band, worst, stated, stated * float(np.exp(deviation[worst])), size)
+    time = float(series.time[worst])
+    return ExposureFinding(series.band, worst, time, time * float(np.exp(deviation[worst])), size)

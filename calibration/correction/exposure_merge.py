@@ -184,7 +184,7 @@ def merge_exposures(exposures: Sequence[Exposure], cell: tuple[int, int] = (1, 1
 def _neighbourhood_mean(
     signal: NDArray[np.float64], good: NDArray[np.bool_], cell: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """(y, x) mean over the pixels of the same channel nearby; the pixel itself where none of them is good."""
+    """(y, x) mean over good pixels of the same channel nearby, else the pixel itself."""
     result = signal.copy()
     height, width = cell
     for row in range(height):

@@ -1,4 +1,4 @@
-"""Noise of merged pictures: floating-point values in a unit of their own, without rounding.
+"""Noise of merged pictures, which hold floating-point values without rounding.
 
 The variance of a value x is taken as x / gain + (read_noise / gain)^2, as that of a count, with the gain in electrons
 per unit of the pictures. It is stated, or a line is fitted to variances by level of light.
@@ -32,7 +32,7 @@ _INDEPENDENT_SHARE = 1 / 3
 def _levels(
     values: NDArray[np.float64], levels: NDArray[np.float64], degrees: float
 ) -> Iterator[tuple[float, float, float]]:
-    """(level, variance, degrees of freedom) of deviations (n,) of mean 0, in groups by level of light (n,)."""
+    """Level, variance and degrees of freedom of deviations (n,), in groups by level."""
     for group in np.array_split(np.argsort(levels), _LEVELS):
         variance = clipped_variance(values[group])
         if np.isfinite(variance):
@@ -52,7 +52,7 @@ def _by_repeats(capture: Capture, table: FrameTable) -> Iterator[tuple[float, fl
 
 
 def _by_neighbours(capture: Capture, table: FrameTable) -> Iterator[tuple[float, float, float]]:
-    """Variances of one picture by level of light, from differences of neighbouring pixels in smooth areas."""
+    """Variances of one picture by level of light, from neighbouring pixels."""
     step = capture.cell or (1, 1)
     picture = capture.frames(table)[0]
     usable = (picture < capture.saturation_dn) & (picture > 0)
@@ -93,26 +93,26 @@ def measure_merged_noise(capture: Capture) -> NoiseModel:
     InputError
         For a faulty frame, for "repeats" without repeats, and for pictures without any noise.
     """
-    stated = capture.manifest.noise
-    if stated is None:
+    table = capture.manifest.noise
+    if table is None:
         raise ValueError("the capture has no [noise]")
     where = f"{capture.folder / 'capture.toml'}: noise.kind"
-    if stated.kind == "poisson":
-        read = stated.read_noise_e or 0.0
-        note = f"merged pictures: the noise is stated, {stated.gain_e_per_unit:g} electrons per unit, {read:g} e- rms"
-        return NoiseModel(stated.gain_e_per_unit, None, read, None, (note,), "stated", 0.0)
+    if table.kind == "poisson":
+        read = table.read_noise_e or 0.0
+        note = f"merged pictures: the noise is stated, {table.gain_e_per_unit:g} electrons per unit, {read:g} e- rms"
+        return NoiseModel(table.gain_e_per_unit, None, read, None, (note,), "stated", 0.0)
     tables: list[FrameTable] = [*capture.manifest.band]
     source: NoiseSource = "estimated"
-    if stated.kind == "repeats":
-        tables = [table for table in tables if len(table.frames) > 1]
+    if table.kind == "repeats":
+        tables = [each for each in tables if len(each.frames) > 1]
         source = "band repeats"
         if not tables:
             hint = 'List the repeats in frames, or state kind = "estimated".'
             raise InputError(where, "'repeats'", "a band with two frames or more", hint)
-    variances = _by_repeats if stated.kind == "repeats" else _by_neighbours
-    points = [point for table in tables for point in variances(capture, table)]
+    variances = _by_repeats if table.kind == "repeats" else _by_neighbours
+    points = [point for each in tables for point in variances(capture, each)]
     if not points or max(point[1] for point in points) <= 0:
-        fault = "repeats without any difference" if stated.kind == "repeats" else "pictures without smooth areas"
+        fault = "repeats without any difference" if table.kind == "repeats" else "pictures without smooth areas"
         raise InputError(where, fault, "pictures with noise", 'State kind = "poisson" with its gain.')
     floor, slope = _line(points)
     # without shot noise the gain is so large that it does not count

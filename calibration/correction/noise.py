@@ -218,7 +218,7 @@ def _different_flats(capture: Capture) -> tuple[FlatTable, ...]:
 
 
 def _samples_of_bands(capture: Capture, bias: NDArray[np.float64]) -> tuple[list[_Samples], NoiseSource]:
-    """Samples of the scene's frames: of repeats where a band has them, else of neighbouring pixels."""
+    """Samples of the bands' repeats, or else of neighbouring pixels."""
     tables: list[FrameTable] = [*capture.manifest.band, *capture.manifest.bracket]
     repeated = [table for table in tables if len(table.frames) > 1]
     of_repeats = [_samples(capture.frames(table), bias, capture.saturation_dn, is_dark=False) for table in repeated]
@@ -246,7 +246,7 @@ def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.fl
 
 
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
-    """Gain and read noise from repeated flat and dark frames, else from the manifest, else from the bands.
+    """Gain and read noise from flats and darks, else from the manifest or the bands.
 
     A measured value replaces a stated one. A difference of more than five standard deviations is noted. Without flats
     and a stated gain the bands' repeats give it; without these the differences of neighbouring pixels, which are

@@ -1,4 +1,4 @@
-"""Flat field of a lens whose flats were not taken: the cosine-fourth fall-off of its field angles.
+"""Nominal flat field of a lens, by the cosine-fourth law of its field angles.
 
 A real lens falls off further, by its mounts and its pupil. The comparison with a model fits that as two terms in the
 square of the distance from the axis; see ``fall_off_terms``. The sensitivities of single pixels are not known; their
@@ -20,7 +20,7 @@ __all__ = ["LensAxis", "fall_off_terms", "nominal_flat", "with_pixel_scatter"]
 
 @dataclass(frozen=True)
 class LensAxis:
-    """Where a lens looks: what its nominal fall-off depends on."""
+    """Axis and focal length of a lens, which give its nominal fall-off."""
 
     #: Focal length, px.
     focal_length_px: float
@@ -87,7 +87,7 @@ def with_pixel_scatter(flat: FlatField, relative_sigma: float) -> FlatField:
 
 
 def fall_off_terms(axis: LensAxis, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Two shapes of a fall-off beyond the cosine-fourth law, 0 on the axis and 1 in the farthest corner.
+    """Two shapes of a fall-off beyond the cosine-fourth law.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def fall_off_terms(axis: LensAxis, shape: tuple[int, int]) -> NDArray[np.float64
     Returns
     -------
     NDArray
-        (2, y, x) second and fourth power of the distance from the axis.
+        (2, y, x) second and fourth power of the distance from the axis, 1 in the farthest corner.
     """
     square = axis.radius_px(shape) ** 2
     square /= square.max()

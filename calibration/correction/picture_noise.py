@@ -45,8 +45,8 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
     """
     if values.size < _FEWEST:
         return float("nan")
-    kept = norm.cdf(_CLIP) - norm.cdf(-_CLIP)
-    truncated = 1 - 2 * _CLIP * norm.pdf(_CLIP) / kept
+    share = norm.cdf(_CLIP) - norm.cdf(-_CLIP)
+    truncated = 1 - 2 * _CLIP * norm.pdf(_CLIP) / share
     sigma = _MAD_TO_SIGMA * float(np.median(np.abs(values)))
     for _ in range(_ROUNDS):
         inside = np.abs(values) <= _CLIP * sigma
@@ -55,7 +55,7 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
 
 
 def _triples(picture: NDArray, axis: int, size: int) -> list[NDArray]:
-    """Three copies of a picture (y, x), shifted by 0, 1 and 2 steps along an axis; empty for a small picture."""
+    """Three copies of a picture (y, x), shifted by 0, 1 and 2 steps along an axis."""
     ends = max(picture.shape[axis] - 2 * size, 0)
     return [np.take(picture, np.arange(k, k + ends), axis) for k in (0, size, 2 * size)]
 
@@ -134,7 +134,7 @@ def smooth_pixels(
 def _sigma_by_level(
     differences: NDArray[np.float64], means: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ascending levels of light, and the standard deviation of the differences at each; empty for too few pixels."""
+    """Ascending levels of light and standard deviations at each; empty for too few pixels."""
     groups = np.array_split(np.argsort(means), max(1, min(_LEVELS, means.size // _FEWEST)))
     variances = np.array([clipped_variance(differences[group]) for group in groups])
     levels = np.array([means[group].mean() if group.size else np.nan for group in groups])
@@ -148,7 +148,7 @@ def pixel_scatter(
     usable: NDArray[np.bool_],
     step: tuple[int, int] = (1, 1),
 ) -> float:
-    """Relative standard deviation of the pixels' sensitivities, from the bright half of a picture.
+    """Relative scatter of the pixels' sensitivities in the bright half of a picture.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Radiance pictures (RGBE): three channels of floating-point values, as programs that merge exposures write them."""
+"""Radiance pictures (RGBE), three channels of floating-point values."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def _header(path: Path) -> FrameHeader:
     if not begin.startswith(_MARKS):
         raise InputError(path, "a file that does not begin with #?RADIANCE", "a Radiance picture")
     head, _, rest = begin.partition(b"\n\n")
-    words = rest.partition(b"\n")[0].split()
-    if len(words) != 4 or words[0] != b"-Y" or words[2] != b"+X" or not (words[1] + words[3]).isdigit():
+    size = rest.partition(b"\n")[0].split()
+    if len(size) != 4 or size[0] != b"-Y" or size[2] != b"+X" or not (size[1] + size[3]).isdigit():
         raise InputError(path, "a picture with turned rows, or without a size", "'-Y height +X width' below its header")
     if b"FORMAT=32-bit_rle_xyze" in head:
         raise InputError(path, "X, Y, Z in place of colours", "FORMAT=32-bit_rle_rgbe")
-    shape = int(words[1]), int(words[3])
+    shape = int(size[1]), int(size[3])
     require_plausible_size(path, (len(_CHANNELS), *shape))
     return FrameHeader(shape, len(_CHANNELS), bands=_CHANNELS, is_floating=True)
 

@@ -151,7 +151,7 @@ def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffil
     """Raise InputError where deflated data unpack to more than the picture takes."""
     if page.compression not in _DEFLATED or page.dtype is None:
         return
-    largest = int(np.prod(page.chunks)) * page.dtype.itemsize
+    largest = int(np.prod(page.chunks)) * np.dtype(page.dtype).itemsize
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
         file.filehandle.seek(offset)
         unpacked = zlib.decompressobj().decompress(file.filehandle.read(size), largest + 1)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from .channel_levels import channel_levels, level_notes
     from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
     from .radiometry import Radiometry, measure_constant
     from .registration import register
@@ -27,8 +28,10 @@ __all__ = [
     "as_scene",
     "band_responses",
     "capture_factors",
+    "channel_levels",
     "counts_over_constant",
     "hyperspectral_cube",
+    "level_notes",
     "measure_constant",
     "measure_uncertainty",
     "missing_keys",

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from cboxlab.scenes import NAMED_CAMERA
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
 from cboxlab.utils.errors import InputError
@@ -53,9 +54,12 @@ def nominal_constant(capture: Capture) -> float | None:
     Returns
     -------
     float | None
-        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain.
+        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain, and for a camera by name, whose
+        sensitivities have no level.
     """
     camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
+    if _is_named(capture):
+        return None
     if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
         return None
     return lens_constant(focal, camera.pixel_pitch_um, camera.gain_e_per_dn)
@@ -89,30 +93,30 @@ def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float |
 
 
 def _is_free(capture: Capture, key: str) -> bool:
-    """Whether a key of the bands belongs to the free scale: no band states it, or each band's scale is free."""
+    """Whether the free scale holds a key that bands may leave out."""
     manifest = capture.manifest
     one_of_all = all(getattr(band, key) is None for band in manifest.band)
     return manifest.is_free_by_band or (manifest.scale == "free" and one_of_all)
 
 
-def _is_unfiltered(capture: Capture, band: BandTable) -> bool:
-    """Whether a band without a transmittance has no filter: the colours of a mosaic, without absolute scale."""
-    return band.transmittance is None and band.channel is not None and not capture.manifest.is_absolute
+def _is_unfiltered(band: BandTable) -> bool:
+    """Whether a band without a transmittance has no filter: a stated channel of a mosaic."""
+    return band.transmittance is None and band.channel is not None
 
 
 def _filter_of(capture: Capture, band: BandTable) -> Spectrum | None:
     """Transmittance of a band's filter, 1 without a filter; None where it is not stated."""
     if band.transmittance is not None:
         return capture.light(band.transmittance)
-    return _CLEAR if _is_unfiltered(capture, band) else None
+    return _CLEAR if _is_unfiltered(band) else None
 
 
 def _lens_of(capture: Capture) -> Spectrum | None:
-    """Transmittance of the lens, 1 where it belongs to a free scale; None where it is not stated."""
-    stated = capture.manifest.lens.transmittance
-    if stated is not None:
-        return capture.light(stated)
-    return None if capture.manifest.is_absolute else _CLEAR
+    """Transmittance of the lens, 1 within a free scale or for a named camera; None where it is not stated."""
+    column = capture.manifest.lens.transmittance
+    if column is not None:
+        return capture.light(column)
+    return None if capture.manifest.is_absolute and not _is_named(capture) else _CLEAR
 
 
 def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> NDArray[np.float64] | None:
@@ -121,6 +125,12 @@ def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> 
     if lens is None or efficiency is None:
         return None
     return rest_curve(efficiency, lens, grid)
+
+
+def _is_named(capture: Capture) -> bool:
+    """Whether the sensitivities are those of a camera by name, which are relative."""
+    efficiency = capture.manifest.camera.quantum_efficiency
+    return isinstance(efficiency, dict) and any(column.startswith(NAMED_CAMERA) for column in efficiency.values())
 
 
 def response_curve(capture: Capture, band: BandTable, channel: str | None = None) -> NDArray[np.float64] | None:
@@ -219,7 +229,7 @@ def assumed_keys(capture: Capture) -> tuple[str, ...]:
     if manifest.is_absolute:
         return ()
     unstated = ["lens.transmittance"] if manifest.lens.transmittance is None else []
-    if any(_is_unfiltered(capture, band) for band in manifest.band):
+    if any(_is_unfiltered(band) for band in manifest.band):
         unstated.append("band.transmittance")
     for key in ("f_number", "image_distance_mm"):
         if _is_free(capture, key) and any(getattr(band, key) is None for band in manifest.band):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -39,6 +39,8 @@ from ..radiometry import (
     Radiometry,
     Uncertainty,
     band_responses,
+    channel_levels,
+    level_notes,
     measure_constant,
     measure_uncertainty,
     missing_keys,
@@ -237,9 +239,13 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
     bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
     radiometry = measure_constant(capture, bands, dark, noise, channels)
+    if levels := channel_levels(capture, radiometry, channels):
+        capture = replace(capture, channel_levels=levels)
+        radiometry = measure_constant(capture, bands, dark, noise, channels)
     notes = [
         *([] if capture.reduction is None else [capture.reduction.note]),
         *file_mosaic_notes(capture),
+        *level_notes(capture),
         *noise.notes,
         *bands.notes,
         *chosen_channel_notes(capture, channels),

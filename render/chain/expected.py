@@ -39,9 +39,13 @@ def _frames(light: Light, curves: BandCurves, sensing: Sensing, camera: Camera) 
     mean = [r[u].mean() if has else 1.0 for r, u, has in zip(response, sensing.usable, has_flat, strict=True)]
     response = response / np.array(mean)[:, None, None]
     reference = _reference_gain(sensing) * band_signals(uniform_light(sensing.reference_radiance), curves, shares)
+    scene = light.signal
+    if sensing.mosaic is not None:
+        scene, reference = sensing.mosaic.light(scene), sensing.mosaic.light(reference)
+        response = sensing.mosaic.response(response)
     return Counts(
         bands=sensing.curves.bands,
-        scene=light.signal * response + sensing.dark_scene[:, None, None],
+        scene=scene * response + sensing.dark_scene[:, None, None],
         flat=sensing.flat_level[:, None, None] * sensing.flat + sensing.dark_flat[:, None, None],
         reference=reference * response + sensing.dark_reference[:, None, None],
         dark_scene=sensing.dark_scene,
@@ -127,6 +131,8 @@ def expected_signal(
 
     Effects of the stages before the filter must be in the image already and are passed over. The lamp is not clipped.
     Without effects the result is that of ``render_bands``. Where exposures were merged, so are the predictions.
+    Behind a mosaic the counts are those of the raw frames. The pixels that a band does not see have its light behind
+    the optics, as if they had its channel.
 
     Parameters
     ----------
@@ -147,6 +153,14 @@ def expected_signal(
     """
     if not isinstance(source, Light):
         source = scene_light(source, after_stage(sensing.curves, effects, "filter"), camera)
+    signal = _expected(source, sensing, effects, camera)
+    if sensing.mosaic is None:
+        return signal
+    return np.where(sensing.mosaic.pixels, signal, after_stage(source, effects, "optics").signal)
+
+
+def _expected(source: Light, sensing: Sensing, effects: Sequence[ActsAtStage], camera: Camera) -> NDArray[np.float64]:
+    """(band, y, x) DN: corrected signals, behind a mosaic those of the raw frames."""
     if not sensing.merged or not any(effect.stage == "counts" for effect in effects):
         return _corrected(expected_counts(source, sensing, effects, camera), sensing)
     # effects of the counts depend on the exposure: each one is predicted and corrected, then merged as in calibration

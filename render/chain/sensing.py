@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .band_curves import BandCurves
+from .interleaving import Interleaving
 
 __all__ = ["MergedExposure", "Sensing"]
 
@@ -64,6 +65,8 @@ class Sensing:
     minutes: NDArray[np.float64]
     #: Largest count, DN.
     full_scale: float
+    #: Channels of the pixels in the frames of a sensor with a mosaic; None without one.
+    mosaic: Interleaving | None = None
     #: Exposures that were merged; empty where each band has one.
     merged: tuple[MergedExposure, ...] = ()
 

@@ -312,7 +312,10 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
 
 
 def _effect_faults(where: str, entry: EffectTable, folder: Path) -> list[InputError]:
-    """Faults of an effect and of the ends of its parameters' distributions; names are checked in each box."""
+    """Faults of an effect and of the ends of its parameters' distributions.
+
+    Names are checked in each box.
+    """
     ends: list[dict[str, Any]] = [{}, {}]
     for name, value in entry.parameters.items():
         texts = value if isinstance(value, list) else [value]

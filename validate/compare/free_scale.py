@@ -1,4 +1,4 @@
-"""Factors and fall-off of a capture that claims no absolute scale, estimated from its photographs and a rendering.
+"""Free factors and fall-off of a capture without absolute scale, by a rendering.
 
 The photograph of band b is taken as g_b (1 + a_1 q + a_2 q^2) times the rendering. g is one factor of all bands or one
 of each. q is the squared distance from the lens's axis, 1 in the farthest corner; its terms stand only where no flats
@@ -57,10 +57,10 @@ class FreeScale:
         low, high = float(self.constant.min()), float(self.constant.max())
         value = f"C = {low:.4g}" if low == high else f"C = {low:.4g} to {high:.4g}"
         of = "each band has a free factor" if self.by_band else "all bands have one free factor"
-        known = ", ".join(self.not_known[:-1]) + " and " if len(self.not_known) > 1 else ""
+        first = ", ".join(self.not_known[:-1]) + " and " if len(self.not_known) > 1 else ""
         return (
             f"No absolute scale is claimed: {of}, {value} ± {100 * float(self.relative_sigma.max()):.2g} %. Not known: "
-            f"{known}{self.not_known[-1]}."
+            f"{first}{self.not_known[-1]}."
         )
 
     def record(self, bands: Sequence[str]) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def _terms(bands: CorrectedBands) -> NDArray[np.float64]:
 
 
 def free_columns(calibration: Calibration, signal: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Changes of the picture that free factors and fall-off make, beside the lamp's.
+    """Changes of the picture that free factors and fall-off make, in addition to the lamp's.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def free_columns(calibration: Calibration, signal: NDArray[np.float64]) -> list[
 
 
 def starting_scale(calibration: Calibration) -> FreeScale | None:
-    """The free scale of a calibration before any comparison; None for a capture with an absolute scale.
+    """The free scale of a calibration before any comparison.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def starting_scale(calibration: Calibration) -> FreeScale | None:
     Returns
     -------
     FreeScale | None
-        With infinite standard deviations.
+        With infinite standard deviations; None for a capture with an absolute scale.
     """
     manifest, constant = calibration.capture.manifest, calibration.radiometry.constant
     if manifest.is_absolute or constant is None:

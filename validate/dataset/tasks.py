@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import platform
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,12 +14,13 @@ import numpy as np
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.model import write_model
 from cboxlab.rendering.photometry import tristimulus_weights
+from cboxlab.utils.errors import InputError
 
 from .checks import check_picture
 from .layout import Layout, file_hash, versions, write_json
 from .picture import mean_spectrum, render_picture, write_picture
 
-__all__ = ["Task", "camera_names", "run_task", "tasks_of", "worker_versions"]
+__all__ = ["Task", "camera_names", "run_task", "tasks_of"]
 
 #: Most boxes of a task: a task of a minute is repeated where its worker ends.
 _MOST_BOXES = 8
@@ -37,6 +39,8 @@ class Task:
     folder: str
     #: Numbers of the boxes.
     boxes: tuple[int, ...]
+    #: Version of each package on which the bits of a picture depend.
+    versions: tuple[tuple[str, str], ...] = field(default_factory=lambda: tuple(versions().items()))
 
 
 def camera_names(recipe: Recipe) -> list[str]:
@@ -95,15 +99,13 @@ def _recipe(path: str, _changed: float) -> Recipe:
     return load_recipe(Path(path))
 
 
-def worker_versions() -> dict[str, str]:
-    """Versions of the packages of the process in which this runs.
-
-    Returns
-    -------
-    dict
-        Version by package.
-    """
-    return versions()
+def _require_versions(expected: tuple[tuple[str, str], ...]) -> None:
+    """Raise InputError in a process with other versions than those of the run."""
+    installed = versions()
+    pairs = [(name, installed.get(name), version) for name, version in expected]
+    if other := [f"{name} {mine} (not {version})" for name, mine, version in pairs if mine != version]:
+        fault = f"a worker on {platform.node()} with {', '.join(other)}"
+        raise InputError("scheduler", fault, "the same versions on every worker")
 
 
 def run_task(task: Task) -> list[dict[str, Any]]:
@@ -135,6 +137,7 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
     dict
         Record of each picture, which is complete on disk.
     """
+    _require_versions(task.versions)
     path = Path(task.recipe)
     recipe = _recipe(task.recipe, path.stat().st_mtime)
     layout = Layout(Path(task.folder))

@@ -14,16 +14,12 @@ from cboxlab.rendering.device import dr
 from cboxlab.rendering.integrators import TIMEOUT_S
 from cboxlab.utils.errors import InputError
 
-from .layout import versions
-from .tasks import Task, run_task, worker_versions
+from .tasks import Task, run_task
 
 __all__ = ["in_processes", "on_local_cluster", "on_scheduler"]
 
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
-
-#: Times that a Dask scheduler repeats a task whose worker ended.
-_REPEATS = 10
 
 #: Variables that limit the threads of linear algebra in a new process.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -181,13 +177,7 @@ def _on_client(
     dask: Any, client: Any, tasks: Sequence[Task], idle: Callable[[], None]
 ) -> Iterator[list[dict[str, Any]]]:
     """Run tasks on the workers of a client; a worker that ends or joins changes nothing else."""
-    mine = versions()
-    for worker, theirs in client.run(worker_versions).items():
-        other = [f"{name} {theirs.get(name)} (not {mine[name]})" for name in mine if theirs.get(name) != mine[name]]
-        if other:
-            fault = f"a worker at {worker} with {', '.join(other)}"
-            raise InputError("scheduler", fault, "the same versions on every worker")
-    waiting = {client.submit(run_task, task, pure=False, retries=_REPEATS) for task in tasks}
+    waiting = {client.submit(run_task, task, pure=False) for task in tasks}
     try:
         while waiting:
             try:
@@ -202,6 +192,9 @@ def _on_client(
             raise  # a file of the data set, such as on a full disk
         hint = "Start it again and repeat the command: finished pictures are kept."
         raise InputError("scheduler", f"a scheduler that ended ({error})", "a Dask scheduler", hint) from None
+    except dask.KilledWorker:
+        fault = "a task during which several workers ended"
+        raise InputError("scheduler", fault, "memory for the pictures", "Use fewer or smaller workers.") from None
     finally:
         for future in waiting:
             future.cancel()

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, channel_mask, shares_frames
+from cboxlab.calibration.capture import (
+    BandTable,
+    Capture,
+    FlatTable,
+    ReferenceTable,
+    channel_mask,
+    shares_frames,
+)
 from cboxlab.calibration.instrument import Mask
-from cboxlab.calibration.radiometry import capture_factors, optical_factor
+from cboxlab.calibration.radiometry import capture_factors, optical_factor, response_curve
 from cboxlab.calibration.result import Calibration
-from cboxlab.rendering.chain import MergedExposure, Sensing, over_field
+from cboxlab.rendering.chain import Interleaving, MergedExposure, Sensing, UnseenChannel, over_field
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
@@ -80,21 +87,47 @@ def _sources(calibration: Calibration, band: str) -> _Band:
     return _Band(flat, reference, float(sum(measured)), uniform, spectrum)
 
 
-def _channels(calibration: Calibration) -> NDArray[np.bool_]:
-    """(band, y, x) True for the pixels of each band's channel; for all pixels without a mosaic."""
-    capture, mosaic = calibration.capture, calibration.capture.manifest.mosaic
-    if calibration.channels is None or mosaic is None:
-        return np.ones((len(capture.band_ids), *capture.shape), bool)
-    letters = [calibration.channels[band] for band in capture.band_ids]
-    return np.stack([channel_mask(mosaic.pattern, capture.shape, letter) for letter in letters])
+def _interleaving(calibration: Calibration, sources: Sequence[_Band]) -> Interleaving | None:
+    """Channels of the pixels in each band's frames; None without a mosaic."""
+    capture, mosaic, channels = calibration.capture, calibration.capture.manifest.mosaic, calibration.channels
+    if channels is None or mosaic is None:
+        return None
+    bands = capture.manifest.band
+    frames: dict[tuple[str, ...], list[int]] = {}
+    for index, band in enumerate(bands):
+        frames.setdefault(tuple(band.frames), []).append(index)
+    pixels = np.stack([channel_mask(mosaic.pattern, capture.shape, channels[band.id]) for band in bands])
+    unseen = []
+    for group in frames.values():
+        rest = ~pixels[group].any(axis=0)
+        for letter in dict.fromkeys(mosaic.pattern.replace(" ", "")):
+            of_channel = channel_mask(mosaic.pattern, capture.shape, letter) & rest
+            if of_channel.any():
+                factor = _channel_ratio(calibration, bands[group[0]], letter, sources[group[0]])
+                unseen.append(UnseenChannel(group[0], of_channel, factor))
+    return Interleaving(pixels, tuple(tuple(group) for group in frames.values()), tuple(unseen))
+
+
+def _channel_ratio(calibration: Calibration, band: BandTable, letter: str, source: _Band) -> float:
+    """Signal of a channel over that of the band's channel, for the lamp, or for the flat's source without one."""
+    capture, channels = calibration.capture, calibration.channels
+    lamp = capture.manifest.lamp
+    light = source.flat_radiance if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
+    other, of_band = (
+        response_curve(capture, band, channel) for channel in (letter, channels[band.id] if channels else None)
+    )
+    if other is None or of_band is None or float(of_band @ light) <= 0:
+        return 1.0
+    return float(other @ light) / float(of_band @ light)
 
 
 def _merged(
     calibration: Calibration, sound: NDArray[np.bool_], minutes: NDArray[np.float64]
 ) -> tuple[MergedExposure, ...]:
-    """The exposures that were merged, the bands' own first; bands with fewer exposures have weight 0 in the others.
+    """The exposures that were merged, the bands' own first.
 
-    sound : (band, y, x) pixels of which the dark level is the mean. minutes : (band,) those of the bands' own frames.
+    Bands with fewer exposures have weight 0 in the others. sound : (band, y, x) pixels that give the dark level.
+    minutes : (band,) those of the bands' own frames.
     """
     capture, merged = calibration.capture, calibration.bands.merged
     ids, readout = capture.band_ids, capture.manifest.camera.readout_s
@@ -147,8 +180,11 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
     unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
     mask = bands.images["mask"].values
     flats = [bands.flats[band] for band in capture.band_ids]
-    usable = ~np.stack([flat.saturated for flat in flats]) & _channels(calibration)
     sources = [_sources(calibration, band) for band in capture.band_ids]
+    mosaic = _interleaving(calibration, sources)
+    usable = ~np.stack([flat.saturated for flat in flats])
+    if mosaic is not None:
+        usable &= mosaic.pixels
     exposures = {
         "scene": np.array([band.exposure_s for band in capture.manifest.band]),
         "flat": np.array([s.flat.exposure_s if s.flat else 1.0 for s in sources]),
@@ -180,5 +216,6 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         exposure_reference=exposures["reference"],
         minutes=minutes,
         full_scale=float(capture.full_scale_dn),
+        mosaic=mosaic,
         merged=_merged(calibration, sound, minutes),
     )

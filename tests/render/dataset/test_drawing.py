@@ -7,6 +7,7 @@ from cboxlab.rendering.dataset import draw_box, load_recipe, part_of
 from cboxlab.rendering.dataset.distributions import numbers
 from cboxlab.rendering.dataset.solids import Solid, any_meet, blocked_share
 from cboxlab.utils.errors import InputError
+from helpers.places import ROOT
 from helpers.recipes import write_recipe
 
 
@@ -171,6 +172,14 @@ def test_a_recipe_that_no_box_fits_says_why(tmp_path):
     hidden = load_recipe(write_recipe(tmp_path, ("seed = 11", "seed = 11\nmost_blocked = 0.001")))
     with pytest.raises(InputError, match="a lamp is hidden"):
         draw_box(hidden, 0, tmp_path)
+
+
+def test_the_recipe_of_the_manual_draws_boxes():
+    path = ROOT / "docs" / "how-to" / "data-set-recipe.toml"
+    recipe = load_recipe(path)
+    boxes = [draw_box(recipe, number, path.parent) for number in range(8)]
+    assert all(list(box.cameras) == ["main-1-1", "main-1-2"] for box in boxes)
+    assert {part_of(recipe, number) for number in range(200)} == {"train", "validation", "test"}
 
 
 @pytest.mark.parametrize(

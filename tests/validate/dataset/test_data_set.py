@@ -16,7 +16,7 @@ from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, wo
 from cboxlab.validation.dataset.checks import check_picture
 from cboxlab.validation.dataset.layout import Layout, begin
 from cboxlab.validation.dataset.picture import rounded
-from cboxlab.validation.dataset.tasks import Task, tasks_of
+from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
 from cboxlab.validation.dataset.workers import in_processes
 from helpers.command_line import assert_one_line_of_help
 from helpers.recipes import write_recipe
@@ -177,6 +177,12 @@ def test_the_task_of_a_worker_that_ends_is_run_again(tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "_MOST_ENDS", 1)
     with pytest.raises(InputError, match="worker processes that ended"):
         list(in_processes(tasks, 1, lambda: None, ends_once))
+
+
+def test_a_worker_with_other_versions_is_named(tmp_path):
+    task = Task(str(tmp_path / "recipe.toml"), str(tmp_path), (0,), (("cboxlab", "0.0"),))
+    with pytest.raises(InputError, match=r"a worker on .* with cboxlab .* \(not 0.0\)"):
+        run_task(task)
 
 
 def test_tasks_hold_boxes_of_one_geometry(tmp_path):

@@ -129,17 +129,19 @@ class Outcome(FrozenMappings):
     def cancelling(self) -> str | None:
         """Pattern whose means cancel, in words; None without one that decides.
 
-        A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one.
+        A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one. Scatter at edges
+        is stated where nothing else differs.
         """
-        rows = {kind: row for kind in reversed(CANCELLING) for row in self.of_kind(kind) if row.different}
-        moved = any(row.different for row in self.of_kind("pattern"))
-        if not rows or (moved and not {"grid", "dark"} & set(rows)):
-            return None
+        rows = {kind: row for kind in CANCELLING for row in reversed(self.of_kind(kind)) if row.different}
+        others = any(row.different for row in self.pools if row.kind not in CANCELLING)
+        if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
+            del rows["texture"]
         if "dark" in rows:
             return f"{rows['dark'].pixels} {rows['dark'].name}"
-        order = ("grid", "steps", "tile", "line", "texture")
-        row = next(rows[kind] for kind in order if kind in rows)
-        return f"{row.name}, {abs(row.difference):.2g} of the light"
+        for kind in ("grid", "steps", "tile", "line", "texture"):
+            if kind in rows:
+                return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of the light"
+        return None
 
     @property
     def is_pattern(self) -> bool:
