@@ -50,6 +50,8 @@ class Reduction:
     height: int
     #: Side of a block, px.
     side_px: int
+    #: Stored count from which a pixel is saturated, DN.
+    saturated_dn: float
 
     @property
     def reduced_bits(self) -> int:
@@ -85,7 +87,7 @@ class Reduction:
         rows = window.reshape(height, n, n * width)
         sums = rows.sum(axis=1, dtype=np.uint32).reshape(height, width, n).sum(axis=2, dtype=np.uint32)
         largest = rows.max(axis=1).reshape(height, width, n).max(axis=2)
-        return np.where(largest >= 2**self.bit_depth - 1, np.uint32(2**self.reduced_bits - 1), sums)
+        return np.where(largest >= self.saturated_dn, np.uint32(2**self.reduced_bits - 1), sums)
 
     def labels(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Labels of the blocks.
@@ -173,6 +175,7 @@ def reduction_of(folder: Path, manifest: Manifest) -> Reduction | None:
         width=int(blocks[0]),
         height=int(blocks[1]),
         side_px=side,
+        saturated_dn=2**camera.bit_depth - 1 if camera.white_level_dn is None else camera.white_level_dn,
     )
 
 
@@ -217,7 +220,10 @@ def reduced_manifest(manifest: Manifest, reduction: Reduction) -> Manifest:
         "pixel_pitch_um": scaled(camera.pixel_pitch_um, n),
         "bit_depth": reduction.reduced_bits if n > 1 else camera.bit_depth,
         "read_noise_e": scaled(camera.read_noise_e, n),
+        "white_level_dn": None,
     }
+    if isinstance(camera.black_level_dn, float):
+        of_camera["black_level_dn"] = camera.black_level_dn * n**2
     crop = manifest.crop
     u0, v0 = (0, 0) if crop is None else (crop.u0_px, crop.v0_px)
     width, height = (camera.width_px, camera.height_px) if crop is None else (crop.full_width_px, crop.full_height_px)
