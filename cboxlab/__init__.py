@@ -7,8 +7,10 @@ neither NumPy nor Mitsuba.
 
 from __future__ import annotations
 
-from importlib import import_module
+import logging
 from typing import TYPE_CHECKING, Any
+
+from .utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from cboxlab.calibration.capture import load_capture
@@ -19,11 +21,13 @@ if TYPE_CHECKING:
     from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter
     from cboxlab.validation.api import Study, calibrate, diagnose, render, simulate, validate
     from cboxlab.validation.compare_renders.regress import assert_same_light
+    from cboxlab.validation.dataset import Dataset, create_dataset, open_dataset
 
     __version__: str
 
 __all__ = [
     "Cancelled",
+    "Dataset",
     "Declared",
     "InputError",
     "Progress",
@@ -32,46 +36,26 @@ __all__ = [
     "__version__",
     "assert_same_light",
     "calibrate",
+    "create_dataset",
     "diagnose",
     "load_capture",
     "load_model",
     "load_scene",
+    "open_dataset",
     "render",
     "simulate",
     "validate",
 ]
 
-#: Package of each name, below ``cboxlab``.
-_HOMES = {
-    "Cancelled": "utils.progress",
-    "Declared": "rendering.files",
-    "InputError": "scenes",
-    "Progress": "utils.progress",
-    "ProgressReporter": "utils.progress",
-    "Study": "validation.api",
-    "assert_same_light": "validation.compare_renders.regress",
-    "calibrate": "validation.api",
-    "diagnose": "validation.api",
-    "load_capture": "calibration.capture",
-    "load_model": "rendering.model",
-    "load_scene": "scenes",
-    "render": "validation.api",
-    "simulate": "validation.api",
-    "validate": "validation.api",
-}
+logging.getLogger(__name__).addHandler(logging.NullHandler())
+
+_load, __dir__ = lazy_names(__name__)
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name of the interface when it is first used (PEP 562)."""
+    """Name of the interface, loaded when it is first used."""
     if name == "__version__":
         from importlib.metadata import version
 
         return version("cboxlab")
-    if name in _HOMES:
-        return getattr(import_module(f"cboxlab.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'cboxlab' has no attribute '{name}'")
-
-
-def __dir__() -> list[str]:
-    """Names of the module, including those not loaded yet."""
-    return sorted({*globals(), *__all__})
+    return _load(name)

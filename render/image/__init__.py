@@ -3,7 +3,7 @@
 from .blur import blur
 from .film import means_by_strips
 from .image import LAMP, NOTHING, RenderedImage
-from .light_shares import LightShares, light_shares
+from .light_shares import Accumulators, LightShares, accumulators, light_shares
 from .pixel_noise import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
 from .render_job import BATCH_SEED_STEP, RenderJob
 from .spectral_basis import from_basis
@@ -13,9 +13,11 @@ __all__ = [
     "ESTIMATE_DEGREES",
     "LAMP",
     "NOTHING",
+    "Accumulators",
     "LightShares",
     "RenderJob",
     "RenderedImage",
+    "accumulators",
     "blur",
     "from_basis",
     "high_pass",

@@ -39,8 +39,12 @@ class LampSampler:
     thresholds: list[float]
     #: Unit normal, on the emitting side.
     normal: mi.Vector3f
-    #: Area, mm^2.
-    area: float
+    #: Area, mm^2, as data of a kernel, so that lamps of any size share one kernel.
+    area: mi.Float
+    #: Area over pi, mm^2, in the same way.
+    area_over_pi: mi.Float
+    #: Whether it is a rectangle along x and z.
+    level_rectangle: bool
     #: Edges of its outline, from corner to corner, mm.
     border: list[tuple[mi.Point3f, mi.Point3f]]
     #: (3,) centre of its bounding box, mm.
@@ -124,15 +128,18 @@ def _sampler(tracer: Tracer, index: int) -> LampSampler:
                 edges[tuple(a), tuple(b)] = (a, b)
     low, high = triangles.reshape(-1, 3).min(axis=0), triangles.reshape(-1, 3).max(axis=0)
     lamp = tracer.scene.lamps[index]
+    half_size = np.maximum((high - low) / 2, 1e-9)
     return LampSampler(
         material=len(tracer.material_names) + index,
         corners=[_point(c) for t in triangles for c in t],
         thresholds=list(np.cumsum(areas) / areas.sum()),
         normal=mi.Vector3f(_point(cross[0] / np.linalg.norm(cross[0]))),
-        area=float(areas.sum()),
+        area=dr.opaque(mi.Float, float(areas.sum())),
+        area_over_pi=dr.opaque(mi.Float, float(areas.sum()) / np.pi),
+        level_rectangle=_level_rectangle(float(areas.sum()), half_size),
         border=[(_point(a), _point(b)) for a, b in edges.values()],
         centre=(low + high) / 2,
-        half_size=np.maximum((high - low) / 2, 1e-9),
+        half_size=half_size,
         edge_ratio=lamp.edge_ratio,
         exponent=lamp.exponent,
         cells=_cells(lamp),
@@ -191,13 +198,12 @@ def _follows_pattern(lamp: LampSampler) -> bool:
 
     It must have an edge ratio and no cells, and be a horizontal rectangle along x and z.
     """
-    level = lamp.half_size[1] <= 1e-6
-    return bool(
-        level
-        and lamp.cells is None
-        and lamp.edge_ratio != 1.0
-        and abs(lamp.area / (4 * lamp.half_size[0] * lamp.half_size[2]) - 1) < 1e-6
-    )
+    return lamp.level_rectangle and lamp.cells is None and lamp.edge_ratio != 1.0
+
+
+def _level_rectangle(area: float, half_size: np.ndarray) -> bool:
+    """Whether a surface is a rectangle along x and z, by area, mm^2, and half sizes of its box, mm."""
+    return bool(half_size[1] <= 1e-6 and abs(area / (4 * half_size[0] * half_size[2]) - 1) < 1e-6)
 
 
 def _unoccluded(lamp: LampSampler, position: mi.Point3f, normal: mi.Vector3f) -> tuple[mi.Float, mi.Bool]:
@@ -438,7 +444,7 @@ def lamp_point(
     cosine = dr.dot(direction, normal)
     lamp_cosine = -dr.dot(direction, lamp.normal)
     facing = active & (cosine > 0) & (lamp_cosine > 0)
-    weight = dr.select(facing, cosine * lamp_cosine * (nearness * nearness) * (lamp.area / np.pi), 0)
+    weight = dr.select(facing, cosine * lamp_cosine * (nearness * nearness) * lamp.area_over_pi, 0)
     if patterned:
         weight = dr.select(facing, weight * lamp_pattern(lamp, point, lamp_cosine), 0)
     return weight, offset, dr.select(facing, square / (lamp.area * lamp_cosine), 0)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.table import Table
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from .patterns import FIXED_TEXTURE
 from .pooled import CANCELLING, PooledMean
@@ -108,7 +108,7 @@ class Outcome(FrozenMappings):
     def equivalence_95(self) -> float:
         """Relative limit within which the mean light agrees at 95 %."""
         mean = self.whole
-        return abs(mean.difference) + float(t.isf(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
+        return abs(mean.difference) + float(student_quantile(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
 
     @property
     def best_name(self) -> NamedChange | None:

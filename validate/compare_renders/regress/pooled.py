@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.image import high_pass
+from cboxlab.utils.distributions import normal_quantile, student_quantile, student_tail
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
-from scipy.stats import norm, t
 
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
@@ -369,7 +369,7 @@ def cancelling_patterns(
 def _of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
     """Row of a finding."""
     sigma = max(finding.sigma, _LEAST_SIGMA)
-    threshold = float(t.isf(critical / 2, finding.degrees))
+    threshold = float(student_quantile(critical / 2, finding.degrees))
     return PooledMean(
         kind,
         finding.name,
@@ -380,7 +380,7 @@ def _of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         finding.size / sigma,
         finding.probability,
         critical,
-        (threshold + float(norm.ppf(_POWER))) * sigma,
+        (threshold + float(normal_quantile(1.0 - _POWER))) * sigma,
     )
 
 
@@ -501,7 +501,7 @@ def _row(
     """Test of a difference with its share of the false alarms, one of ``count`` of its kind."""
     critical = pooling.false_alarms * SHARES[kind] / count
     statistic = difference / sigma
-    threshold = float(t.isf(critical / 2, degrees))
+    threshold = float(student_quantile(critical / 2, degrees))
     return PooledMean(
         kind,
         name,
@@ -510,9 +510,9 @@ def _row(
         sigma,
         degrees,
         statistic,
-        float(2 * t.sf(abs(statistic), degrees)),
+        float(2 * student_tail(abs(statistic), degrees)),
         critical,
-        (threshold + float(norm.ppf(_POWER))) * sigma,
+        (threshold + float(normal_quantile(1 - _POWER))) * sigma,
         unit,
     )
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from .grids import Common, common_wavelengths
 from .noise import Noise, noise_of, paired_variance, smooth_variance, variance_of
@@ -110,12 +110,16 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
     if together is not None and b.batches is not None:
         errors = (together, np.zeros_like(together)), (len(b.batches) - 1.0, 0.0), rounding
-    cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *errors), strata.lamp)
+    variance = variance_of(difference, b.radiance, strata.smooth, *errors)
+    cut = trimmed(difference, b.radiance, *variance, strata.lamp)
     del difference
+    computed = None if cut.outlier.any() else variance
+    del variance
     sums = cut.level.sum(axis=-1), cut.difference.sum(axis=-1)
     steps = tile_steps(Difference(*sums, None, strata.smooth, {}))
     stepped = steps is not None and steps.probability < _STEPPED
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped, together is not None)
+    paired = together is not None
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped, paired, variance=computed)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
@@ -125,7 +129,6 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     if a.variance is not None and b.variance is not None and together is None:
         roughness = roughness_of(b.variance, a.variance, strata.body)
     common_part = None if shared is None else np.sqrt(shared)
-    paired = together is not None
     pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part, paired)
     return Comparison(common, strata, noise, cut, pooling)
 
@@ -267,7 +270,7 @@ def _differing(comparison: Comparison) -> int:
     size, scatter = np.abs(total[body]), sigma[body]
     # without scatter every difference is one
     sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
-    probability = np.sort(2 * t.sf(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
+    probability = np.sort(2 * student_tail(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
     below = np.flatnonzero(
         probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
     )

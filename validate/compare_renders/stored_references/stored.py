@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.stats import t
 
 from ..regress import BLOCKS, FALSE_ALARMS, SYSTEMATIC, Side, strata_of
 
@@ -274,13 +274,13 @@ def require_same_light(reference: Reference, measured: Reference, false_alarms: 
     for name in names:
         difference = new[name] / stored[name] - 1
         sigma = float(np.hypot(np.hypot(reference.sigma[name], measured.sigma[name]), SYSTEMATIC))
-        limit = float(t.isf(share, min(degrees, _BLOCK_DEGREES) if name.startswith(_BLOCK) else degrees))
+        limit = float(student_quantile(share, min(degrees, _BLOCK_DEGREES) if name.startswith(_BLOCK) else degrees))
         if abs(difference) > limit * sigma:
             lines.append(f"{name}: {difference:+.3%} ± {sigma:.3%}")
     for name in shapes:
         difference = measured.shapes[name] - reference.shapes[name]
         sigma = float(np.hypot(np.hypot(reference.shape_sigma[name], measured.shape_sigma[name]), SYSTEMATIC))
-        if abs(difference) > float(t.isf(share, degrees)) * sigma:
+        if abs(difference) > float(student_quantile(share, degrees)) * sigma:
             lines.append(f"{name}: {difference:+.3%} ± {sigma:.3%} of the light")
     lines = lines[:_MOST_LINES] + ([f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else [])
     if lines:

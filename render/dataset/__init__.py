@@ -1,0 +1,23 @@
+"""Data sets of synthetic boxes: recipes, drawn boxes, and the truth about their pictures."""
+
+from .drawing import Box, draw_box, part_of
+from .light_parts import REFLECTIONS, LightParts, light_parts
+from .recipe import TRUTHS, CameraTable, Recipe, SensorTable, load_recipe
+from .visible_points import VisiblePoints, shadow_fraction, visible_points
+
+__all__ = [
+    "REFLECTIONS",
+    "TRUTHS",
+    "Box",
+    "CameraTable",
+    "LightParts",
+    "Recipe",
+    "SensorTable",
+    "VisiblePoints",
+    "draw_box",
+    "light_parts",
+    "load_recipe",
+    "part_of",
+    "shadow_fraction",
+    "visible_points",
+]

@@ -1,0 +1,388 @@
+"""Boxes drawn from a recipe: scene, cameras, effects, and a record of every value.
+
+Box n depends on the recipe, its seed and n alone. Boxes of one geometry share rooms, blocks, lamps' places, cameras and
+the seed of the rendering.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
+from cboxlab.scenes.shapes import plate_mesh, quad_mesh
+from cboxlab.scenes.spectra import Spectrum
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
+from numpy.typing import NDArray
+
+from ..chain import RenderSettings
+from ..effects import catalogue, names_in
+from ..model import Model, checked_effects
+from .distributions import Choice, numbers
+from .paints import light_source, planck_light, reflectance_source
+from .recipe import WALLS, CameraTable, Recipe
+from .solids import Solid, any_meet, blocked_share
+
+__all__ = ["Box", "draw_box", "part_of"]
+
+#: Draws of a geometry after which the recipe is refused.
+ATTEMPTS = 500
+
+#: Stream of random numbers of rooms, blocks, lamps' places and cameras; streams differ in this number alone.
+_GEOMETRY = 0
+#: Stream of paints, spectra, powers and effects.
+_SPECTRA = 1
+#: Stream of the seed of the rendering.
+_RENDER = 2
+#: Stream of the part of the data set.
+_PART = 3
+
+#: Name of a material, surface or block in an effect's table that stands for any of its kind.
+ANY = "any"
+
+#: Square metres in a square millimetre.
+_M2_PER_MM2 = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """One drawn box."""
+
+    #: Number of the box, from 0.
+    number: int
+    #: Scene and effects.
+    model: Model
+    #: Cameras by name, without the effects.
+    cameras: dict[str, Camera]
+    #: Seed of the rendering, the same for all boxes of one geometry.
+    seed: int
+    #: Part of the data set: train, validation or test.
+    part: str
+    #: Values that were drawn, ready for JSON.
+    record: dict[str, Any]
+
+
+class _Rectangle(NamedTuple):
+    """Rectangle in the ceiling, mm."""
+
+    x: float
+    z: float
+    width: float
+    depth: float
+
+    def apart(self, other: _Rectangle, gap: float) -> bool:
+        """Whether another rectangle is at least a gap away along x or z."""
+        dx = max(other.x - self.x - self.width, self.x - other.x - other.width)
+        dz = max(other.z - self.z - self.depth, self.z - other.z - other.depth)
+        return max(dx, dz) >= gap
+
+
+@dataclass(frozen=True, eq=False)
+class _Geometry:
+    """Everything of a box but spectra, powers and effects."""
+
+    #: (3,) width, height and depth of the room, mm.
+    room: NDArray[np.float64]
+    #: Paint of each wall.
+    walls: dict[str, str]
+    #: Solids with the paint of each.
+    solids: list[tuple[Solid, str]]
+    #: Lamps' rectangles, with the index of each one's table.
+    lamps: list[tuple[_Rectangle, int]]
+    #: Cameras by name.
+    cameras: dict[str, Camera]
+
+
+class _Rejected(Exception):
+    """A geometry that is drawn again, with the reason."""
+
+
+def _generator(recipe: Recipe, geometry: int, *purpose: int) -> np.random.Generator:
+    """Random numbers of a geometry for one purpose."""
+    return np.random.default_rng(np.random.SeedSequence(recipe.seed, spawn_key=(geometry, *purpose)))
+
+
+def part_of(recipe: Recipe, number: int) -> str:
+    """Part of the data set to which a box belongs, the same for all boxes of one geometry.
+
+    Parameters
+    ----------
+    recipe
+        The recipe.
+    number
+        Number of the box.
+
+    Returns
+    -------
+    str
+        "train", "validation" or "test".
+    """
+    u = _generator(recipe, number // recipe.boxes_per_geometry, _PART).random()
+    if u < recipe.parts.train:
+        return "train"
+    return "validation" if u < recipe.parts.train + recipe.parts.validation else "test"
+
+
+def draw_box(recipe: Recipe, number: int, folder: Path) -> Box:
+    """Box of a number.
+
+    Parameters
+    ----------
+    recipe
+        The recipe.
+    number
+        Number of the box, from 0.
+    folder
+        Folder of the recipe, to which its files are relative.
+
+    Returns
+    -------
+    Box
+        The box.
+
+    Raises
+    ------
+    InputError
+        If every draw is rejected, or an effect does not fit its box.
+    """
+    index, variant = divmod(number, recipe.boxes_per_geometry)
+    geometry, rejected = _accepted(recipe, index)
+    generator = _generator(recipe, index, _SPECTRA, variant)
+    materials, paints = _materials(recipe, geometry, generator, folder)
+    lamps, lights = _lamps(recipe, geometry, generator, folder)
+    name = f"{recipe.name}, box {number}"
+    surfaces = (*_walls(geometry), *_blocks(geometry))
+    scene = Scene(name, surfaces, materials, lamps[0], f"drawn by seed {recipe.seed}", further_lamps=tuple(lamps[1:]))
+    entries = _effects(recipe, scene, generator)
+    effects = checked_effects(entries, scene, "recipe: effect", folder)
+    seed = int(np.random.SeedSequence(recipe.seed, spawn_key=(index, _RENDER)).generate_state(1)[0])
+    record = {
+        "box": number,
+        "geometry": index,
+        "part": part_of(recipe, number),
+        "rejected": dict(rejected),
+        "room_mm": geometry.room.tolist(),
+        "walls": geometry.walls,
+        "blocks": [
+            {
+                "shape": "sphere" if solid.ball else "box",
+                "center_mm": solid.centre_mm.tolist(),
+                "size_mm": (2 * solid.half_mm).tolist(),
+                "yaw_deg": solid.yaw_deg,
+                "paint": paint,
+            }
+            for solid, paint in geometry.solids
+        ],
+        "paints": paints,
+        "lamps": lights,
+        "cameras": {key: camera.parameters.tolist() for key, camera in geometry.cameras.items()},
+        "effects": entries,
+        "seed": seed,
+    }
+    model = Model(scene, effects, RenderSettings(seed=seed), name)
+    return Box(number, model, geometry.cameras, seed, record["part"], record)
+
+
+def _accepted(recipe: Recipe, index: int) -> tuple[_Geometry, Counter[str]]:
+    """First draw of a geometry that is not rejected, and how often others were by reason."""
+    generator, rejected = _generator(recipe, index, _GEOMETRY), Counter[str]()
+    for _ in range(ATTEMPTS):
+        try:
+            return _geometry(recipe, generator), rejected
+        except _Rejected as reason:
+            rejected[str(reason)] += 1
+    reasons = ", ".join(f"{count} times {reason}" for reason, count in rejected.most_common())
+    raise InputError(
+        "recipe",
+        f"a distribution that cannot be drawn: all {ATTEMPTS} draws of geometry {index} were rejected ({reasons})",
+        "boxes in which blocks and lamps fit",
+        "Draw fewer or smaller blocks, or a larger room.",
+    )
+
+
+def _geometry(recipe: Recipe, generator: np.random.Generator) -> _Geometry:
+    """One draw. Raises _Rejected for one that does not fit."""
+    sizes = recipe.room
+    room = np.array([d.draw(generator) for d in (sizes.width_mm, sizes.height_mm, sizes.depth_mm)])
+    walls = {wall: recipe.walls[wall].draw(generator) for wall in WALLS}  # type: ignore[index]
+    solids = []
+    for table in recipe.block:
+        for _ in range(int(table.count.draw(generator))):
+            if table.shape == "sphere":
+                half = np.full(3, table.radius_mm.draw(generator))
+            else:
+                edges = (table.width_mm, table.height_mm, table.depth_mm)
+                half = np.array([d.draw(generator) for d in edges]) / 2
+            yaw = table.yaw_deg.draw(generator) if table.shape == "box" else 0.0
+            solid = Solid(np.array([0.0, half[1], 0.0]), half, yaw, table.shape == "sphere")
+            low = solid.reach_mm + recipe.gap_mm
+            free = room[[0, 2]] - 2 * low
+            if free.min() < 0 or 2 * half[1] > room[1] - recipe.gap_mm:
+                raise _Rejected("a block is larger than the room")
+            x, z = low + free * np.array([table.x.draw(generator), table.z.draw(generator)])
+            solids.append((replace(solid, centre_mm=np.array([x, half[1], z])), table.paint.draw(generator)))
+    lamps: list[tuple[_Rectangle, int]] = []
+    for index, lamp in enumerate(recipe.lamp):
+        for _ in range(int(lamp.count.draw(generator))):
+            size = np.array([lamp.width_mm.draw(generator), lamp.depth_mm.draw(generator)])
+            free = room[[0, 2]] - 2 * recipe.gap_mm - size
+            if free.min() < 0:
+                raise _Rejected("a lamp is larger than the ceiling")
+            corner = recipe.gap_mm + free * np.array([lamp.x.draw(generator), lamp.z.draw(generator)])
+            lamps.append((_Rectangle(*map(float, (*corner, *size))), index))
+    if len(lamps) > 1 and not all(a.apart(b, 1.0) for i, (a, _) in enumerate(lamps) for b, _ in lamps[:i]):
+        raise _Rejected("lamps overlap")
+    plain = [solid for solid, _ in solids]
+    if any_meet(plain, recipe.gap_mm):
+        raise _Rejected("a block stands in another")
+    for rectangle, _ in lamps:
+        corner = np.array([rectangle.x, room[1], rectangle.z])
+        if blocked_share(corner, np.array([rectangle.width, rectangle.depth]), plain) > recipe.most_blocked:
+            raise _Rejected("a lamp is hidden")
+    cameras: dict[str, Camera] = {}
+    for camera in recipe.camera:
+        cameras.update(_cameras(camera, room, generator))
+    return _Geometry(room, walls, solids, lamps, cameras)
+
+
+def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random.Generator) -> dict[str, Camera]:
+    """Cameras of a table by name: one, or a grid of one pose."""
+    left, up, distance = (d.draw(generator) for d in (table.left_mm, table.up_mm, table.distance_mm))
+    position = np.array([room[0] / 2 + left, room[1] / 2 + up, -distance])
+    target = room * np.array([d.draw(generator) for d in table.look_at])
+    roll, field, k1 = (d.draw(generator) for d in (table.roll_deg, table.field_deg, table.k1))
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    if not right.any():
+        raise _Rejected("a camera looks along the vertical")
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
+    right, down = c * right + s * down, c * down - s * right
+    cameras = {}
+    for row in range(table.down):
+        for column in range(table.across):
+            shift = (column - (table.across - 1) / 2) * right + (row - (table.down - 1) / 2) * down
+            alone = table.across == table.down == 1
+            cameras[table.name if alone else f"{table.name}-{row + 1}-{column + 1}"] = Camera(
+                width_px=table.width_px,
+                height_px=table.height_px,
+                focal_length_px=table.width_px / 2 / float(np.tan(np.radians(field) / 2)),
+                principal_point_px=np.array([(table.width_px - 1) / 2, (table.height_px - 1) / 2]),
+                k1=k1,
+                rotation=np.array([right, down, forward]),
+                position_mm=position + table.spacing_mm * shift,
+            )
+    return cameras
+
+
+def _walls(geometry: _Geometry) -> list[Surface]:
+    """Walls of the room, lit from inside; the ceiling has holes for the lamps."""
+    w, h, d = geometry.room
+    corners = {
+        "floor": [[w, 0, 0], [0, 0, 0], [0, 0, d], [w, 0, d]],
+        "ceiling": [[w, h, 0], [w, h, d], [0, h, d], [0, h, 0]],
+        "back": [[w, 0, d], [0, 0, d], [0, h, d], [w, h, d]],
+        "right": [[0, 0, d], [0, 0, 0], [0, h, 0], [0, h, d]],
+        "left": [[w, 0, 0], [w, 0, d], [w, h, d], [w, h, 0]],
+    }
+    holes = [_lamp_quad(rectangle, h) for rectangle, _ in geometry.lamps]
+    meshes = {name: quad_mesh(quad) for name, quad in corners.items()}
+    try:
+        meshes["ceiling"] = plate_mesh(corners["ceiling"], holes)
+    except ValueError as fault:
+        raise InputError("recipe: lamp", f"lamps that no straight line separates ({fault})", "lamps apart") from None
+    return [Surface(name, geometry.walls[name], *mesh) for name, mesh in meshes.items()]
+
+
+def _lamp_quad(rectangle: _Rectangle, height: float) -> NDArray[np.float64]:
+    """(4, 3) corners of a lamp that shines downwards."""
+    x0, z0, x1, z1 = rectangle.x, rectangle.z, rectangle.x + rectangle.width, rectangle.z + rectangle.depth
+    return np.array([[x1, height, z0], [x1, height, z1], [x0, height, z1], [x0, height, z0]])
+
+
+def _blocks(geometry: _Geometry) -> list[Surface]:
+    """Blocks and spheres, numbered from 1."""
+    return [
+        Surface(f"{index}-{'ball' if solid.ball else 'block'}", paint, *solid.mesh, ball=solid.ball)
+        for index, (solid, paint) in enumerate(geometry.solids, start=1)
+    ]
+
+
+def _materials(
+    recipe: Recipe, geometry: _Geometry, generator: np.random.Generator, folder: Path
+) -> tuple[dict[str, Material], dict[str, Any]]:
+    """Materials in use by the names of their paints, and a record of them."""
+    used = {*geometry.walls.values(), *(paint for _, paint in geometry.solids)}
+    materials, record = {}, {}
+    for name, table in recipe.paint.items():
+        source = table.reflectance.draw(generator)
+        spectra = reflectance_source(source, folder, f"recipe: paint.{name}.reflectance")
+        label, spectrum = spectra[int(generator.integers(len(spectra)))]
+        most = float(spectrum.values.max())
+        scale = min(table.scale.draw(generator), 1 / most if most > 0 else np.inf)
+        if name in used:
+            materials[name] = Material(name, spectrum.scaled(scale))
+            record[name] = {"reflectance": label, "scale": scale}
+    return materials, record
+
+
+def _lamps(
+    recipe: Recipe, geometry: _Geometry, generator: np.random.Generator, folder: Path
+) -> tuple[list[Lamp], list[dict[str, Any]]]:
+    """Lamps, and a record of each."""
+    lamps, record = [], []
+    for number, (rectangle, index) in enumerate(geometry.lamps, start=1):
+        table = recipe.lamp[index]
+        source, power = table.spectrum.draw(generator), table.power_w.draw(generator)
+        temperature = None if table.temperature_k is None else table.temperature_k.draw(generator)
+        relative = light_source(source, folder, f"recipe: lamp[{index}].spectrum")
+        if relative is None:
+            relative = planck_light(float(temperature or 0.0))
+        area_m2 = rectangle.width * rectangle.depth * _M2_PER_MM2
+        total = float(np.trapezoid(relative.at(WAVELENGTH_NM), WAVELENGTH_NM))
+        radiance = relative.scaled(power / (np.pi * area_m2 * total))
+        quad = quad_mesh(_lamp_quad(rectangle, float(geometry.room[1])))
+        name = "light" if len(geometry.lamps) == 1 else f"light-{number}"
+        reflectance = Spectrum(np.array([550.0]), np.array([table.reflectance.draw(generator)]))
+        lamps.append(Lamp(Surface(name, name, *quad), radiance, reflectance=reflectance))
+        entry = {"spectrum": source, "power_w": power, "rectangle_mm": list(rectangle)}
+        record.append(entry | ({"temperature_k": temperature} if source == "planck" else {}))
+    return lamps, record
+
+
+def _effects(recipe: Recipe, scene: Scene, generator: np.random.Generator) -> list[dict[str, Any]]:
+    """Entries of the effects of a box, as in a model file."""
+    entries = []
+    for table in recipe.effect:
+        present = generator.random() < table.probability
+        entry: dict[str, Any] = {"id": table.id}
+        for name, value in table.parameters.items():
+            entry[name] = _drawn_value(table.id, name, value, scene, generator)
+        if present:
+            entries.append(entry)
+    return entries
+
+
+def _drawn_value(
+    identifier: str, name: str, value: object, scene: Scene, generator: np.random.Generator
+) -> str | float:
+    """Value of an effect's parameter: a number, a name, or a name of the box where it is "any"."""
+    texts = value if isinstance(value, list) else [value]
+    if not all(isinstance(text, str) for text in texts):
+        try:
+            return numbers(value).draw(generator)
+        except ValueError as fault:
+            raise InputError(f"recipe: effect {identifier}.{name}", repr(value), str(fault)) from None
+    text = Choice(tuple(map(str, texts))).draw(generator)
+    effect = catalogue().get(identifier)
+    kind = next((p.kind for p in effect.parameters if p.name == name), None) if effect else None
+    possible = names_in(scene).get(kind, ()) if kind else ()
+    if text == ANY and possible:
+        return str(possible[int(generator.integers(len(possible)))])
+    return text

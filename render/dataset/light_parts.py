@@ -1,0 +1,93 @@
+"""Light of a picture by number of reflections, and its split into albedo and irradiance.
+
+A surface that reflects by Lambert's law sends L = rho E / pi. The final gather sums E by material of the surface seen,
+so that the split is exact and free of division by dark paints. In a pixel with several surfaces E and albedo are means
+over the surfaces' areas; the product of means is the mean of products only where one material fills the pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from cboxlab.scenes.scene import Scene
+from numpy.typing import NDArray
+
+from ..image import RenderedImage, accumulators
+
+__all__ = ["REFLECTIONS", "LightParts", "light_parts"]
+
+#: Names of the parts of light, by number of reflections.
+REFLECTIONS = ("0", "1", "2", "3 or more")
+
+
+@dataclass(frozen=True, eq=False)
+class LightParts:
+    """Parts of a picture's light, means over the batches."""
+
+    #: (4, y, x, w) radiance by number of reflections, in the order of REFLECTIONS, W m^-2 sr^-1 nm^-1.
+    reflections: NDArray[np.float64]
+    #: (y, x, w) irradiance of the surfaces, W m^-2 nm^-1; 0 where no surface is seen.
+    irradiance: NDArray[np.float64]
+    #: (y, x, w) reflectance of the surfaces, weighted by their areas in the pixel, 0 to 1.
+    albedo: NDArray[np.float64]
+
+    @property
+    def radiance(self) -> NDArray[np.float64]:
+        """(y, x, w) sum of the reflections, W m^-2 sr^-1 nm^-1."""
+        return self.reflections.sum(axis=0)
+
+
+def light_parts(image: RenderedImage, scene: Scene) -> LightParts:
+    """Parts of the light of a picture.
+
+    Parameters
+    ----------
+    image
+        Image of a final gather, without effects on light transport.
+    scene
+        Its scene.
+
+    Returns
+    -------
+    LightParts
+        The parts.
+
+    Raises
+    ------
+    ValueError
+        For the image of another integrator.
+    """
+    order = accumulators(image, scene)
+    mean = image.averaged().coefficients[0].astype(np.float64)
+    reflectances = scene.reflectances(image.wavelength_nm)[: order.firsts]
+    brightest = np.argmax(reflectances, axis=0)
+    most = np.take_along_axis(reflectances, brightest[None], axis=0)[0]
+    reflections = np.zeros((len(REFLECTIONS), *mean.shape[:2], image.wavelength_nm.size))
+    irradiance = np.zeros(reflections.shape[1:])
+    for lamp, emitted in enumerate(order.emitted):
+        reflections[0] += mean[..., emitted, None] * image.spectra[emitted]
+        blocks = np.stack([image.spectra[order.start(lamp, m) :][: order.per_block] for m in range(order.firsts)])
+        # spectra of light that arrives: those that leave the brightest material at each wavelength over its reflectance
+        leaving = np.take_along_axis(blocks, brightest[None, None], axis=0)[0]
+        arriving = np.divide(leaving, most, out=np.zeros_like(leaving), where=most > 0)
+        arriving[0] = image.spectra[emitted]
+        ends = (0, 1, 1 + order.seconds, order.per_block)
+        for first, reflectance in enumerate(reflectances):
+            block = mean[..., order.start(lamp, first) :][..., : order.per_block]
+            for part, (low, high) in enumerate(pairwise(ends), start=1):
+                light = block[..., low:high] @ arriving[low:high]
+                irradiance += np.pi * light
+                reflections[part] += reflectance * light
+    return LightParts(reflections, irradiance, _albedo(image, scene))
+
+
+def _albedo(image: RenderedImage, scene: Scene) -> NDArray[np.float64]:
+    """(y, x, w) reflectance of each pixel's surfaces and lamps, by their areas."""
+    names, count = list(scene.materials), len(scene.surfaces)
+    index = [names.index(surface.material) for surface in scene.surfaces]
+    of_surface = scene.reflectances(image.wavelength_nm)
+    rows = np.concatenate([of_surface[index], scene.lamp_areas[None] @ of_surface[len(names) :]])
+    shares = np.stack([image.coverage[..., image.facet_surface == s].sum(axis=-1) for s in range(count + 1)], axis=-1)
+    return np.asarray(shares.astype(np.float64) @ rows)

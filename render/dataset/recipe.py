@@ -1,0 +1,362 @@
+"""Recipe of a data set: a TOML file of distributions; docs/how-to/data-set.md describes it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import combined, faults_of_validation, shown, suggestion
+from cboxlab.utils.input_files import read_toml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..effects import apply_checked
+from ..model import named_effect
+from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
+from .paints import light_source, reflectance_source
+
+__all__ = [
+    "TRUTHS",
+    "WALLS",
+    "BlockTable",
+    "CameraTable",
+    "EffectTable",
+    "LampTable",
+    "PaintTable",
+    "PictureTable",
+    "Recipe",
+    "SensorTable",
+    "load_recipe",
+]
+
+#: Most paints of a recipe: memory and time of a picture grow with the cube of their number.
+MOST_PAINTS = 6
+
+#: Walls of a box.
+WALLS = ("floor", "ceiling", "back", "right", "left")
+
+#: Variables of a picture beyond radiance, its standard error and the labels, which every picture has.
+TRUTHS = (
+    "xyz",
+    "coverage",
+    "depth",
+    "position",
+    "normal",
+    "albedo",
+    "irradiance",
+    "reflections",
+    "shadow",
+    "effects_light",
+)
+
+#: Names of paints, cameras and sensors: they become names of files and variables.
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,31}$")]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+
+
+def _constant(value: float) -> Numbers:
+    """Distribution of one number."""
+    return numbers(value)
+
+
+class RoomTable(_Table):
+    """Size of the box, inside, mm."""
+
+    width_mm: Within(50, 20000) = _constant(556.0)  # type: ignore[valid-type]
+    height_mm: Within(50, 20000) = _constant(548.8)  # type: ignore[valid-type]
+    depth_mm: Within(50, 20000) = _constant(559.2)  # type: ignore[valid-type]
+
+
+class PaintTable(_Table):
+    """A paint: its reflectance is drawn for every box."""
+
+    reflectance: Texts
+    scale: Within(0, 10) = _constant(1.0)  # type: ignore[valid-type]
+
+
+class BlockTable(_Table):
+    """Blocks of one shape, which stand on the floor."""
+
+    count: WholeNumbers(0, 20) = _constant(1)  # type: ignore[valid-type]
+    shape: Literal["box", "sphere"] = "box"
+    width_mm: Within(1, 10000) = _constant(165.0)  # type: ignore[valid-type]
+    depth_mm: Within(1, 10000) = _constant(165.0)  # type: ignore[valid-type]
+    height_mm: Within(1, 10000) = _constant(165.0)  # type: ignore[valid-type]
+    radius_mm: Within(1, 5000) = _constant(80.0)  # type: ignore[valid-type]
+    yaw_deg: Within(-360, 360) = numbers([0.0, 90.0])  # type: ignore[valid-type]
+    #: Place of the centre along the room's width and depth, 0 to 1.
+    x: Within(0, 1) = numbers([0.0, 1.0])  # type: ignore[valid-type]
+    z: Within(0, 1) = numbers([0.0, 1.0])  # type: ignore[valid-type]
+    paint: Texts
+
+
+class LampTable(_Table):
+    """Rectangular lamps in the ceiling, with one spectrum each."""
+
+    count: WholeNumbers(1, 3) = _constant(1)  # type: ignore[valid-type]
+    width_mm: Within(1, 10000) = _constant(130.0)  # type: ignore[valid-type]
+    depth_mm: Within(1, 10000) = _constant(105.0)  # type: ignore[valid-type]
+    #: Place of the centre along the room's width and depth, 0 to 1.
+    x: Within(0, 1) = _constant(0.5)  # type: ignore[valid-type]
+    z: Within(0, 1) = _constant(0.5)  # type: ignore[valid-type]
+    spectrum: Texts
+    #: Temperature of the spectrum "planck", K.
+    temperature_k: Within(500, 50000) | None = None  # type: ignore[valid-type]
+    #: Radiant power from 400 to 700 nm, W.
+    power_w: Within(1e-9, 1e6) = _constant(1.0)  # type: ignore[valid-type]
+    reflectance: Within(0, 1) = _constant(0.0)  # type: ignore[valid-type]
+
+
+class CameraTable(_Table):
+    """A camera before the open side of the room, or a row of them."""
+
+    name: Name
+    width_px: Annotated[int, Field(ge=8, le=4096)] = 128
+    height_px: Annotated[int, Field(ge=8, le=4096)] = 128
+    #: Distance of the camera from the open side, mm, and shift from its centre to the left and up.
+    distance_mm: Within(1, 1e5) = _constant(800.0)  # type: ignore[valid-type]
+    left_mm: Within(-1e4, 1e4) = _constant(0.0)  # type: ignore[valid-type]
+    up_mm: Within(-1e4, 1e4) = _constant(0.0)  # type: ignore[valid-type]
+    #: Point looked at, as shares of the room's width, height and depth.
+    look_at: tuple[Within(0, 1), Within(0, 1), Within(0, 1)] = (  # type: ignore[valid-type]
+        _constant(0.5),
+        _constant(0.5),
+        _constant(0.5),
+    )
+    roll_deg: Within(-180, 180) = _constant(0.0)  # type: ignore[valid-type]
+    #: Full angle across the picture's width without distortion, degrees.
+    field_deg: Within(1, 140) = _constant(39.31)  # type: ignore[valid-type]
+    k1: Within(-0.3, 0.3) = _constant(0.0)  # type: ignore[valid-type]
+    #: Cameras of one pose in a grid, at equal distances across and down.
+    across: Annotated[int, Field(ge=1, le=16)] = 1
+    down: Annotated[int, Field(ge=1, le=16)] = 1
+    spacing_mm: Annotated[float, Field(gt=0)] = 60.0
+
+
+class EffectTable(BaseModel):
+    """An effect of the catalogue; its parameters are further keys."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True)
+
+    id: str
+    probability: Annotated[float, Field(ge=0, le=1)] = 1.0
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """Parameters with their distributions: numbers, or names."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class SensorTable(_Table):
+    """Raw frames of every picture by a camera of the sensor simulation."""
+
+    name: Name
+    camera: str
+    #: Exposures relative to the automatic one.
+    exposures: Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1, max_length=16)] = [1.0]
+
+
+class PictureTable(_Table):
+    """Wavelengths, precision and content of the pictures."""
+
+    first_nm: Annotated[float, Field(gt=0)] = 400.0
+    last_nm: Annotated[float, Field(gt=0)] = 700.0
+    step_nm: Annotated[float, Field(gt=0)] = 10.0
+    #: Relative standard error of the median pixel and wavelength.
+    noise: Annotated[float, Field(gt=1e-5, lt=1)] = 0.01
+    truths: list[str] = list(TRUTHS)
+    #: Bits of the mantissa of every number that is stored, 1 to 23; 23 is lossless.
+    mantissa_bits: Annotated[int, Field(ge=4, le=23)] = 23
+
+    @property
+    def wavelength_nm(self) -> NDArray[np.float64]:
+        """(w,) wavelengths, nm."""
+        count = int((self.last_nm - self.first_nm) / self.step_nm + 1e-9) + 1
+        return np.asarray(self.first_nm + self.step_nm * np.arange(count), np.float64)
+
+
+class PartsTable(_Table):
+    """Shares of the boxes for training, validation and test."""
+
+    train: Annotated[float, Field(ge=0, le=1)] = 0.8
+    validation: Annotated[float, Field(ge=0, le=1)] = 0.1
+    test: Annotated[float, Field(ge=0, le=1)] = 0.1
+
+
+class Recipe(_Table):
+    """Everything that determines a data set."""
+
+    format: Literal["dataset/1"]
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    license: str = ""
+    boxes: Annotated[int, Field(ge=1, le=10_000_000)]
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    #: Boxes of one geometry, which differ in paints and in the lamps' spectra and powers alone.
+    boxes_per_geometry: Annotated[int, Field(ge=1, le=10_000)] = 1
+    #: Least distance between solids, and between a solid and a wall, mm.
+    gap_mm: Annotated[float, Field(ge=0)] = 5.0
+    #: Largest share of the lamps' light that blocks may catch first.
+    most_blocked: Annotated[float, Field(gt=0, le=1)] = 0.7
+    picture: PictureTable = PictureTable()
+    parts: PartsTable = PartsTable()
+    room: RoomTable = RoomTable()
+    paint: Annotated[dict[Name, PaintTable], Field(min_length=1, max_length=MOST_PAINTS)]
+    walls: dict[Literal["floor", "ceiling", "back", "right", "left"], Texts]
+    block: list[BlockTable] = []
+    lamp: Annotated[list[LampTable], Field(min_length=1)]
+    camera: Annotated[list[CameraTable], Field(min_length=1)]
+    effect: list[EffectTable] = []
+    sensor: list[SensorTable] = []
+
+    def digest(self, folder: Path) -> str:
+        """SHA-256 of everything on which the pictures depend.
+
+        The number of boxes is left out, since a larger set begins like a smaller one.
+
+        Parameters
+        ----------
+        folder
+            Folder of the recipe, to which its files are relative.
+
+        Returns
+        -------
+        str
+            Hexadecimal digits.
+        """
+        content = self.model_dump(mode="json", exclude={"boxes", "description", "license"})
+        content["effect"] = [{**entry.parameters, "id": entry.id, "p": entry.probability} for entry in self.effect]
+        result = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
+        for name in self.files:
+            result.update(hashlib.sha256((folder / name).read_bytes()).digest())
+        return result.hexdigest()
+
+    @property
+    def files(self) -> list[str]:
+        """Names of the files that it names: tables of spectra, effect files, sensor cameras."""
+        names = [source for paint in self.paint.values() for source in paint.reflectance.names]
+        names += [source for lamp in self.lamp for source in lamp.spectrum.names]
+        tables = [name[: name.index(".csv") + 4] for name in names if ".csv" in name]
+        others = [*(entry.id for entry in self.effect), *(sensor.camera for sensor in self.sensor)]
+        return sorted({*tables, *(name for name in others if name.endswith(".toml"))})
+
+
+def load_recipe(path: Path) -> Recipe:
+    """Recipe of a file.
+
+    Parameters
+    ----------
+    path
+        TOML file. Tables of spectra that it names are relative to its folder.
+
+    Returns
+    -------
+    Recipe
+        The recipe, with its names checked.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or faulty; one error lists all faults of its keys.
+    """
+    content = read_toml(path, "a recipe in TOML", "docs/how-to/data-set.md describes it")
+    try:
+        recipe = Recipe.model_validate(content)
+    except ValidationError as error:
+        raise combined(faults_of_validation(path, error, Recipe)) from None
+    faults = _faults(path, recipe)
+    if faults:
+        raise combined(faults)
+    return recipe
+
+
+def _faults(path: Path, recipe: Recipe) -> list[InputError]:
+    """Faults of names, sources and sums of a recipe."""
+    faults = []
+    if missing := [wall for wall in WALLS if wall not in recipe.walls]:
+        faults.append(InputError(f"{path}: walls", f"no {', no '.join(missing)}", f"all of {', '.join(WALLS)}"))
+    users = [(f"walls.{wall}", choice) for wall, choice in recipe.walls.items()]
+    users += [(f"block[{index}].paint", block.paint) for index, block in enumerate(recipe.block)]
+    for key, choice in users:
+        for name in choice.names:
+            if name not in recipe.paint:
+                expected = f"one of {', '.join(recipe.paint)}"
+                faults.append(InputError(f"{path}: {key}", f"'{name}'", expected, suggestion(name, recipe.paint)))
+    for index, truth in enumerate(recipe.picture.truths):
+        if truth not in TRUTHS:
+            where = f"{path}: picture.truths[{index}]"
+            faults.append(InputError(where, f"'{truth}'", f"one of {', '.join(TRUTHS)}", suggestion(truth, TRUTHS)))
+    p = recipe.picture
+    if not 2 <= (p.last_nm - p.first_nm) / p.step_nm + 1 < 2000:
+        grid = f"{p.first_nm:g} to {p.last_nm:g} nm by {p.step_nm:g} nm"
+        faults.append(InputError(f"{path}: picture", grid, "2 to 2000 wavelengths, ascending"))
+    total = recipe.parts.train + recipe.parts.validation + recipe.parts.test
+    if abs(total - 1) > 1e-9:
+        faults.append(InputError(f"{path}: parts", f"shares of sum {total:g}", "shares of sum 1"))
+    for kind, tables in (("camera", recipe.camera), ("sensor", recipe.sensor)):
+        names = [table.name for table in tables]
+        if len(set(names)) < len(names):
+            faults.append(InputError(f"{path}: {kind}", f"names {', '.join(names)}", "each name once"))
+    faults += [fault for fault in _source_faults(path, recipe) if fault is not None]
+    for index, entry in enumerate(recipe.effect):
+        faults += _effect_faults(f"{path}: effect[{index}]", entry, path.parent)
+    return faults
+
+
+def _effect_faults(where: str, entry: EffectTable, folder: Path) -> list[InputError]:
+    """Faults of an effect and of the ends of its parameters' distributions.
+
+    Names are checked in each box.
+    """
+    ends: list[dict[str, Any]] = [{}, {}]
+    for name, value in entry.parameters.items():
+        texts = value if isinstance(value, list) else [value]
+        if texts and all(isinstance(text, str) for text in texts):
+            ends[0][name] = ends[1][name] = texts[0]
+            continue
+        try:
+            low_and_high = numbers(value).support
+        except ValueError as fault:
+            return [InputError(f"{where}.{name}", shown(value), str(fault))]
+        for end, number in zip(ends, low_and_high, strict=True):
+            end[name] = number
+    try:
+        effect = named_effect(entry.id, folder)
+        for end in ends:
+            apply_checked(effect, end, where)
+    except InputError as fault:
+        return [fault]
+    return []
+
+
+def _source_faults(path: Path, recipe: Recipe) -> list[InputError | None]:
+    """Faults of the sources of spectra."""
+
+    def fault(where: str, read: Any, name: str) -> InputError | None:
+        try:
+            read(name, path.parent, f"{path}: {where}")
+        except InputError as error:
+            return error
+        return None
+
+    faults = [
+        fault(f"paint.{name}.reflectance", reflectance_source, source)
+        for name, paint in recipe.paint.items()
+        for source in paint.reflectance.names
+    ]
+    for index, lamp in enumerate(recipe.lamp):
+        where = f"lamp[{index}]"
+        faults += [fault(f"{where}.spectrum", light_source, source) for source in lamp.spectrum.names]
+        if ("planck" in lamp.spectrum.names) != (lamp.temperature_k is not None):
+            excess = "no temperature" if lamp.temperature_k is None else "a temperature without the spectrum 'planck'"
+            expected = "a distribution of temperatures where spectrum lists 'planck', none elsewhere"
+            faults.append(InputError(f"{path}: {where}.temperature_k", excess, expected))
+    return faults

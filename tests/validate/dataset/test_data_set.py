@@ -1,0 +1,243 @@
+"""Data sets on disk: the same files by any way of working, nothing lost, and what a reader gets."""
+
+import csv
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+import xarray as xr
+from cboxlab.rendering.dataset import draw_box, load_recipe
+from cboxlab.rendering.device.variant import compiled
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.app.commands.cli import main
+from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, workers
+from cboxlab.validation.dataset.checks import check_picture
+from cboxlab.validation.dataset.layout import Layout, begin
+from cboxlab.validation.dataset.picture import rounded
+from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
+from cboxlab.validation.dataset.workers import in_processes
+from helpers.command_line import assert_one_line_of_help
+from helpers.recipes import write_recipe
+
+pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+
+#: A second camera, an effect of light transport and a sensor.
+MORE = (
+    "[room]",
+    """[[camera]]
+name = "side"
+width_px = 16
+height_px = 16
+left_mm = 60
+[[effect]]
+id = "veiling-glare"
+[[sensor]]
+name = "eye"
+camera = "dcs200"
+exposures = [0.5, 1.0]
+[room]""",
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("sets")
+
+
+@pytest.fixture(scope="module")
+def recipe_file(folder):
+    return write_recipe(folder, ("step_nm = 100.0", "step_nm = 30.0"), ("{ integer = [1, 2] }", "1"), MORE)
+
+
+@pytest.fixture(scope="module")
+def run(folder, recipe_file):
+    return create_dataset(recipe_file, folder / "all")
+
+
+def checksums(dataset):
+    return {row["file"]: row["sha256"] for row in dataset.index}
+
+
+def test_an_interrupted_run_continues_to_the_same_bits(folder, run, recipe_file):
+    """One picture is missing, one was cut off, one has no record: only these are rendered again."""
+    assert (run.rendered, run.reused, run.failed) == (4, 0, ())
+    broken = shutil.copytree(folder / "all", folder / "broken")
+    layout = Layout(broken)
+    for name in ("main.nc", "main.json"):
+        (layout.box(0) / name).unlink()
+    cut = layout.box(1) / "side.nc"
+    cut.write_bytes(cut.read_bytes()[:1000])
+    (layout.box(1) / "main.json").unlink()
+    again = create_dataset(recipe_file, broken)
+    assert (again.rendered, again.reused) == (3, 1)
+    assert checksums(again.dataset) == checksums(run.dataset)
+    assert (broken / "index.csv").read_bytes() == (folder / "all" / "index.csv").read_bytes()
+    assert not again.dataset.damaged() and not [*broken.rglob(".*unfinished*")]
+
+
+def test_workers_of_a_scheduler_write_the_same_bits(folder, run, recipe_file):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        shared = create_dataset(recipe_file, folder / "shared", Workers(scheduler=cluster.scheduler_address))
+    assert checksums(shared.dataset) == checksums(run.dataset)
+
+
+def test_the_index_and_the_pictures_say_the_same(run):
+    dataset = run.dataset
+    assert len(dataset) == 4 and {row["camera"] for row in dataset.index} == {"main", "side"}
+    assert sum(len(dataset.part(name)) for name in ("train", "validation", "test")) == 4
+    with (dataset.folder / "index.csv").open() as stream:
+        assert len(list(csv.DictReader(stream))) == 4
+    with dataset[0] as picture:
+        assert picture.sizes == {**picture.sizes, "y": 16, "x": 16, "wavelength": 11, "order": 4}
+        total = picture["reflections"].sum("order") + picture["effects_light"]
+        np.testing.assert_allclose(total, picture["radiance"], atol=2e-6 * float(picture["radiance"].max()))
+        assert picture["raw_eye"].shape == (2, 16, 16) and picture["raw_eye"].dtype == np.uint16
+        assert picture["developed_eye"].shape == (2, 16, 16, 3)
+        low, high = picture["raw_eye"].attrs["exposure_s"]
+        assert high == pytest.approx(2 * low)
+        relative = picture["standard_error"].values / np.maximum(picture["radiance"].values, 1e-30)
+        assert np.median(relative[picture["surface"].values >= 0]) < 0.1
+    arrays = dataset.where(camera="side").arrays("radiance", "albedo")
+    assert len(arrays) == 2 and arrays[1]["albedo"].shape == (16, 16, 11)
+    with pytest.raises(InputError, match="did you mean 'albedo'"):
+        dataset.arrays("albedoo")
+
+
+def test_the_model_of_a_picture_is_that_of_its_box(folder, run, recipe_file):
+    box = draw_box(load_recipe(recipe_file), 1, recipe_file.parent)
+    number = next(i for i, row in enumerate(run.dataset.index) if row["box"] == 1)
+    model = run.dataset.model(number)
+    assert [effect.id for effect in model.effects] == ["veiling-glare"]
+    for mine, other in zip(model.scene.all_surfaces, box.model.scene.all_surfaces, strict=True):
+        np.testing.assert_allclose(mine.vertices_mm, other.vertices_mm)
+    assert run.dataset.drawn(number) == json.loads(json.dumps(box.record))
+    with run.dataset[number] as picture:
+        assert picture.attrs["effects_left_out"] == "veiling-glare"
+
+
+def test_card_and_croissant_name_every_part(run):
+    card = (run.dataset.folder / "README.md").read_text()
+    assert "4 of 2 boxes" in card and "veiling-glare (4)" in card
+    record = json.loads((run.dataset.folder / "croissant.json").read_text())
+    assert record["conformsTo"] == "http://mlcommons.org/croissant/1.0"
+    columns = {field["source"]["extract"]["column"] for field in record["recordSet"][0]["field"]}
+    assert columns <= set(run.dataset.index[0])
+    assert "4 pictures pass all checks" in (run.dataset.folder / "quality.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (lambda c: c["radiance"].values.__setitem__((3, 3, 2), np.nan), "not finite"),
+        (lambda c: c["radiance"].values.__setitem__((3, 3), -1.0), "below 0"),
+        (lambda c: c["radiance"].values.__setitem__((3, 3), 1e6), "brighter than the brightest lamp"),
+        (lambda c: c["reflections"].values.__imul__(1.01), "parts of the light"),
+        (lambda c: c["position"].values.__iadd__(5.0), "from its pixel's centre"),
+        (lambda c: c["normal"].values.__imul__(-1.0), "points away"),
+        (lambda c: c["albedo"].values.__iadd__(1.0), "albedo outside"),
+    ],
+)
+def test_a_spoilt_picture_fails_its_checks(run, recipe_file, spoil, word):
+    box = draw_box(load_recipe(recipe_file), run.dataset.index[0]["box"], recipe_file.parent)
+    with run.dataset[0] as picture:
+        sound = picture.load()
+    assert check_picture(sound, box, 0.1, 23).faults == ()
+    spoilt = sound.copy(deep=True)
+    spoil(spoilt)
+    assert any(word in fault for fault in check_picture(spoilt, box, 0.1, 23).faults)
+
+
+def test_fewer_bits_round_to_the_stated_error():
+    values = xr.DataArray(np.random.default_rng(1).lognormal(0, 5, 10000).astype(np.float32))
+    for bits in (8, 12, 23):
+        short = rounded(values, bits)
+        assert np.abs(short / values - 1).max() <= 2.0 ** -(bits + 1)
+        assert not (short.values.view(np.uint32) & ((1 << (23 - bits)) - 1)).any()
+    assert np.isnan(rounded(xr.DataArray(np.array([np.nan], np.float32)), 8)).all()
+
+
+def ends_once(task):
+    """Records of a task whose first worker ends without a word."""
+    mark = f"{task.folder}/{task.boxes[0]}"
+    if not os.path.exists(mark):
+        with open(mark, "w"):
+            os._exit(1)
+    return [{"box": number} for number in task.boxes]
+
+
+def test_the_task_of_a_worker_that_ends_is_run_again(tmp_path, monkeypatch):
+    tasks = [Task("", str(tmp_path), (0,))]
+    assert list(in_processes(tasks, 1, lambda: None, ends_once)) == [[{"box": 0}]]
+    (tmp_path / "0").unlink()
+    monkeypatch.setattr(workers, "_MOST_ENDS", 1)
+    with pytest.raises(InputError, match="worker processes that ended"):
+        list(in_processes(tasks, 1, lambda: None, ends_once))
+
+
+def test_a_worker_with_other_versions_is_named(tmp_path):
+    task = Task(str(tmp_path / "recipe.toml"), str(tmp_path), (0,), (("cboxlab", "0.0"),))
+    with pytest.raises(InputError, match=r"a worker on .* with cboxlab .* \(not 0.0\)"):
+        run_task(task)
+
+
+def test_tasks_hold_boxes_of_one_geometry(tmp_path):
+    path = write_recipe(tmp_path, ("boxes = 2", "boxes = 25\nboxes_per_geometry = 10"))
+    tasks = tasks_of(load_recipe(path), path, Layout(tmp_path / "set"))
+    assert sorted(n for task in tasks for n in task.boxes) == list(range(25))
+    assert all(len({n // 10 for n in task.boxes}) == 1 for task in tasks)
+
+
+def outcome(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(list(map(str, arguments)))
+    out, err = capsys.readouterr()
+    return ended.value.code, out, err
+
+
+@pytest.mark.parametrize("case", ["key", "nowhere", "other", "begun", "version", "sensor", "scheduler"])
+def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeypatch, case):
+    target, options = tmp_path / "set", []
+    path = write_recipe(tmp_path)
+    words = {
+        "key": ["seeds", "did you mean 'seed'"],
+        "nowhere": ["nowhere.toml", "no such file"],
+        "other": ["other files"],
+        "begun": ["another recipe"],
+        "version": ["mitsuba 0.1"],
+        "sensor": ["sensor[0]", "of the sensitivity"],
+        "scheduler": ["--scheduler", "no answer"],
+    }[case]
+    if case == "key":
+        path = write_recipe(tmp_path, ("seed = 11", "seeds = 11"))
+    elif case == "nowhere":
+        path = tmp_path / "nowhere.toml"
+    elif case == "sensor":
+        sensor = '[[sensor]]\nname = "a"\ncamera = "dcs200"\n[room]'
+        path = write_recipe(tmp_path, ("[picture]", "[picture]\nlast_nm = 600"), ("[room]", sensor))
+    elif case == "other":
+        target.mkdir()
+        (target / "notes.txt").write_text("mine")
+    elif case in ("begun", "version"):
+        begin(load_recipe(path), path, target)
+        if case == "begun":
+            path = write_recipe(tmp_path, ("seed = 11", "seed = 12"))
+        else:
+            state = json.loads((target / "dataset.json").read_text())
+            state["versions"]["mitsuba"] = "0.1"
+            (target / "dataset.json").write_text(json.dumps(state))
+    elif case == "scheduler":
+        pytest.importorskip("distributed")
+        monkeypatch.setattr(workers, "TIMEOUT_S", 1.0)
+        options = ["--scheduler", "tcp://127.0.0.1:9"]
+    assert_one_line_of_help(outcome(capsys, "dataset", path, "--out", target, *options), words)
+    assert not [*target.rglob("*.nc")]
+
+
+def test_a_folder_without_a_data_set_is_refused(tmp_path):
+    with pytest.raises(InputError, match="state of a data set"):
+        open_dataset(tmp_path)

@@ -1,0 +1,16 @@
+"""Data sets of synthetic pictures: their making, their files, their checks."""
+
+from .create import DatasetRun, Workers, create_dataset, read_recipe
+from .opened import Arrays, Dataset, open_dataset
+from .preview import preview_recipe
+
+__all__ = [
+    "Arrays",
+    "Dataset",
+    "DatasetRun",
+    "Workers",
+    "create_dataset",
+    "open_dataset",
+    "preview_recipe",
+    "read_recipe",
+]

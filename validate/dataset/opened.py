@@ -1,0 +1,262 @@
+"""A data set on disk: its index, and its pictures read on demand."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from cboxlab.rendering.files import open_netcdf, write_cube
+from cboxlab.rendering.model import Model, load_model
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import suggestion
+from cboxlab.utils.input_files import read_json, require_regular_file
+from numpy.typing import NDArray
+
+from .layout import INDEX, file_hash, read_state
+
+__all__ = ["Arrays", "Dataset", "open_dataset"]
+
+#: Columns of the index that hold numbers, with their types.
+_NUMBERS = {"picture": int, "box": int, "geometry": int, "bytes": int}
+_FRACTIONS = ("relative_standard_error", "mean_luminance")
+
+#: Parts of a data set.
+PARTS = ("train", "validation", "test")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Dataset:
+    """Pictures of a data set, read on demand.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> boxes = cboxlab.open_dataset("boxes")  # doctest: +SKIP
+    >>> boxes.part("train")[0]["radiance"].sel(wavelength=550.0).mean()  # doctest: +SKIP
+    """
+
+    #: Folder of the data set.
+    folder: Path
+    #: One row for each picture, as in index.csv.
+    index: tuple[Mapping[str, Any], ...]
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{sum(row['part'] == name for row in self.index)} {name}" for name in PARTS)
+        return f"{len(self)} pictures in {self.folder}: {counts}"
+
+    def __getitem__(self, number: int) -> xr.Dataset:
+        """Picture of a row of the index; its values are read on demand."""
+        return open_netcdf(self.folder / self.index[number]["file"])
+
+    def __iter__(self) -> Iterator[xr.Dataset]:
+        return (self[number] for number in range(len(self)))
+
+    def part(self, name: str) -> Dataset:
+        """Pictures of one part.
+
+        Parameters
+        ----------
+        name
+            "train", "validation" or "test".
+
+        Returns
+        -------
+        Dataset
+            The pictures.
+
+        Raises
+        ------
+        InputError
+            For another name.
+        """
+        if name not in PARTS:
+            raise InputError("part", repr(name), f"one of {', '.join(PARTS)}", suggestion(str(name), PARTS))
+        return self.where(part=name)
+
+    def where(self, **columns: Any) -> Dataset:
+        """Pictures whose columns of the index have some values.
+
+        Parameters
+        ----------
+        **columns
+            Value by column, such as ``camera="left"``.
+
+        Returns
+        -------
+        Dataset
+            The pictures.
+        """
+        rows = tuple(row for row in self.index if all(row.get(key) == value for key, value in columns.items()))
+        return Dataset(self.folder, rows)
+
+    def model(self, number: int) -> Model:
+        """Model of a picture's box.
+
+        Parameters
+        ----------
+        number
+            Row of the index.
+
+        Returns
+        -------
+        Model
+            Scene and effects.
+        """
+        return load_model(self.folder / self.index[number]["model"])
+
+    def drawn(self, number: int) -> dict[str, Any]:
+        """Values that were drawn for a picture's box.
+
+        Parameters
+        ----------
+        number
+            Row of the index.
+
+        Returns
+        -------
+        dict
+            Content of box.json.
+        """
+        path = (self.folder / self.index[number]["model"]).with_name("box.json")
+        return dict(read_json(path, "the drawn values of a box"))
+
+    def arrays(self, *names: str) -> Arrays:
+        """Pictures as NumPy arrays, for a loader of PyTorch and the like.
+
+        Parameters
+        ----------
+        *names
+            Variables, such as "radiance" and "albedo".
+
+        Returns
+        -------
+        Arrays
+            A sequence of dictionaries.
+
+        Raises
+        ------
+        InputError
+            If the pictures lack a variable.
+        """
+        if self.index:
+            with self[0] as first:
+                for name in names:
+                    if name not in first:
+                        variables = [str(key) for key in first.data_vars]
+                        raise InputError(
+                            "variable", repr(name), f"one of {', '.join(variables)}", suggestion(name, variables)
+                        )
+        return Arrays(self, names)
+
+    def export(self, folder: str | Path, ending: str = ".hdr") -> list[Path]:
+        """Write the radiance of every picture in another format.
+
+        Parameters
+        ----------
+        folder
+            Folder of the files.
+        ending
+            .hdr for ENVI, .exr for spectral OpenEXR, .png for previews.
+
+        Returns
+        -------
+        list of Path
+            The files.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        """
+        target, files = Path(folder), []
+        target.mkdir(parents=True, exist_ok=True)
+        for row, number in zip(self.index, range(len(self)), strict=True):
+            with self[number] as picture:
+                path = target / f"{row['box']:06d}-{row['camera']}{ending}"
+                write_cube(path, picture[["radiance", "surface"]].load())
+            files.append(path)
+        return files
+
+    def damaged(self) -> list[str]:
+        """Files whose checksum is not that of the index.
+
+        Returns
+        -------
+        list of str
+            Paths in the data set; empty if all are whole.
+        """
+
+        def intact(row: Mapping[str, Any]) -> bool:
+            path = self.folder / row["file"]
+            return path.is_file() and file_hash(path) == row["sha256"]
+
+        return [row["file"] for row in self.index if not intact(row)]
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays(Sequence[Mapping[str, NDArray[np.generic]]]):
+    """Pictures as NumPy arrays, with the length and the indices that loaders ask for."""
+
+    #: The pictures.
+    dataset: Dataset
+    #: Variables of each.
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.dataset)
+
+    def __getitem__(self, number: Any) -> Any:
+        """Arrays of one picture by variable."""
+        with self.dataset[number] as picture:
+            return {name: picture[name].values for name in self.names}
+
+
+def open_dataset(folder: str | Path) -> Dataset:
+    """Open a data set that ``cbox dataset`` wrote.
+
+    Parameters
+    ----------
+    folder
+        Its folder.
+
+    Returns
+    -------
+    Dataset
+        The pictures that passed their checks.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no data set, or one without an index.
+
+    Examples
+    --------
+    >>> import cboxlab
+    >>> boxes = cboxlab.open_dataset("boxes")  # doctest: +SKIP
+    >>> len(boxes), boxes.index[0]["part"]  # doctest: +SKIP
+    """
+    path = Path(folder)
+    read_state(path)
+    hint = "The run has not ended: repeat `cbox dataset` to continue it."
+    require_regular_file(path / INDEX, "the index of a data set", hint)
+    with (path / INDEX).open(encoding="utf-8", newline="") as stream:
+        rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))
+    return Dataset(path, rows)
+
+
+def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
+    """Row of the index with its numbers."""
+    try:
+        numbers: dict[str, Any] = {key: kind(row[key]) for key, kind in _NUMBERS.items()}
+        numbers.update({key: float(row[key]) for key in _FRACTIONS})
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"a row that cannot be read ({error})", "an index that cbox wrote") from None
+    return {**row, **numbers}

@@ -1,0 +1,272 @@
+"""One picture of a data set: the cube of a box through a camera, with the truth about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from cboxlab.rendering.dataset import (
+    REFLECTIONS,
+    Box,
+    Recipe,
+    SensorTable,
+    light_parts,
+    shadow_fraction,
+    visible_points,
+)
+from cboxlab.rendering.files import RADIANCE_UNIT, camera_attribute, raw_to_srgb, scene_white
+from cboxlab.rendering.image import NOTHING, RenderedImage, RenderJob
+from cboxlab.rendering.integrators import MOST_PASSES, fireflies, relative_error, render_to_precision
+from cboxlab.rendering.model import model_cube_inputs
+from cboxlab.rendering.photometry import tristimulus_weights
+from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate
+from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.scene import Scene
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import writing_hdf5
+from cboxlab.utils.progress import NO_PROGRESS, Progress
+from numpy.typing import NDArray
+
+from ..predict import transported
+
+__all__ = ["render_picture", "rounded", "sensor_camera", "write_picture"]
+
+#: Bits of the mantissa of a number in single precision.
+_FULL_BITS = 23
+
+#: Unit of irradiance.
+_IRRADIANCE_UNIT = "W m^-2 nm^-1"
+
+
+def render_picture(
+    box: Box, camera_name: str, recipe: Recipe, folder: Path, progress: Progress = NO_PROGRESS
+) -> xr.Dataset:
+    """Picture of a box by one of its cameras.
+
+    Parameters
+    ----------
+    box
+        The box.
+    camera_name
+        Name of the camera.
+    recipe
+        The recipe, for wavelengths, noise, truths and sensors.
+    folder
+        Folder of the recipe, to which files of sensor cameras are relative.
+    progress
+        Receives the completed share.
+
+    Returns
+    -------
+    xr.Dataset
+        The variables of docs/reference/data-set-format.md; their numbers are rounded as the recipe asks.
+
+    Raises
+    ------
+    InputError
+        If an effect or a sensor does not fit.
+    """
+    scene, camera, bounces = model_cube_inputs(box.model, box.cameras[camera_name])
+    variant = box.number % recipe.boxes_per_geometry
+    order = variant * len(box.cameras) + list(box.cameras).index(camera_name)
+    job = RenderJob(
+        scene,
+        camera,
+        recipe.picture.wavelength_nm,
+        seed=box.seed,
+        max_bounces=bounces,
+        first_batch=MOST_PASSES * order,
+    )
+    image = render_to_precision(job, recipe.picture.noise, progress=progress)
+    changed = transported(image, scene, camera, box.model.effects, box.seed, bounces)
+    data = {**_light(image, changed, scene, recipe), **_geometry(image, scene, camera, box.seed)}
+    cube = xr.Dataset(
+        {name: value for name, value in data.items() if name in _wanted(recipe)},
+        coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
+    )
+    cube = cube.assign({name: rounded(value, recipe.picture.mantissa_bits) for name, value in cube.data_vars.items()})
+    for index, sensor in enumerate(recipe.sensor):
+        cube = cube.assign(_frames(cube, sensor, folder, box.seed + 7919 * (order + 1) + 104729 * index))
+    later = [e.id for e in box.model.effects if e.stage not in ("scene", "settings", "transport", "camera")]
+    return cube.assign_attrs(
+        box=box.number,
+        camera_name=camera_name,
+        camera=camera_attribute(camera),
+        part=box.part,
+        seed=str(box.seed),
+        relative_standard_error=relative_error(changed),
+        relative_standard_error_99=relative_error(changed, 99.0),
+        firefly_pixels=int(fireflies(changed).sum()),
+        effects=", ".join(e.id for e in box.model.effects),
+        effects_left_out=", ".join(later),
+    )
+
+
+def _wanted(recipe: Recipe) -> set[str]:
+    """Variables of every picture, and the truths that a recipe lists."""
+    return {"radiance", "standard_error", "surface", "material", *recipe.picture.truths}
+
+
+def _light(image: RenderedImage, changed: RenderedImage, scene: Scene, recipe: Recipe) -> dict[str, Any]:
+    """Radiance, its errors and its parts; `changed` has the effects of light transport."""
+    every = np.eye(image.wavelength_nm.size)
+    mean, variance = changed.project(every)
+    axes, unit = ("y", "x", "wavelength"), {"units": RADIANCE_UNIT}
+    parts = light_parts(image, scene)
+    added = changed.mean(every) - image.mean(every) if changed is not image else np.zeros_like(mean)
+    names = ("order", *axes)
+    return {
+        "radiance": (axes, mean, unit),
+        "standard_error": (axes, np.sqrt(variance), {**unit, "batches": len(changed.coefficients)}),
+        "xyz": (
+            ("y", "x", "tristimulus"),
+            mean @ tristimulus_weights(image.wavelength_nm)
+            if "xyz" in recipe.picture.truths
+            else np.zeros((*mean.shape[:2], 3)),
+            {"units": "cd m^-2", "names": "X, Y, Z"},
+        ),
+        "albedo": (axes, parts.albedo, {"units": "1"}),
+        "irradiance": (axes, parts.irradiance, {"units": _IRRADIANCE_UNIT}),
+        "reflections": (names, parts.reflections, {**unit, "names": ", ".join(REFLECTIONS)}),
+        "effects_light": (axes, added, unit),
+    }
+
+
+def _geometry(image: RenderedImage, scene: Scene, camera: Camera, seed: int) -> dict[str, Any]:
+    """Labels, coverage, and what the rays through the pixel centres meet."""
+    points = visible_points(scene, camera)
+    surfaces, materials = [s.name for s in scene.surfaces], list(scene.materials)
+    count = len(surfaces)
+    coverage = np.stack([image.coverage[..., image.facet_surface == s].sum(-1) for s in range(count + 1)], axis=-1)
+    of_surface = np.array([materials.index(s.material) for s in scene.surfaces] + [len(materials)])
+    material = np.where(points.surface == NOTHING, NOTHING, of_surface[points.surface]).astype(np.int16)
+    flags = {"nothing": NOTHING}
+    return {
+        "surface": (("y", "x"), image.surface, {"names": ", ".join(surfaces), "lamp": -1, **flags}),
+        "material": (("y", "x"), material, {"names": ", ".join([*materials, "lamp"]), **flags}),
+        "coverage": (("y", "x", "label"), coverage, {"units": "1", "names": ", ".join([*surfaces, "lamp"])}),
+        "depth": (("y", "x"), points.depth_mm, {"units": "mm"}),
+        "position": (("y", "x", "axis"), points.position_mm, {"units": "mm"}),
+        "normal": (("y", "x", "axis"), points.normal, {"units": "1"}),
+        "shadow": (("lamp", "y", "x"), shadow_fraction(scene, camera, seed), {"units": "1"}),
+    }
+
+
+def rounded(values: xr.DataArray, bits: int) -> xr.DataArray:
+    """Numbers in single precision with fewer bits in the mantissa.
+
+    Parameters
+    ----------
+    values
+        Numbers; whole ones are returned as they are.
+    bits
+        Bits to keep, 1 to 23; the relative error is at most 2^-(bits + 1).
+
+    Returns
+    -------
+    xr.DataArray
+        The nearest such numbers, ties to even.
+    """
+    if values.dtype.kind != "f":
+        return values
+    plain = np.ascontiguousarray(values.values, np.float32)
+    drop = _FULL_BITS - bits
+    if drop > 0:
+        pattern = plain.view(np.uint32).astype(np.uint64)
+        pattern += (1 << (drop - 1)) - 1 + ((pattern >> drop) & 1)
+        short = ((pattern >> drop) << drop).astype(np.uint32).view(np.float32)
+        plain = np.where(np.isfinite(plain), short, plain)
+    return values.copy(data=plain)
+
+
+def sensor_camera(sensor: SensorTable, folder: Path) -> Any:
+    """Camera of a sensor's table.
+
+    Parameters
+    ----------
+    sensor
+        The table.
+    folder
+        Folder of the recipe, to which a camera file is relative.
+
+    Returns
+    -------
+    SensorCamera
+        The camera.
+
+    Raises
+    ------
+    InputError
+        If the camera is unknown or its file faulty.
+    """
+    return load_camera(folder / sensor.camera if sensor.camera.endswith(".toml") else sensor.camera)
+
+
+def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> Mapping[str, Any]:
+    """Raw frames of a picture by a sensor, and developed ones where its mosaic is Bayer's."""
+    camera = sensor_camera(sensor, folder)
+    cut = cube[["radiance", "standard_error", "surface"]]
+    channels = [None] if camera.pattern is not None or len(camera.channels) == 1 else list(camera.channels)
+    frames, exposures = [], []
+    for number, channel in enumerate(channels):
+        usual = auto_exposure(cut, camera, channel)
+        for index, factor in enumerate(sensor.exposures):
+            exposures.append(usual * factor)
+            frames.append(simulate(cut, camera, usual * factor, seed + 31 * number + index, channel))
+    name = sensor.name.replace("-", "_")
+    along = (f"frame_{name}", "y", "x")
+    channel_names = ", ".join(str(channel or "mosaic") for channel in channels for _ in sensor.exposures)
+    notes = {"units": "DN", "camera": camera.name, "exposure_s": exposures, "channels": channel_names}
+    arrays: dict[str, Any] = {f"raw_{name}": (along, np.stack(frames), notes)}
+    try:
+        white = scene_white(cut)
+        pictures = [raw_to_srgb(frame, camera, s, white) for frame, s in zip(frames, exposures, strict=True)]
+    except InputError:
+        return arrays
+    arrays[f"developed_{name}"] = ((*along, "rgb"), np.stack(pictures), {"colour_space": "sRGB"})
+    return arrays
+
+
+def write_picture(path: Path, cube: xr.Dataset) -> None:
+    """Write a picture as NetCDF-4, each array deflated in one chunk.
+
+    Parts of light have a chunk each.
+
+    Parameters
+    ----------
+    path
+        File to write, completely or not at all.
+    cube
+        The picture.
+    """
+    encoding = {str(name): _packed(value) for name, value in cube.data_vars.items()}
+    with writing_hdf5(path) as file:
+        cube.to_netcdf(file, engine="h5netcdf", encoding=encoding)
+
+
+def _packed(values: xr.DataArray) -> dict[str, Any]:
+    """Chunk and compression of an array."""
+    first = values.dims[0]
+    chunk = values.shape if first == "y" else (1, *values.shape[1:])
+    return {"zlib": True, "complevel": 4, "shuffle": True, "chunksizes": chunk}
+
+
+def mean_spectrum(cube: xr.Dataset) -> NDArray[np.float64]:
+    """Mean radiance of the pixels without lamps.
+
+    Parameters
+    ----------
+    cube
+        The picture.
+
+    Returns
+    -------
+    NDArray
+        (w,) radiance, W m^-2 sr^-1 nm^-1.
+    """
+    visible = cube["surface"].values >= 0
+    values = cube["radiance"].values
+    return np.asarray(values[visible].mean(axis=0, dtype=np.float64) if visible.any() else np.zeros(values.shape[-1]))

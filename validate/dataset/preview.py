@@ -1,0 +1,138 @@
+"""Preview of a recipe: thumbnails, distributions, and the cost of the whole set."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cboxlab.rendering.dataset import draw_box
+from cboxlab.rendering.image import RenderJob
+from cboxlab.rendering.integrators import render_passes
+from cboxlab.rendering.model import labelled_cube, model_cube_inputs
+from cboxlab.scenes.camera import Camera
+from cboxlab.utils.files import temporary_folder
+from cboxlab.utils.progress import NO_PROGRESS, Progress
+
+from .create import read_recipe
+from .picture import render_picture, write_picture
+from .sheet import drawn_values, histograms, thumbnail, write_page
+from .tasks import camera_names
+
+__all__ = ["Preview", "preview_recipe"]
+
+#: Boxes with thumbnails.
+_THUMBNAILS = 20
+
+#: Boxes whose values the distributions show.
+_DRAWN = 200
+
+#: Width of a thumbnail, px.
+_WIDTH_PX = 48
+
+#: Samples of a pixel of a thumbnail.
+_SAMPLES = 16
+
+#: Wavelengths of a thumbnail at most.
+_WAVELENGTHS = 16
+
+#: Seconds of an hour.
+_HOUR_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Preview:
+    """Pictures and cost of a recipe."""
+
+    #: The page with thumbnails and distributions.
+    page: Path
+    #: Number of pictures of the whole set.
+    pictures: int
+    #: Time of one picture in one process of this machine, s.
+    seconds_each: float
+    #: Size of one picture on disk, bytes.
+    bytes_each: int
+    #: Draws that were rejected, by box.
+    rejected: float
+
+    def lines(self) -> list[str]:
+        """Sentences about the cost.
+
+        Returns
+        -------
+        list of str
+            Time and size of the whole set first.
+        """
+        hours = self.pictures * self.seconds_each / _HOUR_S
+        return [
+            f"{self.pictures} pictures: about {hours:.2g} h in one process on this machine, "
+            f"{self.pictures * self.bytes_each / 1e9:.2g} GB ({self.seconds_each:.1f} s and "
+            f"{self.bytes_each / 1e6:.1f} MB each)",
+            f"{self.rejected:.2g} rejected draws for each box",
+        ]
+
+
+def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress = NO_PROGRESS) -> Preview:
+    """Write a page with thumbnails and distributions, and measure the cost of one picture.
+
+    Parameters
+    ----------
+    recipe_file
+        Recipe, TOML.
+    page
+        File of the page, HTML.
+    progress
+        Receives the completed share.
+
+    Returns
+    -------
+    Preview
+        The page and the cost.
+
+    Raises
+    ------
+    InputError
+        If the recipe is faulty, or a box cannot be drawn.
+    """
+    path = Path(recipe_file)
+    recipe = read_recipe(path)
+    progress.stage("drawing boxes")
+    boxes = [draw_box(recipe, number, path.parent) for number in range(min(recipe.boxes, _DRAWN))]
+    progress.stage("rendering thumbnails")
+    grid = recipe.picture.wavelength_nm[:: max(1, -(-recipe.picture.wavelength_nm.size // _WAVELENGTHS))]
+    pictures = []
+    first = boxes[:_THUMBNAILS]
+    for number, box in enumerate(first):
+        name, camera = next(iter(box.cameras.items()))
+        scene, moved, bounces = model_cube_inputs(box.model, _smaller(camera))
+        job = RenderJob(scene, moved, grid, samples=_SAMPLES, batches=1, seed=box.seed, max_bounces=bounces)
+        pictures.append((f"{box.number:06d} {name}", thumbnail(labelled_cube(render_passes(job)))))
+        progress.part((number + 1) / (len(first) + 1))
+    progress.stage("measuring one picture")
+    name = next(iter(boxes[0].cameras))
+    render_picture(boxes[0], name, recipe, path.parent)  # the first one compiles its kernels
+    begun = time.monotonic()
+    cube = render_picture(boxes[0], name, recipe, path.parent)
+    with temporary_folder() as folder:
+        write_picture(folder / "picture.nc", cube)
+        seconds, size = time.monotonic() - begun, (folder / "picture.nc").stat().st_size
+    rejected = sum(sum(box.record["rejected"].values()) for box in boxes) / len(boxes)
+    count = recipe.boxes * len(camera_names(recipe))
+    preview = Preview(Path(page), count, seconds, size, rejected)
+    plots = [("Distributions", histograms(drawn_values([box.record for box in boxes])))]
+    write_page(Path(page), f"Preview of {recipe.name}", preview.lines(), pictures, plots)
+    progress.part(1.0)
+    return preview
+
+
+def _smaller(camera: Camera) -> Camera:
+    """Camera of the same view with fewer pixels."""
+    factor = min(1.0, _WIDTH_PX / camera.width_px)
+    width, height = (max(8, round(factor * side)) for side in (camera.width_px, camera.height_px))
+    return replace(
+        camera,
+        width_px=width,
+        height_px=height,
+        focal_length_px=camera.focal_length_px * factor,
+        principal_point_px=(camera.principal_point_px + 0.5) * factor - 0.5,
+    )

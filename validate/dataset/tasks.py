@@ -1,0 +1,186 @@
+"""Tasks of a data set: a few boxes of one geometry each, rendered to files."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
+from cboxlab.rendering.model import write_model
+from cboxlab.rendering.photometry import tristimulus_weights
+from cboxlab.utils.errors import InputError
+
+from .checks import check_picture
+from .layout import Layout, file_hash, versions, write_json
+from .picture import mean_spectrum, render_picture, write_picture
+
+__all__ = ["Task", "camera_names", "run_task", "tasks_of"]
+
+#: Most boxes of a task: a task of a minute is repeated where its worker ends.
+_MOST_BOXES = 8
+
+#: Decimals of a figure in a record.
+_DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some boxes of one geometry."""
+
+    #: File of the recipe.
+    recipe: str
+    #: Folder of the data set.
+    folder: str
+    #: Numbers of the boxes.
+    boxes: tuple[int, ...]
+    #: Version of each package on which the bits of a picture depend.
+    versions: tuple[tuple[str, str], ...] = field(default_factory=lambda: tuple(versions().items()))
+
+
+def camera_names(recipe: Recipe) -> list[str]:
+    """Names of the cameras of every box.
+
+    Parameters
+    ----------
+    recipe
+        The recipe.
+
+    Returns
+    -------
+    list of str
+        Names in their order; those of a grid have row and column, from 1.
+    """
+    names = []
+    for table in recipe.camera:
+        alone = table.across == table.down == 1
+        grid = [(row + 1, column + 1) for row in range(table.down) for column in range(table.across)]
+        names += [table.name if alone else f"{table.name}-{row}-{column}" for row, column in grid]
+    return names
+
+
+def tasks_of(recipe: Recipe, recipe_file: Path, layout: Layout) -> list[Task]:
+    """Tasks that remain: boxes without a complete picture by each camera.
+
+    Parameters
+    ----------
+    recipe
+        The recipe.
+    recipe_file
+        Its file.
+    layout
+        Files of the data set.
+
+    Returns
+    -------
+    list of Task
+        Tasks in the order of the boxes.
+    """
+    names, tasks = camera_names(recipe), []
+    each = min(recipe.boxes_per_geometry, _MOST_BOXES)
+    for geometry in range(-(-recipe.boxes // recipe.boxes_per_geometry)):
+        first = geometry * recipe.boxes_per_geometry
+        boxes = range(first, min(first + recipe.boxes_per_geometry, recipe.boxes))
+        remaining = [n for n in boxes if any(layout.record(n, name) is None for name in names)]
+        for start in range(0, len(remaining), each):
+            some = tuple(remaining[start : start + each])
+            tasks.append(Task(str(recipe_file.resolve()), str(layout.folder.resolve()), some))
+    return tasks
+
+
+@lru_cache(maxsize=4)
+def _recipe(path: str, _changed: float) -> Recipe:
+    """Recipe of a file, kept for the next task."""
+    return load_recipe(Path(path))
+
+
+def _require_versions(expected: tuple[tuple[str, str], ...]) -> None:
+    """Raise InputError in a process with other versions than those of the run."""
+    installed = versions()
+    pairs = [(name, installed.get(name), version) for name, version in expected]
+    if other := [f"{name} {mine} (not {version})" for name, mine, version in pairs if mine != version]:
+        fault = f"a worker on {platform.node()} with {', '.join(other)}"
+        raise InputError("scheduler", fault, "the same versions on every worker")
+
+
+def run_task(task: Task) -> list[dict[str, Any]]:
+    """Render the missing pictures of a task.
+
+    Parameters
+    ----------
+    task
+        The task.
+
+    Returns
+    -------
+    list of dict
+        Records of its pictures, rendered now or before.
+    """
+    return list(pictures_of(task))
+
+
+def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
+    """Pictures of a task, one after another.
+
+    Parameters
+    ----------
+    task
+        The task.
+
+    Yields
+    ------
+    dict
+        Record of each picture, which is complete on disk.
+    """
+    _require_versions(task.versions)
+    path = Path(task.recipe)
+    recipe = _recipe(task.recipe, path.stat().st_mtime)
+    layout = Layout(Path(task.folder))
+    for number in task.boxes:
+        records = {name: layout.record(number, name) for name in camera_names(recipe)}
+        if all(record is not None for record in records.values()):
+            yield from (record for record in records.values() if record is not None)
+            continue
+        box = draw_box(recipe, number, path.parent)
+        for name, record in records.items():
+            yield record if record is not None else _rendered(box, name, recipe, path.parent, layout)
+
+
+def _rendered(box: Box, camera: str, recipe: Recipe, folder: Path, layout: Layout) -> dict[str, Any]:
+    """Record of a picture that is rendered, checked and written; boxes that fail are kept apart."""
+    begun = time.monotonic()
+    cube = render_picture(box, camera, recipe, folder)
+    checks = check_picture(cube, box, recipe.picture.noise, recipe.picture.mantissa_bits)
+    target = layout.box(box.number, bool(checks.faults))
+    target.mkdir(parents=True, exist_ok=True)
+    if not (target / "box.json").exists():
+        write_model(target / "model.toml", box.model)
+        write_json(target / "box.json", box.record)
+    file = target / f"{camera}.nc"
+    write_picture(file, cube)
+    spectrum = mean_spectrum(cube)
+    luminance = spectrum @ tristimulus_weights(cube["wavelength"].values)[:, 1]
+    record = {
+        "box": box.number,
+        "geometry": box.record["geometry"],
+        "camera": camera,
+        "part": box.part,
+        "file": file.relative_to(layout.folder).as_posix(),
+        "model": (target / "model.toml").relative_to(layout.folder).as_posix(),
+        "relative_standard_error": float(f"{cube.attrs['relative_standard_error']:.{_DIGITS}g}"),
+        "mean_luminance": float(f"{luminance:.{_DIGITS}g}"),
+        "mean_spectrum": [float(f"{value:.{_DIGITS}g}") for value in spectrum],
+        "effects": cube.attrs["effects"],
+        "faults": list(checks.faults),
+        "figures": {k: None if np.isnan(v) else float(f"{v:.{_DIGITS}g}") for k, v in checks.figures.items()},
+        "bytes": file.stat().st_size,
+        "sha256": file_hash(file),
+        "seconds": round(time.monotonic() - begun, 3),
+    }
+    layout.store(box.number, camera, record)
+    return record

@@ -1,0 +1,200 @@
+"""Ways to run tasks: in processes of this machine, or on the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from typing import Any
+
+from cboxlab.rendering.device import dr
+from cboxlab.rendering.integrators import TIMEOUT_S
+from cboxlab.utils.errors import InputError
+
+from .tasks import Task, run_task
+
+__all__ = ["in_processes", "on_local_cluster", "on_scheduler"]
+
+#: Ends of worker processes without a finished task between them, after which the run is given up.
+_MOST_ENDS = 3
+
+#: Variables that limit the threads of linear algebra in a new process.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+#: Interval at which a run looks whether it was cancelled, s.
+_LOOK_S = 0.5
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """New processes compute linear algebra in one thread; their kernels share the processors."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def _share_processors(threads: int) -> None:
+    """Use some threads for the kernels of this process."""
+    dr.set_thread_count(threads)
+
+
+def in_processes(
+    tasks: Sequence[Task], count: int, idle: Callable[[], None], run: Callable[[Task], list[dict[str, Any]]] = run_task
+) -> Iterator[list[dict[str, Any]]]:
+    """Run tasks in processes of this machine.
+
+    Parameters
+    ----------
+    tasks
+        The tasks.
+    count
+        Number of processes.
+    idle
+        Function that is called while tasks run; what it raises ends the run.
+    run
+        Function of a task to its records.
+
+    Yields
+    ------
+    list of dict
+        Records of each task, in the order of their ends.
+
+    Raises
+    ------
+    InputError
+        If processes end again and again without a finished task.
+    """
+    threads = max(1, (os.cpu_count() or 1) // count)
+    remaining, ends = list(tasks), 0
+    while remaining:
+        with _one_thread_each():
+            pool = ProcessPoolExecutor(
+                count, multiprocessing.get_context("spawn"), initializer=_share_processors, initargs=(threads,)
+            )
+            waiting: dict[Future[list[dict[str, Any]]], Task] = {pool.submit(run, task): task for task in remaining}
+        try:
+            while waiting:
+                over, _ = wait(waiting, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+                for future in over:
+                    records = future.result()
+                    remaining.remove(waiting.pop(future))
+                    ends = 0
+                    yield records
+                idle()
+        except BrokenProcessPool:
+            ends += 1
+            if ends >= _MOST_ENDS:
+                fault = f"{ends} worker processes that ended before a task was finished"
+                raise InputError("dataset", fault, "memory for the pictures", "Use fewer processes.") from None
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _dask() -> Any:
+    """Package distributed; InputError if it is not installed."""
+    try:
+        import distributed
+    except ImportError:
+        hint = "pip install 'cboxlab[distributed]'"
+        raise InputError("scheduler", "Dask is not installed", "Dask", hint) from None
+    return distributed
+
+
+def on_scheduler(tasks: Sequence[Task], address: str, idle: Callable[[], None]) -> Iterator[list[dict[str, Any]]]:
+    """Run tasks on the workers of a Dask scheduler, which share a file system with this machine.
+
+    Parameters
+    ----------
+    tasks
+        The tasks.
+    address
+        Address such as ``tcp://host:8786``.
+    idle
+        As of ``in_processes``.
+
+    Yields
+    ------
+    list of dict
+        Records of each task, in the order of their ends.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed, no scheduler or worker answers, the scheduler ends, or a worker has other versions.
+    """
+    dask = _dask()
+    try:
+        client = dask.Client(address, timeout=TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise InputError("scheduler", f"no answer from {address} ({error})", "a Dask scheduler") from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=TIMEOUT_S)
+        except TimeoutError:
+            hint = f"Start one with `dask worker {address}`."
+            raise InputError("scheduler", f"no worker at {address}", "at least one worker", hint) from None
+        yield from _on_client(dask, client, tasks, idle)
+
+
+def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]) -> Iterator[list[dict[str, Any]]]:
+    """Run tasks on a Dask cluster that is started on this machine and ends with the run.
+
+    Parameters
+    ----------
+    tasks
+        The tasks.
+    count
+        Number of worker processes.
+    idle
+        As of ``in_processes``.
+
+    Yields
+    ------
+    list of dict
+        Records of each task, in the order of their ends.
+
+    Raises
+    ------
+    InputError
+        As ``on_scheduler``.
+    """
+    dask = _dask()
+    with _one_thread_each():
+        cluster = dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+    with cluster, dask.Client(cluster) as client:
+        client.run(_share_processors, max(1, (os.cpu_count() or 1) // count))
+        yield from _on_client(dask, client, tasks, idle)
+
+
+def _on_client(
+    dask: Any, client: Any, tasks: Sequence[Task], idle: Callable[[], None]
+) -> Iterator[list[dict[str, Any]]]:
+    """Run tasks on the workers of a client; a worker that ends or joins changes nothing else."""
+    waiting = {client.submit(run_task, task, pure=False) for task in tasks}
+    try:
+        while waiting:
+            try:
+                over, waiting = dask.wait(waiting, timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                over = set()
+            for future in over:
+                yield future.result()
+            idle()
+    except (OSError, dask.client.FutureCancelledError) as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            raise  # a file of the data set, such as on a full disk
+        hint = "Start it again and repeat the command: finished pictures are kept."
+        raise InputError("scheduler", f"a scheduler that ended ({error})", "a Dask scheduler", hint) from None
+    except dask.KilledWorker:
+        fault = "a task during which several workers ended"
+        raise InputError("scheduler", fault, "memory for the pictures", "Use fewer or smaller workers.") from None
+    finally:
+        for future in waiting:
+            future.cancel()
