@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from .evidence import INDISTINGUISHABLE_CHI2, MIN_GAIN_PER_SAMPLE, SHAPE_ERROR, least_gain_of, price_of, square
-from .explain import NONE, Explanation
+from .explain import MIN_HELDOUT_GAIN_RATIO, NONE, Explanation
 from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
@@ -29,10 +29,6 @@ __all__ = ["explanation_to_report", "family_beats_effects", "is_significant_patt
 #: False-alarm probability of an explanation by noise alone, all families and their forms together: bound by evidence,
 #: not measured.
 _FALSE_ALARM = 0.005
-
-#: Minimum gain of a family in pixels held out from a trial fit, over that in the fitted ones. Pixels that scatter in
-#: deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
-_MIN_HELDOUT_GAIN_RATIO = 0.3
 
 #: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
 #: columns, as those of a ceiling, look like rows or columns and have none there.
@@ -133,7 +129,7 @@ def is_significant_pattern(
         False for no family, and for families that renderings' errors resemble.
     """
     family = explanation.family_record
-    if family is None or not explanation.sharp or explanation.heldout < _MIN_HELDOUT_GAIN_RATIO:
+    if family is None or not explanation.sharp or explanation.heldout < MIN_HELDOUT_GAIN_RATIO:
         return False
     change = model.whiten(explanation.change)
     everywhere = family.acts_on == "sensor" and explanation.centre_px is None

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
-from ..diagnose.explain import NONE, Explanation
+from ..diagnose.explain import NONE, NOT_HELD, Explanation
 from .blocks import Cell, ReportSection, Table, number, significant
 from .plots import map_row, residual_scale
 
@@ -82,6 +82,8 @@ def explanation_sentence(explanation: Explanation) -> str:
         Family, form, region, bands and share of the excess; then the next family.
     """
     family = explanation.family_record
+    if family is None and explanation.form == NOT_HELD:
+        return "A difference remains, and no family of fields holds in pixels where it was not fitted."
     if family is None:
         return "No family of fields explains what remains."
     where = f" on {explanation.surface}" if explanation.surface else ""

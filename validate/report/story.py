@@ -17,6 +17,7 @@ from .blocks import Cell, Headline, ReportSection, Story, Table, number, signifi
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
+    flaw_sentences,
     limit_text,
     ranked_values,
     result_sentence,
@@ -148,6 +149,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
     meaning = [f"{e.id}: {e.effect.short_title}." for e in diagnosis.path[-1].effects]
     details = [
         *meaning,
+        *flaw_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *verdict(c, bands).details[3:],
