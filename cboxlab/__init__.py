@@ -7,8 +7,9 @@ neither NumPy nor Mitsuba.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from .utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from cboxlab.calibration.capture import load_capture
@@ -45,40 +46,13 @@ __all__ = [
     "validate",
 ]
 
-#: Package of each name, below ``cboxlab``.
-_HOMES = {
-    "Cancelled": "utils.progress",
-    "Dataset": "validation.dataset",
-    "Declared": "rendering.files",
-    "InputError": "scenes",
-    "Progress": "utils.progress",
-    "ProgressReporter": "utils.progress",
-    "Study": "validation.api",
-    "assert_same_light": "validation.compare_renders.regress",
-    "calibrate": "validation.api",
-    "create_dataset": "validation.dataset",
-    "diagnose": "validation.api",
-    "load_capture": "calibration.capture",
-    "load_model": "rendering.model",
-    "load_scene": "scenes",
-    "open_dataset": "validation.dataset",
-    "render": "validation.api",
-    "simulate": "validation.api",
-    "validate": "validation.api",
-}
+_load, __dir__ = lazy_names(__name__)
 
 
 def __getattr__(name: str) -> Any:
-    """Load a name of the interface when it is first used (PEP 562)."""
+    """Name of the interface, loaded when it is first used."""
     if name == "__version__":
         from importlib.metadata import version
 
         return version("cboxlab")
-    if name in _HOMES:
-        return getattr(import_module(f"cboxlab.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'cboxlab' has no attribute '{name}'")
-
-
-def __dir__() -> list[str]:
-    """Names of the module, including those not loaded yet."""
-    return sorted({*globals(), *__all__})
+    return _load(name)

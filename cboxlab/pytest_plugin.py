@@ -3,12 +3,13 @@
     def test_box(same_light):
         same_light("box", "box.nc", seed=2, samples=512, versions={"ourrenderer": "3.2"})
 
-compares the means over surfaces and bands with ``references/box.json``. A missing reference is an error. Only
-``pytest --update-light-references`` writes references.
+compares means over surfaces, bands and blocks, and patterns, with ``references/box.json``. A missing reference is an
+error. Only ``pytest --update-light-references`` writes references.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -18,6 +19,9 @@ __all__ = ["same_light"]
 
 #: Option of pytest by which ``same_light`` writes references instead of comparing with them.
 _OPTION = "--update-light-references"
+
+#: Annotations of pictures that differ, for the end of the run.
+_ANNOTATIONS: pytest.StashKey[list[str]] = pytest.StashKey()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -73,6 +77,33 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
             return
         if not path.exists():
             pytest.fail(f"{path}: no reference. Look at the picture, then write it: pytest {_OPTION}")
-        require_same_light(read_reference(path), measured)
+        try:
+            require_same_light(read_reference(path), measured)
+        except AssertionError as error:
+            file, line, _ = request.node.location
+            found = request.config.stash.setdefault(_ANNOTATIONS, [])
+            found.append(_annotation(file, 1 if line is None else line + 1, name, str(error)))
+            raise
 
     return check
+
+
+def _annotation(file: str, line: int, name: str, message: str) -> str:
+    """Workflow command of GitHub Actions that shows a message at a test."""
+    text = message.replace("%", "%25").replace("\n", "%0A")
+    return f"::error file={file},line={line},title=same_light {name}::{text}"
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """Print an annotation for each picture that differs, where GitHub Actions runs the tests.
+
+    Parameters
+    ----------
+    terminalreporter
+        Reporter of pytest.
+    config
+        Configuration of pytest.
+    """
+    if os.environ.get("GITHUB_ACTIONS"):
+        for line in config.stash.get(_ANNOTATIONS, []):
+            terminalreporter.write_line(line)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Union, get_args, get_origin
 
 import typer
-from cboxlab.calibration.capture.manifest import Manifest
+from cboxlab.calibration.capture.whole_manifest import Manifest
 from cboxlab.rendering.chain import STAGES
 from cboxlab.rendering.effects import Effect, Parameter, catalogue
 from cboxlab.validation.app.commands.app import app

@@ -4,11 +4,13 @@ from cboxlab.utils.errors import InputError
 
 from .camera import Camera
 from .cornell_box import cornell_box, cornell_camera
+from .named_cameras import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel
 from .scene import Lamp, Material, Medium, Scene, Surface, Texture
 from .scene_file import load_scene
 from .spectra import Spectrum, read_spectra, read_spectrum
 
 __all__ = [
+    "NAMED_CAMERA",
     "Camera",
     "InputError",
     "Lamp",
@@ -18,9 +20,12 @@ __all__ = [
     "Spectrum",
     "Surface",
     "Texture",
+    "camera_columns",
+    "camera_names",
     "cornell_box",
     "cornell_camera",
     "load_scene",
+    "named_camera_channel",
     "read_spectra",
     "read_spectrum",
 ]

@@ -1,8 +1,9 @@
-"""Pinhole camera with radial and further distortion, in OpenCV's conventions.
+"""Camera with the distortion of its lens and further distortion, in OpenCV's conventions.
 
 Pixel (0, 0) is the centre of the top-left pixel, u runs right, v down. ``rotation`` takes world to
 camera axes (x right, y down, z forward). A point at normalised image coordinates (x, y) appears at
 f (1 + k1 r^2) (x, y) + principal point, r^2 = x^2 + y^2 (Tsai 1987; OpenCV's first radial term).
+``Lens`` states the formula for a lens of more terms.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+
+from .lens import PLAIN_LENS, Lens
 
 __all__ = ["PARAMETER_NAMES", "REFERENCE_ROTATION", "Camera"]
 
@@ -51,7 +53,7 @@ _PARAMETER_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Pinhole camera with one radial distortion term.
+    """Camera of ten parameters, with the lens's further terms where it has any.
 
     Examples
     --------
@@ -79,11 +81,18 @@ class Camera:
     #: Smooth function of image positions (n, 2), px, by the ten parameters, to further displacements (n, 2), px.
     #: They are at most a few pixels; None for no further distortion.
     further_distortion: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+    #: Model of the distortion, and its terms beyond `k1`.
+    lens: Lens = PLAIN_LENS
 
     @property
     def is_pinhole(self) -> bool:
         """Whether nothing distorts the image."""
-        return self.k1 == 0 and self.further_distortion is None
+        return self.k1 == 0 and self.further_distortion is None and self.lens.one_term
+
+    @property
+    def scales_px(self) -> NDArray[np.float64]:
+        """(2,) focal lengths fx and fy, px."""
+        return self.focal_length_px * np.array([1.0, self.lens.aspect])
 
     @property
     def parameters(self) -> NDArray[np.float64]:
@@ -92,6 +101,8 @@ class Camera:
         Position (mm), Rodrigues vector of R R0^T (degrees), focal length and principal point (px), and k1, with R the
         ``rotation`` and R0 REFERENCE_ROTATION.
         """
+        from scipy.spatial.transform import Rotation  # slow to import
+
         turn = Rotation.from_matrix(self.rotation @ REFERENCE_ROTATION.T).as_rotvec(degrees=True)
         return np.concatenate([self.position_mm, turn, [self.focal_length_px], self.principal_point_px, [self.k1]])
 
@@ -106,8 +117,10 @@ class Camera:
         Returns
         -------
         Camera
-            The camera, with the same covariance and further distortion.
+            The camera, with the same lens, covariance and further distortion.
         """
+        from scipy.spatial.transform import Rotation  # slow to import
+
         p = np.asarray(values, float)
         rotation = Rotation.from_rotvec(p[3:6], degrees=True).as_matrix() @ REFERENCE_ROTATION
         return replace(
@@ -135,8 +148,25 @@ class Camera:
         local = (np.asarray(points_mm, float) - self.position_mm) @ self.rotation.T
         with np.errstate(divide="ignore", invalid="ignore"):
             xy = np.where(local[:, 2:] > 0, local[:, :2] / local[:, 2:], np.nan)
-        radial = 1.0 + self.k1 * np.sum(xy**2, axis=1, keepdims=True)
-        return self.displaced(self.focal_length_px * radial * xy + self.principal_point_px)
+        return self.at_slopes(xy)
+
+    def at_slopes(self, slopes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Image positions of rays by their slopes.
+
+        Parameters
+        ----------
+        slopes
+            (n, 2) x / z and y / z in the camera's axes.
+
+        Returns
+        -------
+        NDArray
+            (n, 2) positions u, v, px.
+        """
+        if self.lens.one_term:
+            radial = 1.0 + self.k1 * np.sum(slopes**2, axis=1, keepdims=True)
+            return self.displaced(self.focal_length_px * radial * slopes + self.principal_point_px)
+        return self.displaced(self.scales_px * self.lens.distorted(slopes, self.k1) + self.principal_point_px)
 
     def motion_px(self, other: Camera, points_mm: ArrayLike) -> float:
         """Distance between the images of points in two cameras.
@@ -264,7 +294,8 @@ class Camera:
     def slopes(self, u_px: ArrayLike, v_px: ArrayLike) -> NDArray[np.float64]:
         """Slopes of the rays through pixel positions, with the distortion inverted.
 
-        Newton's method solves r (1 + k1 r^2) = R, with R the distorted radius over the focal length.
+        Newton's method solves r (1 + k1 r^2) = R, with R the distorted radius over the focal length. ``Lens`` inverts
+        the distortion of more terms.
 
         Parameters
         ----------
@@ -280,6 +311,9 @@ class Camera:
         u, v = np.broadcast_arrays(np.asarray(u_px, float), np.asarray(v_px, float))
         image = np.stack([u, v], -1)
         image = self.undisplaced(image.reshape(-1, 2)).reshape(image.shape)
+        if not self.lens.one_term:
+            distorted = (image - self.principal_point_px) / self.scales_px
+            return self.lens.undistorted(distorted.reshape(-1, 2), self.k1).reshape(distorted.shape)
         distorted = (image - self.principal_point_px) / self.focal_length_px
         radius = np.hypot(distorted[..., 0], distorted[..., 1])
         undistorted = np.where(radius * np.sqrt(max(-27.0 * self.k1, 0.0)) < 2.0, radius, np.nan)

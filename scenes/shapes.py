@@ -5,16 +5,20 @@ A mesh is (vertices (n, 3), faces (m, 3)), faces counter-clockwise seen from the
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from io import BytesIO
 from operator import itemgetter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+
+if TYPE_CHECKING:
+    import trimesh
 
 __all__ = [
     "Mesh",
@@ -39,6 +43,9 @@ PLANE_TOLERANCE = 1e-4
 
 #: Number of divisions of an icosahedron's faces for a sphere: 20,480 triangles, edges of a thirtieth of the radius.
 _SPHERE_DIVISIONS = 5
+
+#: Lines of an OBJ file that select a material.
+_MATERIAL_LINE = re.compile(rb"^[ \t]*(?:usemtl|mtllib)\b[^\n]*\n", re.MULTILINE)
 
 #: Height above the lowest vertex, mm, below which a vertex stands on the floor: rounding of rotations.
 STANDING_MM = 1e-3
@@ -215,6 +222,9 @@ def box_mesh(center_mm: ArrayLike, size_mm: ArrayLike, yaw_deg: float) -> Mesh:
     Mesh
         8 vertices, mm, and 12 triangles.
     """
+    import trimesh  # slow to import
+    from scipy.spatial.transform import Rotation
+
     shape = trimesh.creation.box(extents=np.asarray(size_mm, float))
     turned = Rotation.from_euler("y", yaw_deg, degrees=True).apply(np.asarray(shape.vertices, float))
     return turned + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
@@ -235,6 +245,8 @@ def sphere_mesh(center_mm: ArrayLike, radius_mm: float) -> Mesh:
     Mesh
         20,480 triangles. The distances of their points from the centre are within 0.02 % of the radius.
     """
+    import trimesh  # slow to import
+
     shape = trimesh.creation.icosphere(_SPHERE_DIVISIONS)
     scale = radius_mm * np.sqrt(4 * np.pi / shape.area)
     return scale * np.asarray(shape.vertices) + np.asarray(center_mm, float), np.asarray(shape.faces, np.int64)
@@ -255,6 +267,8 @@ def turned_about_vertical(vertices_mm: ArrayLike, yaw_deg: float) -> NDArray[np.
     NDArray
         (n, 3) turned vertices, mm.
     """
+    from scipy.spatial.transform import Rotation  # slow to import
+
     vertices = np.asarray(vertices_mm, float)
     height = vertices[:, 1]
     footprint = np.unique(vertices[height < height.min() + STANDING_MM], axis=0)
@@ -338,15 +352,19 @@ def file_uv(path: Path) -> NDArray[np.float64] | None:
 
 def _loaded(path: Path) -> trimesh.Trimesh:
     """Mesh of a file; InputError if it cannot be read."""
+    import trimesh  # slow to import
+
     expected = "a readable mesh: .obj, .ply or .stl"
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("obj", "ply", "stl"):
         raise InputError(path, f"a file of kind '{kind}'", expected)
     require_regular_file(path, expected)
     try:
-        with open(path, "rb") as stream:
-            # skip_materials: reflectances come from the scene file, and no other file may be opened
-            return trimesh.load_mesh(stream, file_type=kind, process=False, skip_materials=True)
+        content = path.read_bytes()
+        if kind == "obj":  # time grows with the square of the materials, and reflectances come from the scene file
+            content = _MATERIAL_LINE.sub(b"", content)
+        # skip_materials: no other file may be opened
+        return trimesh.load_mesh(BytesIO(content), file_type=kind, process=False, skip_materials=True)
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
     except Exception as error:  # the mesh parsers raise exceptions of any type on damaged input

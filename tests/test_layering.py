@@ -23,7 +23,13 @@ MAY_IMPORT = {room: set(ROOMS[:index]) for index, room in enumerate(ROOMS)}
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 #: Catalogues: one file for each effect, check of a capture, family of explanations or command.
-CATALOGUES = {"render.effects", "calibration.quality", "validate.diagnose.families", "validate.app.commands"}
+CATALOGUES = {
+    "render.effects",
+    "calibration.quality",
+    "validate.diagnose.families",
+    "validate.compare_renders.regress.causes",
+    "validate.app.commands",
+}
 
 #: Modules of any other package.
 MOST_MODULES = 16

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import matplotlib
 import pytest
-from cboxlab.calibration.capture.manifest import Manifest
+from cboxlab.calibration.capture.whole_manifest import Manifest
 from cboxlab.rendering.effects import catalogue
 from cboxlab.rendering.model import load_model
 from cboxlab.validation.app.commands.app import app

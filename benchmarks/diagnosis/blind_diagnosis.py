@@ -247,7 +247,7 @@ def run(case: Case) -> dict[str, Any] | None:
         return {**row, **told, "strength": "", "truth": {case.names[0]: {}}, "family_true": row["truth"]}
     generator = np.random.default_rng([case.seed, len(case.key)])
     place = laboratory(case.laboratory, case.box, case.instrument)
-    bands = tuple(place.settings.filters)
+    bands = place.settings.band_ids
     given, effects, bounces = place.model, [], None
     truncating = [catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"]
     if truncating:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.synthetic import CaptureSettings, band_filters, tungsten_lamp
+from cboxlab.rendering.synthetic import CaptureSettings, band_filters, behind_mosaic, tungsten_lamp
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 
@@ -232,4 +232,6 @@ INSTRUMENTS: dict[str, tuple[int, Callable[[CaptureSettings], CaptureSettings]]]
             filters=_filters([410.0 + 30 * i for i in range(10)], 22.0, 0.55),
         ),
     ),
+    "bayer": (64, lambda s: behind_mosaic(s, "RGGB")),
+    "x-trans": (64, lambda s: behind_mosaic(s, "GGRGGB GGBGGR BRGRBG GGBGGR GGRGGB RBGBRG")),
 }

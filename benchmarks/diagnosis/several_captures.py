@@ -64,7 +64,7 @@ def _told(found: Diagnosis) -> str:
 def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], strength: str, seed: int) -> bool:
     camera, settings = perturbed_camera(SIZE_PX, seed), CaptureSettings()
     scale = scale_of(Model(), camera, settings, seed)
-    box, bands = photographed_scene(Model()), tuple(settings.filters)
+    box, bands = photographed_scene(Model()), settings.band_ids
     effect = drawn(truth, strength, np.random.default_rng(seed), scale, box, bands)
     if effect is None:
         print(f"{truth}: cannot be so strong", flush=True)

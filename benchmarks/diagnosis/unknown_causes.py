@@ -23,7 +23,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.integrators import RenderJob, render_to_precision
 from cboxlab.rendering.model import Model
-from cboxlab.rendering.synthetic import CaptureSettings, write_photographs
+from cboxlab.rendering.synthetic import CaptureSettings, behind_mosaic, write_photographs
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -46,9 +46,13 @@ _PLACE = 0.1
 
 
 @cache
-def laboratory(seed: int) -> tuple[Camera, CaptureSettings, Scene]:
-    """A camera, the rest of a laboratory, and its box."""
-    return perturbed_camera(SIZE_PX, seed), varied_settings(seed), with_block_offsets(photographed_scene(Model()), seed)
+def laboratory(seed: int, mosaic: str = "") -> tuple[Camera, CaptureSettings, Scene]:
+    """A camera, the rest of a laboratory, and its box.
+
+    mosaic : pattern of a colour sensor, empty for the seven filters.
+    """
+    settings = behind_mosaic(varied_settings(seed), mosaic) if mosaic else varied_settings(seed)
+    return perturbed_camera(SIZE_PX, seed), settings, with_block_offsets(photographed_scene(Model()), seed)
 
 
 def _image(scene: Scene, camera: Camera, seed: int, error: float = _PICTURE_ERROR) -> RenderedImage:
@@ -61,13 +65,14 @@ def _sound(place: int, seed: int) -> RenderedImage:
     return _image(box, camera, seed)
 
 
-def write_capture(folder: Path, name: str, seed: int, taken: int = 0) -> Truth:
+def write_capture(folder: Path, name: str, seed: int, taken: int = 0, mosaic: str = "") -> Truth:
     """One capture with a cause; ``none`` leaves the box sound.
 
     taken : how often it was taken before: the same box, camera and cause, but other noise in picture and frames.
+    mosaic : pattern of a colour sensor, empty for the seven filters.
     """
     place = 9000 + seed % _LABORATORIES
-    camera, settings, box = laboratory(place)
+    camera, settings, box = laboratory(place, mosaic)
     draw = np.random.default_rng([seed, len(name)])
     noise = seed + 5000 * taken
     made = Made(Truth("none")) if name == "none" else CAUSES[name](draw, box, camera)
@@ -96,11 +101,11 @@ def write_capture(folder: Path, name: str, seed: int, taken: int = 0) -> Truth:
     return made.truth
 
 
-def run(name: str, seed: int, keep: Path | None) -> dict[str, Any]:
+def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, Any]:
     """Make one capture, diagnose it, and score the explanation."""
     with tempfile.TemporaryDirectory() as temporary:
         folder = (keep or Path(temporary)) / f"{name}-{seed}"
-        truth = write_capture(folder, name, seed)
+        truth = write_capture(folder, name, seed, mosaic=mosaic)
         start, cpu = time.perf_counter(), time.process_time()
         diagnosis = diagnose(validate_capture(load_capture(folder), Model()))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
@@ -146,6 +151,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--results", type=Path, default=Path("unknown_causes.jsonl"))
+    parser.add_argument("--mosaic", default="", help="pattern of a colour sensor; causes of a single filter have none")
     parser.add_argument("--keep", type=Path, help="folder in which the captures stay")
     options = parser.parse_args()
     lines = options.results.read_text().splitlines() if options.results.exists() else []
@@ -154,7 +160,7 @@ def main() -> None:
         for name in options.causes.split(","):
             if f"{name}:{seed}" in rows:
                 continue
-            row = run(name, seed, options.keep)
+            row = run(name, seed, options.keep, options.mosaic)
             rows[row["key"]] = row
             with options.results.open("a") as file:
                 file.write(json.dumps(row) + "\n")

@@ -1,20 +1,29 @@
 """A capture on disk: its manifest, frames and labels, and their checks."""
 
-from .capture import Capture, FrameTable, load_capture
-from .first_manifest import FirstManifest, write_first_manifest
-from .labels import Label
-from .manifest import BandTable, BracketTable, DarkTable, FlatTable, ReferenceTable
-from .manifest_faults import nearest
-from .mosaic import (
-    band_channels,
-    brighter_channel_notes,
-    channel_lattice,
-    channel_mask,
-    chosen_channel_notes,
-    file_mosaic_notes,
-    pattern_rows,
-    shares_frames,
-)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .capture import Capture, FrameTable, load_capture
+    from .first_manifest import FirstManifest, write_first_manifest
+    from .labels import Label
+    from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
+    from .manifest_faults import nearest
+    from .mosaic import (
+        band_channels,
+        brighter_channel_notes,
+        channel_lattice,
+        channel_letters,
+        channel_mask,
+        checked_pattern,
+        chosen_channel_notes,
+        file_mosaic_notes,
+        pattern_rows,
+        shares_frames,
+    )
 
 __all__ = [
     "BandTable",
@@ -25,11 +34,15 @@ __all__ = [
     "FlatTable",
     "FrameTable",
     "Label",
+    "LensTable",
     "ReferenceTable",
+    "TargetTable",
     "band_channels",
     "brighter_channel_notes",
     "channel_lattice",
+    "channel_letters",
     "channel_mask",
+    "checked_pattern",
     "chosen_channel_notes",
     "file_mosaic_notes",
     "load_capture",
@@ -38,3 +51,5 @@ __all__ = [
     "shares_frames",
     "write_first_manifest",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -2,33 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from cboxlab.scenes import Scene, load_scene
+from cboxlab.scenes import Scene, load_scene, named_camera_channel
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
+from cboxlab.utils.frozen import FrozenDict
 from numpy.typing import NDArray
 from PIL import Image
 
 from .checks import TABLES_OF_FRAMES, capture_faults
-from .frames import picture_names, pictures_by_file, read_frame, read_frames, split_name
+from .frames import (
+    UNKNOWN_VALUE,
+    picture_names,
+    pictures_by_file,
+    read_frame,
+    read_frames,
+    read_merged,
+    split_name,
+)
 from .labels import Label, read_labels
 from .manifest import (
     BandTable,
     BracketTable,
     FlatTable,
-    Manifest,
     ReferenceTable,
     pattern_rows,
     split_channel,
 )
 from .manifest_faults import raise_faults, read_manifest
+from .reduction import Reduction, reduced_manifest, reduction_of
+from .whole_manifest import Manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
 
@@ -52,6 +63,13 @@ class Capture:
     manifest: Manifest
     #: Count at which pixels saturate below full scale, DN; None if they do not. See ``with_full_well``.
     full_well_dn: int | None = None
+    #: By reference to a channel of a named camera, its peak quantum efficiency over the largest one, measured from the
+    #: references; empty where not measured.
+    channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
+    #: Window and blocks of the stored frames that are the pixels in use; None where the stored pixels are.
+    reduction: Reduction | None = None
+    #: Reduced frames that were read, by name.
+    reduced_frames: dict[str, NDArray[np.uint32]] = field(default_factory=dict, repr=False)
 
     @property
     def band_ids(self) -> tuple[str, ...]:
@@ -64,14 +82,23 @@ class Capture:
         return self.manifest.camera.height_px, self.manifest.camera.width_px
 
     @property
+    def is_merged(self) -> bool:
+        """Whether the frames are merged pictures of floating-point values."""
+        return self.manifest.noise is not None
+
+    @property
     def full_scale_dn(self) -> int:
-        """The largest count that can be stored, DN."""
+        """The largest count that can be stored, DN; UNKNOWN_VALUE for merged pictures."""
+        if self.is_merged:
+            return int(UNKNOWN_VALUE)
         return 2**self.manifest.camera.bit_depth - 1
 
     @property
     def saturation_dn(self) -> int:
-        """The count from which a pixel is saturated, DN: full scale, or the full well below it."""
-        return self.full_scale_dn if self.full_well_dn is None else self.full_well_dn
+        """The count from which a pixel is saturated, DN: full scale, or the white level or full well below it."""
+        white = self.manifest.camera.white_level_dn
+        limits = (self.full_scale_dn, self.full_well_dn, None if white is None else int(white))
+        return min(limit for limit in limits if limit is not None)
 
     @property
     def cell(self) -> tuple[int, int] | None:
@@ -104,8 +131,36 @@ class Capture:
                 return band
         raise KeyError(f"no band '{identifier}'; there are {', '.join(self.band_ids)}")
 
-    def frame(self, path: str) -> NDArray[np.uint16]:
+    def frame(self, path: str) -> NDArray[np.uint16] | NDArray[np.uint32] | NDArray[np.float64]:
         """Counts of one frame.
+
+        Parameters
+        ----------
+        path
+            Path in the manifest.
+
+        Returns
+        -------
+        NDArray
+            (y, x) counts, DN; sums over blocks of a reduced capture; values of a merged picture.
+
+        Raises
+        ------
+        InputError
+            For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
+        """
+        if self.reduction is not None and not self.is_merged:
+            if path not in self.reduced_frames:
+                self.reduced_frames[path] = self.reduction.counts(self.stored_frame(path))
+            return self.reduced_frames[path]
+        file, number = split_name(self.folder, path)
+        if self.is_merged:
+            picture = range(number or 0, (number or 0) + 1)
+            return read_merged(self.folder / file, *self.shape, picture)[0]
+        return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
+
+    def stored_frame(self, path: str) -> NDArray[np.uint16]:
+        """Counts of one frame as stored, without reduction.
 
         Parameters
         ----------
@@ -123,9 +178,12 @@ class Capture:
             For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
         """
         file, number = split_name(self.folder, path)
-        return read_frame(self.folder / file, *self.shape, self.manifest.camera.bit_depth, number or 0)
+        shape, depth, part = self.shape, self.manifest.camera.bit_depth, self.reduction
+        if part is not None:
+            shape, depth = (part.full_height_px, part.full_width_px), part.bit_depth
+        return read_frame(self.folder / file, *shape, depth, number or 0)
 
-    def frames(self, table: FrameTable) -> NDArray[np.uint16]:
+    def frames(self, table: FrameTable) -> NDArray:
         """Counts of all frames of a table.
 
         Parameters
@@ -136,9 +194,13 @@ class Capture:
         Returns
         -------
         NDArray
-            (repeat, y, x) counts, uint16, DN.
+            (repeat, y, x) counts, DN; sums over blocks of a reduced capture; values of merged pictures.
         """
+        if self.reduction is not None and not self.is_merged:
+            return np.stack([self.frame(name) for name in table.frames])
         files = pictures_by_file(self.folder, table.frames)
+        if self.is_merged:
+            return np.concatenate([read_merged(file, *self.shape, pictures) for file, pictures in files])
         depth = self.manifest.camera.bit_depth
         return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
 
@@ -228,13 +290,15 @@ class Capture:
         Parameters
         ----------
         reference
-            Column of a file, ``file.csv:column``.
+            Column of a file, ``file.csv:column``, or a channel of a named camera, ``camera:NAME:R``.
 
         Returns
         -------
         Spectrum
             Zero beyond its table.
         """
+        if (channel := named_camera_channel(reference)) is not None:
+            return channel.scaled(self.channel_levels.get(reference, 1.0))
         return read_spectrum(self.folder, reference, "zero")
 
     def quantum_efficiency(self, channel: str | None = None) -> Spectrum | None:
@@ -298,11 +362,17 @@ class Capture:
         ------
         ValueError
             If the capture has no [labels].
+        InputError
+            If [labels] states no image.
         """
         if self.manifest.labels is None:
             raise ValueError("the capture has no [labels]")
+        if self.manifest.labels.image is None:
+            where = self.folder / "capture.toml: labels.image"
+            raise InputError(where, "no label image", "an 8-bit PNG with a label per pixel")
         with Image.open(self.folder / self.manifest.labels.image) as image:
-            return np.asarray(image, np.uint8)
+            labels = np.asarray(image, np.uint8)
+        return labels if self.reduction is None else self.reduction.labels(labels)
 
     def label_names(self) -> tuple[Label, ...]:
         """The rows of the label table.
@@ -363,7 +433,11 @@ def load_capture(folder: Path) -> Capture:
     path = folder / "capture.toml"
     manifest = read_manifest(path)
     raise_faults(path, capture_faults(folder, manifest))
-    return Capture(folder, _with_each_picture(folder, manifest))
+    manifest = _with_each_picture(folder, manifest)
+    reduction = reduction_of(folder, manifest)
+    if reduction is None:
+        return Capture(folder, manifest)
+    return Capture(folder, reduced_manifest(manifest, reduction), reduction=reduction)
 
 
 def _with_each_picture(folder: Path, manifest: Manifest) -> Manifest:

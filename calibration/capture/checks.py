@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from cboxlab.scenes import NAMED_CAMERA
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import kind_of
@@ -15,8 +16,10 @@ from PIL import Image, UnidentifiedImageError
 from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
-from .manifest import CameraTable, Manifest, channel_letters, is_channel
+from .lens_checks import lens_faults
+from .manifest import CameraTable, NoiseTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
+from .whole_manifest import Manifest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
 
@@ -87,6 +90,10 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                 "List all its frames in one table.",
             )
     yield from _mosaic_faults(path, manifest)
+    yield from _level_faults(path, manifest)
+    yield from lens_faults(path, manifest)
+    yield from _reduction_faults(path, manifest)
+    yield from _noise_faults(path, manifest)
     camera = manifest.camera
     crop = manifest.crop
     if crop is not None:
@@ -100,6 +107,40 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                     f"a window that ends at {start + size} px",
                     f"an end within full_{axis}_px = {full}",
                 )
+
+
+def _noise_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """Contradictions between the kind of noise of merged pictures and its keys."""
+    noise = manifest.noise
+    if noise is None:
+        return
+    stated = [key for key in ("gain_e_per_unit", "read_noise_e") if getattr(noise, key) is not None]
+    if noise.kind == "poisson" and noise.gain_e_per_unit is None:
+        example = example_of(NoiseTable, "gain_e_per_unit")
+        yield InputError(f"{path}: noise.gain_e_per_unit", "nothing", "this key", f"Add it, such as {example}")
+    if noise.kind != "poisson" and stated:
+        hint = f'Leave it out, or state kind = "poisson", not "{noise.kind}".'
+        yield InputError(f"{path}: noise.{stated[0]}", "a key of kind = 'poisson'", "no such key", hint)
+
+
+def _reduction_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """A window outside the frame, blocks larger than it, and blocks behind a mosaic."""
+    camera = manifest.camera
+    width, height = camera.width_px, camera.height_px
+    if camera.window_px is not None:
+        u0, v0, columns, rows = camera.window_px
+        if min(u0, v0) < 0 or min(columns, rows) < 1 or u0 + columns > width or v0 + rows > height:
+            expected = f"first column, first row, columns and rows within {width} x {height} px"
+            yield InputError(f"{path}: camera.window_px", f"{list(camera.window_px)}", expected)
+            return
+        width, height = columns, rows
+    if camera.binning is not None and camera.binning > min(width, height):
+        yield InputError(f"{path}: camera.binning", f"{camera.binning}", f"at most {min(width, height)}")
+    if camera.binning not in (None, 1) and (manifest.mosaic is not None or manifest.noise is not None):
+        table = (
+            "[mosaic]: its pixels see different channels" if manifest.mosaic else "[noise]: its values are no counts"
+        )
+        yield InputError(f"{path}: camera.binning", f"{camera.binning} with {table}", "1, or no binning")
 
 
 def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
@@ -130,6 +171,27 @@ def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                 f"'{band.channel}'",
                 f"one of {', '.join(letters)}, or one pixel of the repeat, such as '{letters[0]}1'",
             )
+
+
+def _level_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """Black and white levels that the counts or the mosaic do not allow."""
+    camera, full_scale = manifest.camera, 2**manifest.camera.bit_depth - 1
+    black, white = camera.black_level_dn, camera.white_level_dn
+    where = f"{path}: camera.black_level_dn"
+    if isinstance(black, dict):
+        pattern = "" if manifest.mosaic is None else manifest.mosaic.pattern
+        letters = channel_letters(pattern)
+        if not letters:
+            yield InputError(where, "a table", "one number", "A table needs [mosaic].")
+        elif not set(letters) <= set(black) or not all(is_channel(pattern, channel) for channel in black):
+            yield InputError(where, f"a table with {', '.join(black)}", f"one with {', '.join(letters)}")
+    highest = max(black.values(), default=0.0) if isinstance(black, dict) else black or 0.0
+    limit = full_scale if white is None else min(white, full_scale)
+    if highest >= limit:
+        yield InputError(where, f"{highest:g} DN", f"less than the white level, {limit:g} DN")
+    if white is not None and white > full_scale:
+        expected = f"at most the largest count, {full_scale} DN for {camera.bit_depth} bits"
+        yield InputError(f"{path}: camera.white_level_dn", f"{white:g} DN", expected)
 
 
 def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
@@ -198,17 +260,21 @@ def _file_checks(folder: Path, path: Path, manifest: Manifest) -> Iterator[Calla
             file, number = _file_of(folder, name)
             yield partial(_check_file, folder, path, key, file)
             if _is_readable(folder / file):
-                yield partial(_check_pictures, f"{path}: {key}", folder / file, number, camera)
+                merged = manifest.noise is not None
+                yield partial(_check_pictures, f"{path}: {key}", folder / file, number, camera, merged)
         yield partial(_check_once, folder, f"{path}: {key}", names)
     tables: dict[str, dict[str, Spectrum] | None] = {}
     for key, reference in _references(manifest):
+        if reference.startswith(NAMED_CAMERA):
+            continue
         yield partial(_check_spectrum, folder, path, key, reference, tables)
     if manifest.geometry is not None:
         yield partial(_check_file, folder, path, "geometry.points", manifest.geometry.points)
     if labels is not None:
-        yield partial(_check_file, folder, path, "labels.image", labels.image)
-        if _is_readable(folder / labels.image):
-            yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
+        if labels.image is not None:
+            yield partial(_check_file, folder, path, "labels.image", labels.image)
+            if _is_readable(folder / labels.image):
+                yield partial(_check_labels_image, folder / labels.image, camera.height_px, camera.width_px)
         yield partial(_check_file, folder, path, "labels.names", labels.names)
         if _is_readable(folder / labels.names):
             yield partial(_check_label_table, folder / labels.names)
@@ -226,9 +292,10 @@ def _file_of(folder: Path, name: str) -> tuple[str, int | None]:
         return name, None
 
 
-def _check_pictures(where: str, path: Path, number: int | None, camera: CameraTable) -> None:
+def _check_pictures(where: str, path: Path, number: int | None, camera: CameraTable, merged: bool) -> None:
     """Raise InputError for a file that is no frame of the camera, or lacks the picture."""
-    count = check_frame(path, camera.height_px, camera.width_px).pictures
+    one_band = number is not None
+    count = check_frame(path, camera.height_px, camera.width_px, one_band=one_band, merged=merged).pictures
     if number is not None and number >= count:
         raise InputError(
             where, f"the picture [{number}] of {path.name}", f"0 to {count - 1}: it holds {count} pictures"

@@ -34,11 +34,11 @@ from .manifest import (
     GeometryTable,
     LampTable,
     LensTable,
-    Manifest,
     ReferenceTable,
     TargetTable,
     example_of,
 )
+from .whole_manifest import Manifest
 
 __all__ = ["FirstManifest", "MissingKey", "write_first_manifest"]
 

@@ -11,9 +11,21 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from ..frame_readers import FrameHeader, frame_header, read_pictures
+from ..frame_readers import FrameHeader, frame_header, read_pictures, read_values
 
-__all__ = ["check_frame", "picture_names", "pictures_by_file", "read_frame", "read_frames", "split_name"]
+__all__ = [
+    "UNKNOWN_VALUE",
+    "check_frame",
+    "picture_names",
+    "pictures_by_file",
+    "read_frame",
+    "read_frames",
+    "read_merged",
+    "split_name",
+]
+
+#: Value that stands for one that is not finite in a merged picture: the largest of single precision, never measured.
+UNKNOWN_VALUE = float(np.finfo(np.float32).max)
 
 #: One picture of a file with several, such as ``box.fits[3]``.
 _PICTURE = re.compile(r"(?P<file>.+)\[(?P<number>\d{1,6})\]")
@@ -84,7 +96,7 @@ def pictures_by_file(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path,
         yield folder / file, None if first is None else range(first, first + len(members))
 
 
-def check_frame(path: Path, height: int, width: int) -> FrameHeader:
+def check_frame(path: Path, height: int, width: int, *, one_band: bool = False, merged: bool = False) -> FrameHeader:
     """Check a file of frames by its header: format, size, completeness.
 
     Parameters
@@ -95,6 +107,10 @@ def check_frame(path: Path, height: int, width: int) -> FrameHeader:
         Rows that the manifest states, px.
     width
         Columns that the manifest states, px.
+    one_band
+        Whether the manifest names one of the file's pictures, which may then be of different bands.
+    merged
+        Whether the frames are merged pictures of floating-point values.
 
     Returns
     -------
@@ -113,10 +129,50 @@ def check_frame(path: Path, height: int, width: int) -> FrameHeader:
             f"{header.shape[1]} x {header.shape[0]} pixels (width x height)",
             f"{width} x {height} as in [camera] of capture.toml",
         )
-    if header.bands:
-        hint = "Write each band into a file."
+    if header.is_floating and not merged:
+        hint = "State the noise of merged pictures in [noise], or export counts."
+        raise InputError(path, "floating-point values", "counts of 16 bits", hint)
+    if header.bands and not one_band:
+        hint = f"Name one of them, such as '{path.name}[0]' for {header.bands[0]}, or write each band into a file."
         raise InputError(path, f"the bands {', '.join(header.bands)} in one file", "frames of one band", hint)
     return header
+
+
+def _require_pictures(path: Path, header: FrameHeader, pictures: range | None) -> None:
+    """Raise InputError for pictures that a file does not hold."""
+    if pictures is not None and pictures.stop > header.pictures:
+        expected = f"0 to {header.pictures - 1}: the file holds {header.pictures} pictures"
+        raise InputError(path, f"the picture [{pictures.stop - 1}]", expected)
+
+
+def read_merged(path: Path, height: int, width: int, pictures: range | None = None) -> NDArray[np.float64]:
+    """Values of merged pictures of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    height
+        Rows that the manifest states, px.
+    width
+        Columns that the manifest states, px.
+    pictures
+        Numbers of the pictures; all where left out.
+
+    Returns
+    -------
+    NDArray
+        (n, height, width) values; UNKNOWN_VALUE for those that are not finite.
+
+    Raises
+    ------
+    InputError
+        If the header does not fit, or a picture is not in the file.
+    """
+    header = check_frame(path, height, width, one_band=pictures is not None, merged=True)
+    _require_pictures(path, header, pictures)
+    values = read_values(path, pictures)
+    return np.where(np.isfinite(values), np.minimum(values, UNKNOWN_VALUE), UNKNOWN_VALUE)
 
 
 def read_frames(
@@ -147,10 +203,7 @@ def read_frames(
     InputError
         If the header does not fit, a picture is not in the file, or a count is out of range.
     """
-    header = check_frame(path, height, width)
-    if pictures is not None and pictures.stop > header.pictures:
-        expected = f"0 to {header.pictures - 1}: the file holds {header.pictures} pictures"
-        raise InputError(path, f"the picture [{pictures.stop - 1}]", expected)
+    _require_pictures(path, check_frame(path, height, width, one_band=pictures is not None), pictures)
     counts = read_pictures(path, pictures)
     limit = 2**bit_depth - 1
     if counts.max() > limit:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
+from cboxlab.scenes import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -24,16 +25,18 @@ __all__ = [
     "CameraTable",
     "CropTable",
     "DarkTable",
+    "DefaultsTable",
     "FlatTable",
     "GeometryTable",
     "LabelsTable",
     "LampTable",
     "LensTable",
-    "Manifest",
     "MosaicTable",
+    "NoiseTable",
     "ReferenceTable",
     "TargetTable",
     "channel_letters",
+    "checked_pattern",
     "example_of",
     "is_channel",
     "pattern_rows",
@@ -60,9 +63,23 @@ def _inside(path: str) -> str:
 def _column(reference: str) -> str:
     """The column reference itself; ValueError for one that is not ``file.csv:column``."""
     name, _, column = reference.rpartition(":")
+    if reference.startswith(NAMED_CAMERA):
+        if named_camera_channel(reference) is None:
+            raise ValueError(f"a channel of a known camera, such as '{NAMED_CAMERA}{camera_names()[0]}:R'")
+        return reference
     if not name or not column:
         raise ValueError("a column of a file, 'file.csv:column'")
     return f"{_inside(name)}:{column}"
+
+
+def _of_camera(value: Any) -> Any:
+    """The table of a named camera's channels; any other value itself."""
+    if not isinstance(value, str) or not value.startswith(NAMED_CAMERA):
+        return value
+    columns = camera_columns(value.removeprefix(NAMED_CAMERA))
+    if columns is None:
+        raise ValueError(f"a known camera: {', '.join(NAMED_CAMERA + name for name in camera_names())}")
+    return columns
 
 
 def _distinct(paths: tuple[str, ...]) -> tuple[str, ...]:
@@ -142,8 +159,24 @@ def is_channel(pattern: str, channel: str) -> bool:
     return channel == letter if number is None else 1 <= number <= pattern.count(letter)
 
 
-def _pattern(pattern: str) -> str:
-    """The mosaic pattern itself; ValueError for one that is no repeat of two letters or more."""
+def checked_pattern(pattern: str) -> str:
+    """A mosaic pattern, unchanged.
+
+    Parameters
+    ----------
+    pattern
+        Letters of one repeat, see ``pattern_rows``.
+
+    Returns
+    -------
+    str
+        The pattern itself.
+
+    Raises
+    ------
+    ValueError
+        If it is no repeat of two letters or more.
+    """
     rows = pattern_rows(pattern)
     letters = "".join(rows)
     one_length = len({len(row) for row in rows}) == 1 and (" " in pattern or len(pattern) == 4)
@@ -176,6 +209,10 @@ def _kind_or_table(value: Any) -> str:
     return "<table>" if isinstance(value, dict) else _kind(value)
 
 
+def _number_or_table(value: Any) -> str:
+    return "<table>" if isinstance(value, dict) else "<number>"
+
+
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
@@ -184,6 +221,9 @@ NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_some_size)]
 Moment = Annotated[float, AfterValidator(_of_some_size)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
+Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
+Window = Annotated[tuple[int, int, int, int], BeforeValidator(_tuple)]
+Coefficients = Annotated[tuple[float, ...], BeforeValidator(_tuple)]
 
 
 QuantumEfficiency = Annotated[
@@ -191,6 +231,13 @@ QuantumEfficiency = Annotated[
     | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")]
     | Annotated[dict[Name, ColumnReference], Tag("<table>")],
     Discriminator(_kind_or_table),
+    BeforeValidator(_of_camera),
+]
+
+
+BlackLevel = Annotated[
+    Annotated[NotNegative, Tag("<number>")] | Annotated[dict[Name, NotNegative], Tag("<table>")],
+    Discriminator(_number_or_table),
 ]
 
 
@@ -232,10 +279,34 @@ class CameraTable(_Table):
         "electrons per count; measured from repeats where there are any", "12.0", None
     )
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
+    binning: Count | None = _key(
+        "side of the square blocks whose counts are summed to one pixel; where left out, frames of more than 4 "
+        "megapixels have about 256 pixels across the surveyed points; pixels behind a [mosaic] are not summed",
+        "8",
+        None,
+    )
+    window_px: Window | None = _key(
+        "first column, first row, columns and rows of the part of the frames in use; where left out, the surveyed "
+        "points with half their extent around them in frames of more than 4 megapixels",
+        "[1200, 300, 3600, 3400]",
+        None,
+    )
     readout_s: NotNegative = _key("time between the end of a repeat and the start of the next, s", "1.2", 1.2)
     quantum_efficiency: QuantumEfficiency | None = _key(
-        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, or a list for R, G, B",
+        "electrons per photon, 0 to 1; with a [mosaic] a table, a column for each letter, a list for R, G, B, or a "
+        "camera that colour-science knows, 'camera:NAME'",
         '"spectra/camera.csv:quantum_efficiency"',
+        None,
+    )
+    black_level_dn: BlackLevel | None = _key(
+        "counts of no light and no exposure, where no darks say it, or a table with one for each channel; that of the "
+        "raw files where left out",
+        "512",
+        None,
+    )
+    white_level_dn: Positive | None = _key(
+        "counts from which a pixel is saturated, below the largest count; that of the raw files where left out",
+        "16000",
         None,
     )
 
@@ -247,6 +318,19 @@ class LensTable(_Table):
         "nominal focal length, mm; for the absolute scale and the first guess of the camera", "35.0", None
     )
     transmittance: ColumnReference | None = _key("of the lens, 0 to 1", '"spectra/camera.csv:lens"', None)
+    fx_px: Positive | None = _key(
+        "horizontal focal length, px, where it was calibrated beforehand; then it is not fitted", "3012.4", None
+    )
+    fy_px: Positive | None = _key("vertical focal length, px; that of fx_px where left out", "3011.8", None)
+    distortion: Coefficients | None = _key(
+        "OpenCV's k1, k2, p1, p2, k3, or k1 to k4 of a fisheye, where they were calibrated beforehand; then they are "
+        "not fitted",
+        "[-0.12, 0.08, 0.0003, -0.0002, 0.0]",
+        None,
+    )
+    model: Literal["fisheye"] | None = _key(
+        "OpenCV's fisheye model; the points choose between it and the polynomial where left out", '"fisheye"', None
+    )
 
 
 class DarkTable(_Table):
@@ -339,12 +423,23 @@ class TargetTable(_Table):
     pitch_mm: Positive = _key("distance of neighbouring corners or circles, mm; measure it on the print", "25.0")
     frames: Frames = _key("one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]')
     start_s: Moment | None = _key(_START, "0.0", None)
+    origin_mm: Triple | None = _key(
+        "where the first inner corner or circle lies in the box, mm; then the board gives the camera's pose",
+        "[100.0, 50.0, 0.0]",
+        None,
+    )
+    right: Triple | None = _key(
+        "unit vector along the rows of the board, in the box's axes; with origin_mm", "[-1.0, 0.0, 0.0]", None
+    )
+    down: Triple | None = _key(
+        "unit vector along the columns of the board, in the box's axes; with origin_mm", "[0.0, -1.0, 0.0]", None
+    )
 
 
 class MosaicTable(_Table):
     """A colour filter array on the sensor."""
 
-    pattern: Annotated[str, AfterValidator(_pattern)] = _key(
+    pattern: Annotated[str, AfterValidator(checked_pattern)] = _key(
         "channels of the upper left 2 x 2 pixels, a letter each, row by row; of another repeat, its rows separated by "
         "a space",
         '"RGGB"',
@@ -354,7 +449,12 @@ class MosaicTable(_Table):
 class LabelsTable(_Table):
     """Patches of a chart, by a label per pixel."""
 
-    image: RelativePath = _key("8-bit PNG of one channel, a label per pixel, 0 for none", '"labels.png"')
+    image: RelativePath | None = _key(
+        "8-bit PNG of one channel, a label per pixel, 0 for none; where left out a ColorChecker is found in the "
+        "picture, and its patches have the labels 1 (dark skin) to 24 (black)",
+        '"labels.png"',
+        None,
+    )
     names: RelativePath = _key(
         "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
     )
@@ -372,47 +472,27 @@ class CropTable(_Table):
     full_height_px: Count = _key("rows of the whole frame", "1024")
 
 
-DarkState = Annotated[
-    Annotated[Literal["subtracted"], Tag("<text>")]
-    | Annotated[tuple[DarkTable, ...], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
-]
-FlatState = Annotated[
-    Annotated[Literal["divided"], Tag("<text>")]
-    | Annotated[tuple[FlatTable, ...], BeforeValidator(_tuple), Tag("<list>")],
-    Discriminator(_kind),
-]
+class NoiseTable(_Table):
+    """The noise of merged pictures: every frame holds floating-point values in place of counts."""
+
+    kind: Literal["repeats", "poisson", "estimated"] = _key(
+        "where it is known from: 'repeats' of the frames, 'poisson' by the two keys below, or 'estimated' from "
+        "neighbouring pixels",
+        '"poisson"',
+    )
+    gain_e_per_unit: Positive | None = _key("of 'poisson': electrons per unit of the pictures", "1.2e4", None)
+    read_noise_e: NotNegative | None = _key("of 'poisson': rms noise of a dark pixel, electrons", "8.0", None)
 
 
-class Manifest(_Table):
-    """The content of capture.toml. Absent tables are None or empty."""
+class DefaultsTable(_Table):
+    """Values for every table of frames that does not state its own."""
 
-    format: Literal["capture/1"] = _key("the format and its version", '"capture/1"')
-    camera: CameraTable
-    band: Annotated[tuple[BandTable, ...], BeforeValidator(_tuple), Field(min_length=1)]
-    name: str = _key("a title, for reports", '"white box, second lamp"', "")
-    scene: str | None = _key("packaged scene, or scene file (.toml) of the folder", '"cornell-box"', None)
-    lens: LensTable = LensTable()
-    dark: DarkState = ()
-    flat: FlatState = ()
-    reference: Annotated[tuple[ReferenceTable, ...], BeforeValidator(_tuple)] = ()
-    bracket: Annotated[tuple[BracketTable, ...], BeforeValidator(_tuple)] = ()
-    lamp: LampTable | None = None
-    geometry: GeometryTable | None = None
-    target: Annotated[tuple[TargetTable, ...], BeforeValidator(_tuple)] = ()
-    mosaic: MosaicTable | None = None
-    labels: LabelsTable | None = None
-    crop: CropTable | None = None
-
-    @property
-    def darks(self) -> tuple[DarkTable, ...]:
-        """The dark tables; empty if the dark was subtracted before the frames were stored."""
-        return self.dark if isinstance(self.dark, tuple) else ()
-
-    @property
-    def flats(self) -> tuple[FlatTable, ...]:
-        """The flat tables; empty if the frames were divided by their flat before they were stored."""
-        return self.flat if isinstance(self.flat, tuple) else ()
+    f_number: Positive | None = _key(f"{_F_NUMBER} of every band that states none", "8.0", None)
+    image_distance_mm: Positive | None = _key(f"{_DISTANCE}; of every band that states none", "36.6", None)
+    exposure_s: Positive | None = _key(f"{_EXPOSURE} of every table of frames that states none", "0.5", None)
+    radiance: ColumnReference | None = _key(
+        "of every flat and reference that states none, W m^-2 sr^-1 nm^-1", '"spectra/sphere.csv:radiance"', None
+    )
 
 
 def example_of(table: type[BaseModel], key: str) -> str:

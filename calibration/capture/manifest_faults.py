@@ -13,7 +13,9 @@ from cboxlab.utils.faults import expectation, shown
 from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
-from .manifest import Manifest, example_of
+from .file_facts import with_file_facts
+from .manifest import example_of
+from .whole_manifest import Manifest
 
 __all__ = ["nearest", "raise_faults", "read_manifest"]
 
@@ -111,7 +113,7 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
-    """The errors without those of a missing key that is present in misspelt form."""
+    """The errors without those of misspelt keys and without copies of [defaults]."""
     errors: list[Mapping[str, Any]] = [dict(error) for error in failure.errors()]
     unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
 
@@ -122,11 +124,20 @@ def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
             for other in unknown
         )
 
-    return [error for error in errors if not misspelt(error)]
+    def is_default(error: Mapping[str, Any]) -> bool:
+        """Whether the faulty value stands in [defaults], whose own fault is enough."""
+        location = error["loc"]
+        return location[0] != "defaults" and any(
+            other["loc"][:2] == ("defaults", location[-1]) and other["input"] == error["input"] for other in errors
+        )
+
+    return [error for error in errors if not misspelt(error) and not is_default(error)]
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest and check its keys and their ranges. The files that it names are not read.
+    """Read a manifest and check its keys and their ranges.
+
+    Of the files that it names, headers alone are read: they state what the manifest leaves out.
 
     Parameters
     ----------
@@ -157,6 +168,7 @@ def read_manifest(path: Path) -> Manifest:
                     f"Frames with {key} = '{state}' have no [[{key}]].",
                 ) from None
         raise
+    data = with_file_facts(path.parent, data)
     try:
         return Manifest.model_validate(data)
     except ValidationError as failure:

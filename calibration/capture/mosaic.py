@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from ..frame_readers import frame_header
 from .capture import Capture, FrameTable
 from .frames import pictures_by_file
-from .manifest import BandTable, channel_letters, is_channel, pattern_rows, split_channel
+from .manifest import BandTable, channel_letters, checked_pattern, is_channel, pattern_rows, split_channel
 
 __all__ = [
     "band_channels",
     "brighter_channel_notes",
     "channel_lattice",
+    "channel_letters",
     "channel_mask",
+    "checked_pattern",
     "chosen_channel_notes",
     "file_mosaic_notes",
     "pattern_rows",

@@ -1,10 +1,17 @@
 """CIE XYZ from band signals: filter weights, their colour errors, chart patches."""
 
-from .colorimetry import FilterWeights, xyz_image
-from .colour_error import ColourError
-from .colour_study import ColourStudy, study_colour
-from .patch_colour import ILLUMINANT, PatchErrors, patch_errors, patch_xyz, patches_csv
-from .patches import PatchTable, measure_patches
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .colorimetry import FilterWeights, xyz_image
+    from .colour_error import ColourError
+    from .colour_study import ColourStudy, study_colour
+    from .patch_colour import ILLUMINANT, PatchErrors, patch_errors, patch_xyz, patches_csv
+    from .patches import PatchTable, measure_patches
 
 __all__ = [
     "ILLUMINANT",
@@ -20,3 +27,5 @@ __all__ = [
     "study_colour",
     "xyz_image",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -21,6 +21,7 @@ from ..radiometry import Uncertainty, xyz_parts
 
 __all__ = [
     "FilterWeights",
+    "described",
     "fit_filter_weights",
     "train_filter_weights",
     "xyz_covariance",
@@ -47,7 +48,7 @@ class FilterWeights:
     #: (3,) relative standard deviation of X, Y, Z for light of equal energy per nm, divided by that of every band's
     #: signal; at least 1 / sqrt(bands).
     noise_gain: NDArray[np.float64]
-    #: "least squares", "regularised" or "trained".
+    #: "least squares", "regularised", "trained" or "perceptual".
     method: str
     #: (band,) relative standard deviation of the signals that was assumed.
     relative_noise: NDArray[np.float64]
@@ -94,7 +95,7 @@ def fit_filter_weights(
     right = np.concatenate([(goal * np.sqrt(interval * step)).T, np.zeros((len(responses), len(goal)))])
     scaled = np.linalg.lstsq(rows, right, rcond=None)[0].T
     method = "regularised" if np.any(noise > 0) else "least squares"
-    return _described(responses, scaled / areas, goal, method, noise)
+    return described(responses, scaled / areas, goal, method, noise)
 
 
 def train_filter_weights(
@@ -135,17 +136,36 @@ def train_filter_weights(
         rows = np.concatenate([relative / scale, np.diag(loading)])
         right = np.concatenate([np.ones(len(signal)), np.zeros(len(responses))])
         weights[axis] = np.linalg.lstsq(rows, right, rcond=None)[0] / scale
-    return _described(responses, weights, goal, "trained", noise)
+    return described(responses, weights, goal, "trained", noise)
 
 
-def _described(
+def described(
     responses: Sequence[BandResponse],
     weights: NDArray[np.float64],
     goal: NDArray[np.float64],
     method: str,
     noise: NDArray[np.float64],
 ) -> FilterWeights:
-    """Filter weights with the quality of their reconstruction."""
+    """Filter weights with the quality of their reconstruction.
+
+    Parameters
+    ----------
+    responses
+        Response of every band, on one grid.
+    weights
+        (3, band) weights, J per quantum.
+    goal
+        (3, wavelength) curves to reconstruct.
+    method
+        Name of the method.
+    noise
+        (band,) relative standard deviation of the signals that was assumed.
+
+    Returns
+    -------
+    FilterWeights
+        The weights with residual and noise gain.
+    """
     curves = np.stack([response.response for response in responses])
     reconstructed = weights @ curves
     scaled = weights * (curves @ responses[0].grid.weights)

@@ -1,4 +1,4 @@
-"""Filter weights by three methods with their colour errors, and the choice among them."""
+"""Filter weights by several methods with their colour errors, and the choice among them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from ..capture import Capture
 from ..instrument import BandResponse
 from .colorimetry import FilterWeights, fit_filter_weights, train_filter_weights
 from .colour_error import ColourError, FilterChoice, choose_filters, colour_error
-from .radiance_ensemble import evaluation_radiances, general_lamps, training_radiances
+from .perceptual_weights import perceptual_weights
+from .radiance_ensemble import evaluation_radiances, general_lamps, training_radiances, training_whites
 
 __all__ = ["ColourStudy", "study_colour"]
 
 
 @dataclass(frozen=True, eq=False)
 class ColourStudy(FrozenMappings):
-    """Filter weights by three methods with their colour errors."""
+    """Filter weights by several methods with their colour errors."""
 
     #: Filter weights by method.
     weights: Mapping[str, FilterWeights]
@@ -61,9 +62,10 @@ def _reflectances(scene: Scene | None) -> NDArray[np.float64] | None:
 
 
 def study_colour(capture: Capture, responses: Sequence[BandResponse], relative_noise: ArrayLike) -> ColourStudy:
-    """Least squares, regularised and trained weights of a capture's bands.
+    """Filter weights of a capture's bands by several methods.
 
     The training spectra use the lamp and the materials that the capture states, otherwise common lamps and objects.
+    Behind a mosaic, whose channels are few and broad, weights of least colour difference join the choice.
 
     Parameters
     ----------
@@ -92,6 +94,8 @@ def study_colour(capture: Capture, responses: Sequence[BandResponse], relative_n
             train_filter_weights(responses, training, relative_noise),
         )
     }
+    if capture.manifest.mosaic is not None:
+        weights["perceptual"] = perceptual_weights(responses, training, training_whites(lamps), relative_noise)
     light = "the capture's lamp" if "lamp" in lamps else f"{len(lamps)} common lamps"
     return ColourStudy(
         weights,

@@ -26,6 +26,7 @@ from ..correction import CorrectedBands, NoiseModel
 from ..detector import Linearity
 from ..instrument import Mask
 from ..radiometry import response_curve
+from .chart import find_chart
 from .shading import PatchPixels, Shading, fit_shading
 
 __all__ = ["PatchTable", "band_filter", "measure_patches"]
@@ -124,9 +125,10 @@ def _patch_pixels(
     index: int,
     black_dn: float,
     labels: Sequence[Label],
+    image: NDArray[np.uint8],
 ) -> list[PatchPixels | None]:
     """Usable pixels of each patch in one band, without its rim; None for a patch with too few."""
-    image, manifest = capture.labels(), capture.manifest
+    manifest = capture.manifest
     band = manifest.band[index]
     usable = bands.images["mask"].values[index] & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) == 0
     usable &= capture.frames(band).max(axis=0) < _HIGHEST_SHARE * capture.saturation_dn
@@ -223,7 +225,7 @@ def measure_patches(
     Raises
     ------
     InputError
-        For faulty files.
+        For faulty files, and if [labels] states no image and no chart is found.
     """
     if capture.manifest.labels is None:
         return None
@@ -231,6 +233,7 @@ def measure_patches(
     white = _white(capture, labels)
     if white is None or any(band.transmittance is None for band in capture.manifest.band):
         return None
+    image = capture.labels() if capture.manifest.labels.image is not None else find_chart(capture, bands)
     count = len(capture.band_ids)
     filters = np.stack([_spectral_weights(capture, bands, index, _GRID.nm) for index in range(count)])
     white_reflectance = filters @ capture.label_reflectances()[str(white.column)].at(_GRID.nm)
@@ -238,7 +241,7 @@ def measure_patches(
     position = labels.index(white)
     columns, spreads, shadings, notes = [], [], {}, []
     for index, identifier in enumerate(capture.band_ids):
-        patches = _patch_pixels(capture, bands, noise, index, black, labels)
+        patches = _patch_pixels(capture, bands, noise, index, black, labels, image)
         shading = fit_shading([patch for patch in patches if patch is not None])
         if shading is None:
             notes.append(f"{identifier}: too few bright patches; uniform illumination was assumed")

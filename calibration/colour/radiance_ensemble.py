@@ -22,7 +22,7 @@ from cboxlab.scenes.spectra import planck
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
-__all__ = ["Radiances", "evaluation_radiances", "general_lamps", "training_radiances"]
+__all__ = ["Radiances", "evaluation_radiances", "general_lamps", "training_radiances", "training_whites"]
 
 #: Reflectances are raised to a power in this range, which models pigment layers of different thickness.
 _POWERS = (0.6, 1.6)
@@ -122,14 +122,32 @@ def training_radiances(
             sample[scene] = scene_reflectances[generator.integers(0, len(scene_reflectances), int(scene.sum()))]
         return np.asarray(sample ** generator.uniform(*_POWERS, (count, 1)), np.float64)
 
-    spectra = np.stack([lamp / lamp.mean() for lamp in lamps.values()])
-    light = spectra[np.arange(count) % len(spectra)]
+    light = training_whites(lamps, count)
     shape = 1 + _LAMP_SHAPE * _smooth_noise(count, _LAMP_LENGTH_NM, generator)
     surface, through, others = (reflectances() for _ in range(3))
     direct = generator.uniform(0, 1, (count, 1))
     enclosure = generator.uniform(0, 0.9, (count, 1))
     surface[::_WHITES], direct[::_WHITES] = 1.0, 1.0
     return light * shape * surface * (direct + (1 - direct) * through / (1 - enclosure * others))
+
+
+def training_whites(lamps: Mapping[str, NDArray[np.float64]], count: int = 4000) -> NDArray[np.float64]:
+    """White of each training radiance: a perfect diffuser in direct light.
+
+    Parameters
+    ----------
+    lamps
+        Spectra on WAVELENGTH_NM, by name.
+    count
+        Number of radiances.
+
+    Returns
+    -------
+    NDArray
+        (count, wavelength) the lamps in turn, each of mean 1.
+    """
+    spectra = np.stack([lamp / lamp.mean() for lamp in lamps.values()])
+    return np.asarray(spectra[np.arange(count) % len(spectra)], np.float64)
 
 
 def measured_reflectances() -> dict[str, NDArray[np.float64]]:

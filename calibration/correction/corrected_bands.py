@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import xarray as xr
@@ -11,12 +11,17 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
-from ..capture import Capture, channel_mask
+from ..capture import BandTable, Capture, channel_mask
 from ..instrument import Mask, band_images
+from .black_level import black_level
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
+from .exposure_agreement import ExposureFinding, exposure_findings
+from .exposure_merge import Exposure, MergedFrames, exposures_of, merge_exposures, merged_tables
 from .noise import NoiseModel
+from .nominal_fall_off import LensAxis, nominal_flat, with_pixel_scatter
+from .picture_noise import pixel_scatter
 
 __all__ = ["CorrectedBands", "correct_bands"]
 
@@ -33,6 +38,34 @@ class CorrectedBands(FrozenMappings):
     flats: Mapping[str, FlatField]
     #: Assumptions of the correction, one sentence each, without repetition.
     notes: tuple[str, ...]
+    #: Axis of the lens whose nominal fall-off stands for flats that were not taken; None where it does not.
+    nominal_axis: LensAxis | None = None
+    #: Relative standard deviation of the pixels' sensitivities, in the variance where no flats were taken, else 0.
+    pixel_scatter: float = 0.0
+    #: By band of several exposures, how they were merged.
+    merged: Mapping[str, MergedFrames] = field(default_factory=dict)
+    #: Stated exposure times that do not fit the counts; where one is at fault, it was left out.
+    exposure_findings: tuple[ExposureFinding, ...] = ()
+
+    def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
+        """Further variance by which the bands' errors of a pixel's sensitivity count as independent.
+
+        Without flats all bands of a pixel have the same unknown sensitivity. Its variance times the number of bands
+        that see the pixel gives a change of all bands its right uncertainty, and one of a single band too large a one.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) expectation of the corrected signals, DN.
+
+        Returns
+        -------
+        NDArray
+            (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats.
+        """
+        bands_of_pixel = np.sum(self.images["mask"].values == 0, axis=0)
+        signal = np.asarray(expected_signal, float)
+        return np.maximum(bands_of_pixel - 1, 0) * (self.pixel_scatter * signal) ** 2
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -81,12 +114,53 @@ def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict
     return {band: channel_mask(mosaic.pattern, capture.shape, channels[band]) for band in bands}
 
 
+def _nominal_flats(
+    capture: Capture, axis: LensAxis, dark: DarkLibrary, noise: NoiseModel, of_channel: Mapping[str, NDArray | None]
+) -> tuple[dict[str, FlatField], float]:
+    """Nominal flat fields by band, and the scatter of the pixels' sensitivities in them."""
+    flat = nominal_flat(axis, capture.shape, dark)
+    scatters = []
+    for band in capture.manifest.band:
+        frames = correct(capture, band, flat, dark, noise)
+        variance = evaluate_variance(frames.coefficients, frames.signal)
+        in_channel = of_channel[band.id]
+        usable = ~frames.saturated if in_channel is None else ~frames.saturated & in_channel
+        scatters.append(pixel_scatter(frames.signal, variance, usable, capture.cell or (1, 1)))
+    finite = [scatter for scatter in scatters if np.isfinite(scatter)]
+    scatter = float(np.median(finite)) if finite else 0.0
+    return dict.fromkeys(capture.band_ids, with_pixel_scatter(flat, scatter)), scatter
+
+
+def _longest(capture: Capture, band: BandTable) -> float:
+    """Longest exposure that is merged into a band, s."""
+    return max(table.exposure_s for table in merged_tables(capture, band))
+
+
+def _without_misfits(
+    exposures: Sequence[Exposure], findings: Sequence[ExposureFinding], band: str
+) -> tuple[Exposure, ...]:
+    """The exposures of a band with times that fit each other.
+
+    The band's own one alone remains where the fault is not certain. It always stays, since its time is that of the
+    signal.
+    """
+    wrong = [finding.index for finding in findings if finding.band == band]
+    if None in wrong or 0 in wrong:
+        return (exposures[0],)
+    return tuple(exposure for index, exposure in enumerate(exposures) if index not in wrong)
+
+
 def correct_bands(
-    capture: Capture, dark: DarkLibrary, noise: NoiseModel, channels: Mapping[str, str] | None = None
+    capture: Capture,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channels: Mapping[str, str] | None = None,
+    nominal_axis: LensAxis | None = None,
 ) -> CorrectedBands:
     """Correct the frames of every band by equation 1 of Pattanaik et al. 1997.
 
-    A pixel is masked as SATURATED if a repeat or the flat reaches the saturation. With a mosaic its eight neighbours
+    Several exposures of a band are merged, see ``exposure_merge``. A pixel is masked as SATURATED if a repeat reaches
+    the saturation, in all exposures where there are several, or if the flat does. With a mosaic its eight neighbours
     are masked, too, because charge and interpolation spread to them. HOT and DEAD: see ``defects``. VIGNETTED: the
     flat is below a tenth of its maximum. OTHER_CHANNEL: with a mosaic, the pixels that the band does not see.
 
@@ -103,6 +177,9 @@ def correct_bands(
     channels
         With a mosaic, the channel of each band, such as "R"; it becomes the coordinate ``channel``. The signals of the
         other channels' pixels stay in the image, masked. None without a mosaic.
+    nominal_axis
+        Axis of the lens, whose cosine-fourth fall-off takes the place of flats where no band has one; None for a
+        uniform field in their place.
 
     Returns
     -------
@@ -122,30 +199,68 @@ def correct_bands(
             "they have no more noise than in the dark; those are masked"
         )
     if not manifest.darks and manifest.dark != "subtracted":
-        notes.append("no dark frames: a dark level of 0 was assumed")
+        black = black_level(capture)
+        notes.append(
+            "no dark frames: a dark level of 0 was assumed"
+            if black is None
+            else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
+            "dark current and hot pixels are not corrected"
+        )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")
     if manifest.flat == "divided":
         notes.append("the flat was divided beforehand: its noise is not included, vignetting is not masked")
     without_flat = [band.id for band in manifest.band if not capture.flats(band.id)]
-    if without_flat and manifest.flat != "divided":
-        bands_without_flat = ", ".join(without_flat)
-        notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
-    of_channel = _channel_masks(capture, channels)
-    measured_flats = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
+    of_channel, scatter = _channel_masks(capture, channels), 0.0
+    if len(without_flat) < len(manifest.band) or manifest.flat == "divided":
+        nominal_axis = None
+    if nominal_axis is None:
+        measured_flats = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
+        if without_flat and manifest.flat != "divided":
+            bands_without_flat = ", ".join(without_flat)
+            notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
+    else:
+        measured_flats, scatter = _nominal_flats(capture, nominal_axis, dark, noise, of_channel)
+        notes.append(
+            "no flat fields: the fall-off is nominal, cos^4 of the field angle, and pixels' sensitivities scatter by "
+            f"{scatter:.2%} (estimated from neighbours); what a lens falls off further is fitted with a model"
+        )
     for band in manifest.band:
         same_aperture = [measured_flats[other.id] for other in manifest.band if other.f_number == band.f_number]
-        flat = with_mean_of_all_pixels(band.id, measured_flats[band.id], same_aperture, of_channel[band.id])
-        frames = correct(capture, band, flat, dark, noise)
-        mask = _defects(capture, flat, dark, noise, band.exposure_s, of_channel[band.id])
+        flats[band.id] = with_mean_of_all_pixels(band.id, measured_flats[band.id], same_aperture, of_channel[band.id])
+    defects = {
+        band.id: _defects(capture, flats[band.id], dark, noise, _longest(capture, band), of_channel[band.id])
+        for band in manifest.band
+    }
+    exposures = {
+        band.id: exposures_of(capture, merged_tables(capture, band), flats[band.id], dark, noise)
+        for band in manifest.band
+        if len(merged_tables(capture, band)) > 1
+    }
+    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()})
+    merged: dict[str, MergedFrames] = {}
+    for band in manifest.band:
+        flat = flats[band.id]
+        if band.id in exposures:
+            fitting = _without_misfits(exposures[band.id], findings, band.id)
+            merged[band.id] = merge_exposures(fitting, capture.cell or (1, 1))
+            frames = merged[band.id].frames
+        else:
+            frames = correct(capture, band, flat, dark, noise)
+        mask = defects[band.id]
         saturated = frames.saturated | flat.saturated
         if manifest.mosaic is not None:
             saturated = binary_dilation(saturated, np.ones((3, 3)))
         mask[saturated] |= np.uint8(Mask.SATURATED)
         corrected.append(frames)
         masks.append(mask)
-        flats[band.id] = flat
         notes += [note for note in (flat.note, dark.note(band.exposure_s)) if note is not None]
+    merged = {band: each for band, each in merged.items() if len(each.tables) > 1}
+    if merged:
+        times = "; ".join(
+            f"{band}: {', '.join(f'{table.exposure_s:g}' for table in each.tables)} s" for band, each in merged.items()
+        )
+        notes.append(f"exposures were merged, each pixel from those in which it is not saturated ({times})")
     signal = np.stack([frames.signal for frames in corrected])
     coefficients = np.stack([frames.coefficients for frames in corrected])
     variance = evaluate_variance(coefficients, signal)
@@ -153,11 +268,17 @@ def correct_bands(
     images.attrs["reduction"] = "; ".join(
         [
             "repeats averaged",
-            "dark subtracted" if dark.exposure_s.size else "no dark subtracted",
-            "flat divided" if manifest.flats else "no flat divided",
+            "dark subtracted"
+            if dark.exposure_s.size
+            else "black level subtracted"
+            if dark.bias.any()
+            else "no dark subtracted",
+            "flat divided" if manifest.flats else "nominal fall-off divided" if nominal_axis else "no flat divided",
             *notes,
         ]
     )
     if channels is not None:
         images = images.assign_coords(channel=("band", [channels[band] for band in capture.band_ids]))
-    return CorrectedBands(images, coefficients, flats, tuple(dict.fromkeys(notes)))
+    return CorrectedBands(
+        images, coefficients, flats, tuple(dict.fromkeys(notes)), nominal_axis, scatter, merged, findings
+    )

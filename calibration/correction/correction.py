@@ -32,6 +32,10 @@ __all__ = [
 
 #: Lower bound of the relative response before division: keeps the quotient finite; such pixels are masked.
 _MIN_RELATIVE_RESPONSE = 1e-3
+#: Degree of the polynomial of a flat's fall-off: cos^4 and vignetting are even and of fourth order over a usual field.
+_FALL_OFF_DEGREE = 4
+#: Fewest pixels for each of its terms: fewer would follow single pixels.
+_PIXELS_A_TERM = 5
 #: Share of a flat's pixels that defects alone may saturate: below it the band's scale is not in doubt.
 _MAX_DEFECT_SATURATED_SHARE = 0.01
 
@@ -135,7 +139,8 @@ def read_flat(
     Returns
     -------
     FlatField
-        Its response has mean 1 over the pixels that are not saturated.
+        Its response has mean 1 over the pixels that are not saturated, of a mosaic over all places of the image as the
+        channel's pixels would see them.
 
     Raises
     ------
@@ -157,11 +162,28 @@ def read_flat(
         fault = "dark" if np.any(usable) else "saturated"
         text = f"{band}: the flat frames are {fault}: a uniform flat was assumed"
         return uniform_flat(capture.shape, dark, text)
-    mean = float(above_dark[usable].mean())
+    mean = float(above_dark[usable].mean()) * (1.0 if channel is None else _mean_of_all_places(above_dark, usable))
     variance = noise.variance(above_dark + dark.thermal(table.exposure_s)) / len(table.frames)
     response = np.maximum(above_dark / mean, _MIN_RELATIVE_RESPONSE)
     weights = dark.weights(table.exposure_s)
     return FlatField(response, variance / mean**2, mean, weights, saturated, note)
+
+
+def _mean_of_all_places(above_dark: NDArray[np.float64], usable: NDArray[np.bool_]) -> float:
+    """Mean of a channel's fall-off over all pixels, over that of its own pixels.
+
+    A channel's pixels do not lie evenly over the image where it does not end with a complete repeat of the mosaic, so
+    that the mean of a fall-off differs from channel to channel. A polynomial in the place gives the difference.
+    """
+    y, x = (np.linspace(-1.0, 1.0, size) for size in above_dark.shape)
+    degree, pixels = _FALL_OFF_DEGREE, np.count_nonzero(usable)
+    while degree and pixels < _PIXELS_A_TERM * (degree + 1) * (degree + 2) // 2:
+        degree -= 1
+    exponents = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+    terms = np.stack([np.outer(y**i, x**j) for i, j in exponents])
+    fall_off = np.tensordot(np.linalg.lstsq(terms[:, usable].T, above_dark[usable], rcond=None)[0], terms, axes=1)
+    of_channel = float(fall_off[usable].mean())
+    return float(fall_off.mean()) / of_channel if of_channel > 0 and fall_off.mean() > 0 else 1.0
 
 
 def with_mean_of_all_pixels(

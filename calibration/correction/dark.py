@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture import Capture
+from .black_level import black_level
 
 __all__ = ["DarkLibrary", "read_darks"]
 
@@ -30,7 +31,7 @@ class DarkLibrary:
     #: (k, y, x) mean of the frames, DN.
     level: NDArray[np.float64]
     #: (y, x) level at zero exposure, DN, by a straight line in time through all levels. With one exposure it is that
-    #: level, without dark frames 0.
+    #: level, without dark frames the stated black level, or 0.
     bias: NDArray[np.float64]
     #: (y, x) slope of the line, DN/s, 0 or more (see ``_fit_line``).
     rate: NDArray[np.float64]
@@ -78,8 +79,10 @@ class DarkLibrary:
         Returns
         -------
         NDArray
-            (y, x) level by ``weights``, DN; 0 without dark frames.
+            (y, x) level by ``weights``, DN; without dark frames the stated black level, or 0.
         """
+        if not self.exposure_s.size:
+            return self.bias
         return np.tensordot(self.weights(exposure_s), self.level, axes=1)
 
     def thermal(self, exposure_s: float) -> NDArray[np.float64]:
@@ -161,7 +164,7 @@ def read_darks(capture: Capture) -> DarkLibrary:
     Returns
     -------
     DarkLibrary
-        Empty (k = 0) if the capture has no dark frames or the dark was subtracted beforehand.
+        Without levels (k = 0) if the capture has no dark frames or the dark was subtracted beforehand.
 
     Raises
     ------
@@ -171,8 +174,9 @@ def read_darks(capture: Capture) -> DarkLibrary:
     tables = sorted(capture.manifest.darks, key=lambda dark: dark.exposure_s)
     zeros = np.zeros(capture.shape)
     if not tables:
-        empty = np.zeros((0, *capture.shape))
-        return DarkLibrary(np.zeros(0), np.zeros(0, np.int64), empty, zeros, zeros, False)
+        empty, black = np.zeros((0, *capture.shape)), black_level(capture)
+        bias = zeros if black is None else black.level
+        return DarkLibrary(np.zeros(0), np.zeros(0, np.int64), empty, bias, zeros, False)
     stacks = [capture.frames(table) for table in tables]
     exposure = np.array([table.exposure_s for table in tables])
     repeats = np.array([stack.shape[0] for stack in stacks])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from cboxlab.utils.distributions import normal_quantile
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.stats import norm
 
 __all__ = ["FALSE_ALARMS_PER_IMAGE", "dead_pixels", "hot_pixels", "vignetted_pixels"]
 
@@ -50,7 +50,7 @@ def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[n
     NDArray
         (y, x) True for hot pixels.
     """
-    return _robust(dark, smallest_sigma_dn) > norm.isf(FALSE_ALARMS_PER_IMAGE / dark.size)
+    return _robust(dark, smallest_sigma_dn) > normal_quantile(FALSE_ALARMS_PER_IMAGE / dark.size)
 
 
 def dead_pixels(
@@ -83,8 +83,8 @@ def dead_pixels(
         middle = median_filter(padded, footprint=_NEIGHBOURS)[2:-2, 2:-2]
         ratio[row :: cell[0], column :: cell[1]] = plane / np.maximum(middle, 1e-6)
     if channel is None:
-        return _robust(ratio, 1e-6) < -norm.isf(FALSE_ALARMS_PER_IMAGE / response.size)
-    return channel & (_robust(ratio, 1e-6, channel) < -norm.isf(FALSE_ALARMS_PER_IMAGE / channel.sum()))
+        return _robust(ratio, 1e-6) < -normal_quantile(FALSE_ALARMS_PER_IMAGE / response.size)
+    return channel & (_robust(ratio, 1e-6, channel) < -normal_quantile(FALSE_ALARMS_PER_IMAGE / channel.sum()))
 
 
 def vignetted_pixels(response: NDArray[np.float64], channel: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:

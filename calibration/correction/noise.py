@@ -11,12 +11,14 @@ differences.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, FlatTable
+from ..capture import Capture, FlatTable, FrameTable
 from .dark import DarkLibrary
+from .picture_noise import clipped_variance, second_differences
 from .repeat_light import LIGHT_CHANGE_NOTED, light_change, with_steady_light
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
@@ -31,8 +33,16 @@ _HARMONICS = 1000
 #: Variance of dark counts below which rounding dominates, DN^2: half way between two counts rounding alone gives 1/4.
 #: The true variance then lies between that of rounding and this value (compare 0.24 in EMVA 1288).
 _ROUNDED_VARIANCE = 0.3
+#: Where the shot noise of a count comes from: repeats of flats, the manifest, repeats of the bands, neighbouring pixels
+#: of the bands, or nowhere.
+NoiseSource = Literal["flats", "stated", "band repeats", "estimated", "unknown"]
+
+#: Levels of light in a picture whose noise is taken from neighbours.
+_PICTURE_LEVELS = 12
 #: An unknown value and its standard deviation.
 _UNKNOWN = (0.0, np.inf)
+#: Sources whose line of variance against charge reaches dark pixels, so that its start is the read noise.
+_OF_BANDS = ("band repeats", "estimated")
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,10 @@ class NoiseModel:
     read_noise_sigma: float | None
     #: What could not be measured, and contradictions with the manifest, one sentence each.
     notes: tuple[str, ...] = ()
+    #: Where the shot noise comes from.
+    source: NoiseSource = "flats"
+    #: Variance of rounding, DN^2; 0 for merged pictures of floating-point values.
+    rounding_dn2: float = ROUNDING_VARIANCE
 
     @property
     def shot_dn(self) -> float:
@@ -61,7 +75,7 @@ class NoiseModel:
     @property
     def floor_dn2(self) -> float:
         """Variance of a count without charge (read noise and rounding), DN^2."""
-        return (self.shot_dn * (self.read_noise_e or 0.0)) ** 2 + ROUNDING_VARIANCE
+        return (self.shot_dn * (self.read_noise_e or 0.0)) ** 2 + self.rounding_dn2
 
     @property
     def rounding_error_dn(self) -> float:
@@ -71,6 +85,8 @@ class NoiseModel:
         misses a level x by the sum over k of (-1)^k exp(-2 pi^2 k^2 sigma^2) sin(2 pi k x) / (pi k). It is 0.2 DN at
         sigma = 0.1, 0.002 at 0.5 (Widrow and Kollar, Quantization Noise, 2008).
         """
+        if self.rounding_dn2 == 0:
+            return 0.0
         sigma_dn, k = self.shot_dn * (self.read_noise_e or 0.0), np.arange(1, _HARMONICS)
         waves = np.exp(-2 * (np.pi * k * sigma_dn) ** 2) / (np.pi * k)
         return float(np.sqrt(np.sum(waves**2) / 2))
@@ -201,10 +217,40 @@ def _different_flats(capture: Capture) -> tuple[FlatTable, ...]:
     return tuple(flat for k, flat in enumerate(flats) if flat.frames not in [other.frames for other in flats[:k]])
 
 
-def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
-    """Gain and read noise from repeated flat and dark frames, else from the manifest.
+def _samples_of_bands(capture: Capture, bias: NDArray[np.float64]) -> tuple[list[_Samples], NoiseSource]:
+    """Samples of the bands' repeats, or else of neighbouring pixels."""
+    tables: list[FrameTable] = [*capture.manifest.band, *capture.manifest.bracket]
+    repeated = [table for table in tables if len(table.frames) > 1]
+    of_repeats = [_samples(capture.frames(table), bias, capture.saturation_dn, is_dark=False) for table in repeated]
+    of_repeats = [samples for samples in of_repeats if samples.charge.size]
+    if of_repeats:
+        return of_repeats, "band repeats"
+    of_pictures = [samples for table in tables for samples in _samples_of_picture(capture, table, bias)]
+    return of_pictures, "estimated" if of_pictures else "unknown"
 
-    A measured value replaces a stated one. A difference of more than five standard deviations is noted.
+
+def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.float64]) -> list[_Samples]:
+    """Charge and variance of one frame by its neighbouring pixels, in levels of equally many."""
+    frame = capture.frames(table)[0].astype(float)
+    usable = (frame < capture.saturation_dn) & (frame > 0)
+    step = capture.cell or (1, 1)
+    differences, means = second_differences(frame - bias, usable, step)
+    samples = []
+    for level in np.array_split(np.argsort(means), _PICTURE_LEVELS):
+        variance = clipped_variance(differences[level])
+        if np.isfinite(variance):
+            # differences of neighbours share pixels: a third as many are independent
+            degrees = max(1, level.size // 3)
+            samples.append(_Samples(means[level].mean(keepdims=True), np.array([variance]), degrees))
+    return samples
+
+
+def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
+    """Gain and read noise from flats and darks, else from the manifest or the bands.
+
+    A measured value replaces a stated one. A difference of more than five standard deviations is noted. Without flats
+    and a stated gain the bands' repeats give it; without these the differences of neighbouring pixels, which are
+    larger than the noise where the scene has texture.
 
     Parameters
     ----------
@@ -241,10 +287,17 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         [s for s in dark_samples if s.charge.size],
     )
     notes += _light_notes(capture, dark)
+    source: NoiseSource = "flats" if bright_samples else "unknown" if gain is None else "stated"
+    if source == "unknown":
+        bright_samples, source = _samples_of_bands(capture, bias)
     quietest = min((float(s.variance.mean()) for s in dark_samples), default=np.inf)
     rounded = quietest < _ROUNDED_VARIANCE
     if not bright_samples:
         notes.append(f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}")
+    if source == "band repeats":
+        notes.append("the noise comes from the repeats of the bands: no flat with repeats, and no gain is stated")
+    if source == "estimated":
+        notes.append("the noise is estimated from neighbouring pixels of the bands: no repeats, and no gain is stated")
     if not dark_samples:
         notes.append("read noise not measured: no usable dark frames with repeats")
     fitted_samples, floor, slope = [*bright_samples, *dark_samples], _UNKNOWN, _UNKNOWN
@@ -257,7 +310,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         line, covariance = _fit_line(fitted_samples, floor, slope)
         if bright_samples:
             gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
-        if dark_samples and not rounded and gain is not None:
+        if (dark_samples or source in _OF_BANDS) and not rounded and gain is not None:
             read_dn = float(np.sqrt(max(line[0], _ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
             gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if bright_samples else 0.0])
             by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
@@ -284,4 +337,4 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
             )
     if gain is None:
         notes.append("gain unknown: no variance includes shot noise or read noise")
-    return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes))
+    return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes), source)

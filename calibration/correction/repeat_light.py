@@ -13,8 +13,8 @@ the light is steady, and for a uniform field they need not be known: a shift by 
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
 
 __all__ = ["LIGHT_CHANGE_NOTED", "LIGHT_FALSE_ALARM", "light_change", "with_steady_light"]
 
@@ -42,7 +42,7 @@ def _is_significant(sizes: NDArray[np.float64], variance: float, degrees: int) -
     statistic = float(np.sum((sizes - sizes.mean()) ** 2)) / (repeats - 1)
     if variance <= 0:
         return statistic > 0
-    return bool(fisher.sf(statistic / variance, repeats - 1, degrees) < LIGHT_FALSE_ALARM)
+    return bool(fisher_tail(statistic / variance, repeats - 1, degrees) < LIGHT_FALSE_ALARM)
 
 
 def light_change(counts: NDArray[np.float64], dark: NDArray[np.float64], good: NDArray[np.bool_]) -> float:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_tail, student_tail
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
-from scipy.stats import t as student
 
 from ..correction import DarkLibrary, NoiseModel, hot_pixels
 
@@ -85,7 +84,7 @@ def fit_dark(exposure_s: ArrayLike, level_dn: ArrayLike, noise_dn: ArrayLike = 0
     leverage_complement = 1 - np.einsum("ni,in->n", design, lever)
     misfit = float(np.sum(residual**2) / np.sum(leverage_complement * noise**2)) if np.any(noise > 0) else np.inf
     # Excess scatter is added only if it is significant.
-    beyond = chi2.sf(misfit * freedom, freedom) < _SIGNIFICANCE
+    beyond = chi2_tail(misfit * freedom, freedom) < _SIGNIFICANCE
     excess = float(np.sum(residual**2) - np.sum(leverage_complement * noise**2)) / freedom if beyond else 0.0
     noise_part, scatter_part = lever**2 @ noise**2, lever**2 @ np.full(time.size, excess)
     sigma = np.sqrt(noise_part + scatter_part)
@@ -115,7 +114,7 @@ def _verdict(
     freedom: float,
 ) -> str:
     """One sentence: the trend, the largest residual, and where the level falls."""
-    chance = 2 * float(student.sf(abs(rate) / sigma, freedom)) if sigma > 0 else 0.0
+    chance = 2 * float(student_tail(abs(rate) / sigma, freedom)) if sigma > 0 else 0.0
     if chance > _SIGNIFICANCE:
         text = "no trend with exposure time"
     else:

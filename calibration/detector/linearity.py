@@ -14,11 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.optimize import least_squares
-from scipy.stats import chi2
 
 from ..capture import Capture, FrameTable, channel_mask
 from ..correction import DarkLibrary, NoiseModel
@@ -166,7 +166,7 @@ def _covariance(
     expected = jitter + mean_variance / np.maximum(sizes, 1e-12)
     # With few exposures the observed scatter is uncertain: it is used only if significantly larger.
     misfit = float(np.sum(exposure_residual**2 / expected))
-    if spare > 0 and chi2.sf(misfit, spare) < _SIGNIFICANCE:
+    if spare > 0 and chi2_tail(misfit, spare) < _SIGNIFICANCE:
         jitter = jitter + expected * (misfit / spare - 1)
     lever = np.linalg.inv(jacobian.T @ jacobian) @ jacobian.T
     return np.asarray(

@@ -15,9 +15,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_tail
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
-from scipy.stats import chi2
 
 __all__ = ["LAWS", "REPEATABILITY", "Departure", "Law", "ResponseFit", "fit_response"]
 
@@ -168,7 +168,7 @@ def fit_response(
     weight = 1 / spread**2
     slope = float(np.sum(weight * x * level) / np.sum(weight * x**2))
     misfit = float(np.sum(weight * (level - slope * x) ** 2))
-    probability = float(chi2.sf(misfit, value.size - 1))
+    probability = float(chi2_tail(misfit, value.size - 1))
     residual = level / (slope * x) - 1
     departure, residual_after = None, residual
     if probability < _SIGNIFICANCE and value.size > 3:

@@ -13,7 +13,7 @@ from .nonlinearity import CalibrationCurve, fit_curve
 from .photon_transfer import PhotonTransfer, measure_photon_transfer
 from .response_points import ResponsePoint, ResponseSeries, light_series, measure_responses, response_points
 
-__all__ = ["SensorStudy", "study_sensor"]
+__all__ = ["NO_STUDY", "SensorStudy", "study_sensor"]
 
 #: Largest over smallest light of a series below which it is left out of the curve: it would not show the shape.
 _MIN_LIGHT_RATIO = 3.0
@@ -41,6 +41,10 @@ class SensorStudy:
         """One sentence for the dark level and for every response series."""
         dark = [] if self.dark_fit is None else [f"dark level: {self.dark_fit.verdict}"]
         return (*dark, *(f"{s.band} {s.source}: {s.fit.verdict}" for s in self.responses))
+
+
+#: Study of a capture without counts.
+NO_STUDY = SensorStudy(None, None, (), (), None)
 
 
 def study_sensor(

@@ -12,6 +12,7 @@ from pkgutil import iter_modules
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
+from cboxlab.utils.limits import MAX_FRAME_PIXELS, require_size
 from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
@@ -26,6 +27,7 @@ __all__ = [
     "frame_header",
     "pattern_of",
     "read_pictures",
+    "read_values",
     "reader_of",
     "suffixes",
 ]
@@ -129,7 +131,9 @@ def _header_as_of(path: Path, changed_ns: int, size: int) -> FrameHeader:
     """Header of one version of a file."""
     reader = _usable_reader(path)
     try:
-        return reader.header(path)
+        header = reader.header(path)
+        require_size(path, header.shape[0] * header.shape[1], MAX_FRAME_PIXELS, "pixels")
+        return header
     except InputError:
         raise
     except Exception as error:  # each library raises its own exceptions for damaged files
@@ -195,3 +199,39 @@ def read_pictures(path: Path, pictures: range | None = None) -> NDArray[np.uint1
         expected = f"{(len(pictures), *header.shape)} as in the file's header"
         raise InputError(path, f"pictures of shape {counts.shape}", expected)
     return counts
+
+
+def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64]:
+    """Values of pictures of a file, as merged exposures have them.
+
+    Parameters
+    ----------
+    path
+        The file. A format of counts gives its counts.
+    pictures
+        Numbers of the pictures, from 0; all of them where left out.
+
+    Returns
+    -------
+    NDArray
+        (n, y, x) values as stored, first row at the top.
+
+    Raises
+    ------
+    InputError
+        For a file that is missing or damaged, and for a package that is not installed.
+    """
+    header, reader = frame_header(path), _usable_reader(path)
+    pictures = range(header.pictures) if pictures is None else pictures
+    if reader.values is None:
+        return read_pictures(path, pictures).astype(np.float64)
+    try:
+        values = reader.values(path, pictures)
+    except InputError:
+        raise
+    except Exception as error:
+        raise _unreadable(path, reader, error) from None
+    if values.shape != (len(pictures), *header.shape):
+        expected = f"{(len(pictures), *header.shape)} as in the file's header"
+        raise InputError(path, f"pictures of shape {values.shape}", expected)
+    return values

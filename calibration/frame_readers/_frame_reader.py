@@ -82,6 +82,8 @@ class FrameHeader:
     facts: FrameFacts = field(default_factory=FrameFacts)
     #: Names of the pictures where they are different bands; empty for repeats.
     bands: tuple[str, ...] = ()
+    #: Whether the pictures hold floating-point values, as merged exposures do, and no counts.
+    is_floating: bool = False
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,8 @@ class FrameReader:
     read: Callable[[Path, range], NDArray[np.uint16]]
     #: Command that installs the optional package.
     install: str = "pip install 'cboxlab[readers]'"
+    #: (n, y, x) values of the pictures as they are stored; None for a format of counts alone.
+    values: Callable[[Path, range], NDArray[np.float64]] | None = None
 
 
 def as_counts(path: Path, values: NDArray) -> NDArray[np.uint16]:

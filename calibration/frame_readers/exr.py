@@ -33,4 +33,12 @@ def _read(path: Path, pictures: range) -> NDArray[np.uint16]:
     return np.concatenate([as_counts(path, plane[None]) for plane in planes])
 
 
-READER = FrameReader("exr", "OpenEXR", (".exr",), None, _header, _read)
+def _values(path: Path, pictures: range) -> NDArray[np.float64]:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = list(file.channels().values())
+        return np.stack([np.asarray(channels[k].pixels, np.float64) for k in pictures])
+
+
+READER = FrameReader("exr", "OpenEXR", (".exr",), None, _header, _read, values=_values)

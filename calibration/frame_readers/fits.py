@@ -12,6 +12,7 @@ from typing import IO, Any
 
 import numpy as np
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.limits import MAX_PACKED_BYTES, require_size
 from numpy.typing import NDArray
 
 from ._frame_reader import (
@@ -81,6 +82,8 @@ def _require_sound_headers(path: Path) -> None:
             if not cards:
                 return
             size = _data_bytes(path, cards)
+            if packed:
+                require_size(path, size, MAX_PACKED_BYTES, "bytes of compressed data")
             if not packed:
                 stream.seek(size, 1)
                 continue

@@ -12,12 +12,14 @@ import tifffile
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, pattern_of, positive_number
+from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of, positive_number
 
 #: TIFF 6.0's numbers of compressions that need no further library: none, LZW, deflate, PackBits, old deflate.
 _COMPRESSIONS = (1, 5, 8, 32773, 32946)
 #: Those of them by zlib, which packs without limit.
 _DEFLATED = (8, 32946)
+#: Types of pixels of merged pictures.
+_FLOATING = (np.float16, np.float32, np.float64)
 #: The first bytes of files that are mistaken for TIFF frames.
 _OTHER_FORMATS = {
     b"\x89PNG": "PNG",
@@ -46,7 +48,7 @@ def _require_counts(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage
     """Raise InputError for a page that is no complete picture of 16-bit counts of one channel."""
     if page.samplesperpixel != 1 or len(page.shape) != 2:
         raise InputError(path, f"an image of shape {page.shape}", "one channel, (height, width)", EXPORT_HINT)
-    if page.dtype != np.uint16:
+    if page.dtype != np.uint16 and page.dtype not in _FLOATING:
         raise InputError(path, f"pixels of type {page.dtype}", "uint16", EXPORT_HINT)
     if (orientation := page.tags.valueof("Orientation", 1)) != 1:
         hint = "Save the frame with its first row at the top and without an orientation tag."
@@ -141,14 +143,15 @@ def _header(path: Path) -> FrameHeader:
     with tifffile.TiffFile(path) as file:
         pages = _pages(path, file)
         height, width = pages[0].shape
-        return FrameHeader((height, width), len(pages), _facts(path, pages[0]))
+        is_floating = pages[0].dtype in _FLOATING
+        return FrameHeader((height, width), len(pages), _facts(path, pages[0]), is_floating=is_floating)
 
 
 def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage) -> None:
     """Raise InputError where deflated data unpack to more than the picture takes."""
-    if page.compression not in _DEFLATED:
+    if page.compression not in _DEFLATED or page.dtype is None:
         return
-    largest = int(np.prod(page.chunks)) * 2
+    largest = int(np.prod(page.chunks)) * np.dtype(page.dtype).itemsize
     for offset, size in zip(page.dataoffsets, page.databytecounts, strict=True):
         file.filehandle.seek(offset)
         unpacked = zlib.decompressobj().decompress(file.filehandle.read(size), largest + 1)
@@ -157,12 +160,21 @@ def _require_bounded_segments(path: Path, file: tifffile.TiffFile, page: tifffil
             raise InputError(path, "packed data of more than its size", expected, EXPORT_HINT)
 
 
-def _read(path: Path, pictures: range) -> NDArray[np.uint16]:
+def _pictures(path: Path, pictures: range) -> NDArray:
+    """(n, y, x) pixels of pages in their own type."""
     with tifffile.TiffFile(path) as file:
         pages = [_pages(path, file)[k] for k in pictures]
         for page in pages:
             _require_bounded_segments(path, file, page)
-        return np.stack([np.asarray(page.asarray(), np.uint16) for page in pages])
+        return np.stack([page.asarray() for page in pages])
 
 
-READER = FrameReader("tiff", "TIFF", (".tif", ".tiff"), None, _header, _read)
+def _read(path: Path, pictures: range) -> NDArray[np.uint16]:
+    return as_counts(path, _pictures(path, pictures))
+
+
+def _values(path: Path, pictures: range) -> NDArray[np.float64]:
+    return np.asarray(_pictures(path, pictures), np.float64)
+
+
+READER = FrameReader("tiff", "TIFF", (".tif", ".tiff"), None, _header, _read, values=_values)

@@ -1,22 +1,25 @@
 """Camera from one view of surveyed, non-coplanar points, with its covariance (Tsai 1987).
 
-Ten parameters are fitted: pose, focal length, principal point and one radial term; pixels are square. The nominal focal
-length is only the initial value, not a prior; the fit returns it for comparison.
+Ten parameters are fitted: pose, focal length, principal point and one radial term; pixels are square. A ``LensModel``
+adds terms of the lens, or holds stated parameters. The nominal focal length is only the initial value, not a prior; the
+fit returns it for comparison.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
-from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
+from cboxlab.scenes.camera import Camera
+from cboxlab.utils.distributions import chi2_quantile, chi2_tail, fisher_quantile
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import least_squares
 
-from .camera_jacobian import inverse_information, parameter_jacobian
+from .camera_jacobian import inverse_information
+from .lens_model import ONE_TERM, LensModel
 from .surveyed_points import FEWEST_POINTS, SURVEY_HINT, SurveyedPoints, read_points, require_determined
 
 __all__ = ["FALSE_ALARM", "CameraFit", "SurveyedPoints", "fit_camera", "read_points"]
@@ -51,10 +54,12 @@ class CameraFit:
     #: Probability of a larger `chi2` by noise; None if sigma was estimated. A very small value means that the stated
     #: sigma or the camera model is wrong.
     p_value: float | None
-    #: Number of coordinates of the points used minus ten.
+    #: Number of coordinates of the points used minus that of the fitted parameters, ten for a lens of one term.
     degrees_of_freedom: int
     #: Nominal focal length as given, px, for comparison with the fitted one; None if none was given.
     nominal_focal_length_px: float | None
+    #: Standard deviations of the fitted terms of the lens beyond k1, by term.
+    lens_sigmas: Mapping[str, float] = field(default_factory=dict)
 
 
 def fit_camera(
@@ -64,6 +69,8 @@ def fit_camera(
     height_px: int,
     point_sigma_px: float | None = None,
     focal_length_px: float | None = None,
+    model: LensModel = ONE_TERM,
+    start: Camera | None = None,
 ) -> CameraFit:
     """Camera fitted to surveyed points and their image positions.
 
@@ -85,6 +92,10 @@ def fit_camera(
         Standard deviation of each measured image coordinate, px; None estimates it from the residuals.
     focal_length_px
         Nominal focal length, px, as initial value; None tries several focal lengths.
+    model
+        Formula of the lens, the parameters that are fitted, and those that are stated.
+    start
+        Initial camera; None finds one.
 
     Returns
     -------
@@ -100,21 +111,26 @@ def fit_camera(
     if point_sigma_px is not None and not point_sigma_px > 0:
         raise InputError("geometry.point_sigma_px", f"{point_sigma_px:g}", "a number above 0")
     require_determined(points, np.ones(len(points.ids), bool), width_px, height_px)
-    start = _starting_camera(points, width_px, height_px, focal_length_px, point_sigma_px)
-    camera, in_use, scale = _robust_fit(start, points, point_sigma_px)
+    if start is None:
+        start = _starting_camera(points, width_px, height_px, focal_length_px, point_sigma_px, model)
+    start = start if model == ONE_TERM else model.start(start)
+    camera, in_use, scale = _robust_fit(start, points, point_sigma_px, model)
     for attempt in range(2 * len(points.ids)):
         require_determined(points, in_use, width_px, height_px)
-        camera = _least_squares(camera, points, in_use)
-        accepted = _consistent(camera, points, in_use, scale, estimated=point_sigma_px is None)
+        camera = _least_squares(camera, points, in_use, model)
+        accepted = _consistent(camera, points, in_use, scale, model, estimated=point_sigma_px is None)
         if np.array_equal(accepted, in_use):
             break
         # After ten iterations points may only be removed, so that the loop ends.
         in_use = accepted if attempt < 10 else accepted & in_use
     residuals = points.image_px - camera.project(points.points_mm)
     sum_of_squares = float(np.sum(residuals[in_use] ** 2))
-    freedom = 2 * int(in_use.sum()) - len(PARAMETER_NAMES)
+    freedom = 2 * int(in_use.sum()) - model.count
     sigma = point_sigma_px or float(np.sqrt(sum_of_squares / freedom))
-    camera = replace(camera, covariance=_covariance(camera, points, in_use, sigma))
+    fitted = sigma**2 * inverse_information(
+        model.jacobian(camera, points.points_mm[in_use]), points.source, SURVEY_HINT
+    )
+    camera = replace(camera, covariance=_checked(model.covariance(camera, fitted), camera, points, in_use))
     chi2 = sum_of_squares / point_sigma_px**2 if point_sigma_px else None
     return CameraFit(
         camera=camera,
@@ -125,9 +141,10 @@ def fit_camera(
         point_sigma_px=sigma,
         sigma_estimated=point_sigma_px is None,
         chi2=chi2,
-        p_value=None if chi2 is None else float(stats.chi2.sf(chi2, freedom)),
+        p_value=None if chi2 is None else float(chi2_tail(chi2, freedom)),
         degrees_of_freedom=freedom,
         nominal_focal_length_px=focal_length_px,
+        lens_sigmas=model.term_sigmas(fitted),
     )
 
 
@@ -167,7 +184,12 @@ def camera_from_opencv(
 
 
 def _starting_camera(
-    points: SurveyedPoints, width_px: int, height_px: int, focal_length_px: float | None, sigma: float | None
+    points: SurveyedPoints,
+    width_px: int,
+    height_px: int,
+    focal_length_px: float | None,
+    sigma: float | None,
+    model: LensModel,
 ) -> Camera:
     """Initial camera by RANSAC: the first focal length that fits well, otherwise the best."""
     diagonal = float(np.hypot(width_px, height_px))
@@ -175,12 +197,18 @@ def _starting_camera(
     # Allows for a few percent of error in the nominal focal length and a few percent of distortion.
     tolerance = max(10 * (sigma or 0.0), 0.02 * diagonal)
     best: tuple[float, Camera, NDArray] | None = None
-    for focal in middle * np.array([1.0, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0]):
+    shares = [1.0, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0]
+    fixed = model.focal_length_px
+    for focal in middle * np.array(shares) if fixed is None else [fixed]:
         matrix = np.array([[focal, 0, (width_px - 1) / 2], [0, focal, (height_px - 1) / 2], [0, 0, 1.0]])
+        lens = Camera(
+            width_px, height_px, focal, matrix[:2, 2], model.k1 or 0.0, np.eye(3), np.zeros(3), lens=model.lens
+        )
+        world, image = _straightened(lens, points.points_mm, points.image_px)
         try:
             succeeded, turn, shift, inliers = cv2.solvePnPRansac(
-                points.points_mm,
-                points.image_px,
+                world,
+                image,
                 matrix,
                 None,
                 iterationsCount=500,
@@ -192,7 +220,8 @@ def _starting_camera(
             continue
         if not succeeded or inliers is None or len(inliers) < FEWEST_POINTS:
             continue
-        camera = camera_from_opencv(width_px, height_px, matrix, 0.0, turn, shift)
+        pose = camera_from_opencv(width_px, height_px, matrix, lens.k1, turn, shift)
+        camera = replace(pose, lens=lens.lens)
         errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
         median = float(np.median(np.nan_to_num(errors, nan=diagonal)))
         if best is None or median < best[0]:
@@ -206,7 +235,16 @@ def _starting_camera(
             "points seen by one camera",
             "Are u and v, or the axes of the box, exchanged?",
         )
-    return _opencv_calibration(best[1], points, best[2])
+    return _opencv_calibration(best[1], points, best[2]) if model == ONE_TERM else best[1]
+
+
+def _straightened(lens: Camera, world: NDArray, image: NDArray) -> tuple[NDArray, NDArray]:
+    """Points and their image positions without distortion; points without a ray are left out."""
+    if lens.is_pinhole:
+        return world, image
+    straight = lens.focal_length_px * lens.slopes(*image.T) + lens.principal_point_px
+    finite = np.isfinite(straight).all(axis=1)
+    return np.ascontiguousarray(world[finite]), np.ascontiguousarray(straight[finite])
 
 
 def _opencv_calibration(camera: Camera, points: SurveyedPoints, selected: NDArray[np.int_]) -> Camera:
@@ -241,7 +279,9 @@ def _opencv_calibration(camera: Camera, points: SurveyedPoints, selected: NDArra
     return refined if np.sum(errors[1] ** 2) < np.sum(errors[0] ** 2) else camera
 
 
-def _robust_fit(start: Camera, points: SurveyedPoints, sigma: float | None) -> tuple[Camera, NDArray[np.bool_], float]:
+def _robust_fit(
+    start: Camera, points: SurveyedPoints, sigma: float | None, model: LensModel
+) -> tuple[Camera, NDArray[np.bool_], float]:
     """Robustly fitted camera, the points consistent with it (n,), and the majority's scatter.
 
     The Cauchy loss grows like a logarithm, so the influence of an outlier decreases with its size. The scale of the
@@ -249,37 +289,42 @@ def _robust_fit(start: Camera, points: SurveyedPoints, sigma: float | None) -> t
     """
     camera, count = start, len(points.ids)
     # Residuals of n points on 10 fitted parameters are smaller than the noise by this factor.
-    shrinkage = np.sqrt(2 * count / (2 * count - len(PARAMETER_NAMES)))
+    shrinkage = np.sqrt(2 * count / (2 * count - model.count))
     scale = np.inf
     for loss in ("soft_l1", "cauchy", "cauchy", "cauchy"):
         errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
         # The length of a 2-D Gaussian error has the median sigma sqrt(2 ln 2).
         scale = shrinkage * float(np.median(np.nan_to_num(errors, nan=1e6))) / np.sqrt(2 * np.log(2))
         # The lower bound avoids a scale of zero for points without noise.
-        camera = _least_squares(camera, points, np.ones(count, bool), loss, 2 * max(scale, sigma or 0.0, 1e-6))
+        camera = _least_squares(camera, points, np.ones(count, bool), model, loss, 2 * max(scale, sigma or 0.0, 1e-6))
     errors = np.linalg.norm(points.image_px - camera.project(points.points_mm), axis=1)
     scale = shrinkage * float(np.median(errors)) / np.sqrt(2 * np.log(2))
     scale = max(scale, sigma or 0.0, 1e-6)
-    in_use = errors < scale * np.sqrt(stats.chi2.isf(FALSE_ALARM / count, 2))
+    in_use = errors < scale * np.sqrt(chi2_quantile(FALSE_ALARM / count, 2))
     return camera, in_use, scale
 
 
 def _least_squares(
-    camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_], loss: str = "linear", scale: float = 1.0
+    camera: Camera,
+    points: SurveyedPoints,
+    in_use: NDArray[np.bool_],
+    model: LensModel,
+    loss: str = "linear",
+    scale: float = 1.0,
 ) -> Camera:
     """Camera fitted to the points in use by least squares, or with a robust loss of a scale, px."""
     world, image = points.points_mm[in_use], points.image_px[in_use]
 
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
         # Points behind the camera get a large residual, so that the step is rejected.
-        return np.nan_to_num((camera.with_parameters(values).project(world) - image).ravel(), nan=1e6)
+        return np.nan_to_num((model.applied(camera, values).project(world) - image).ravel(), nan=1e6)
 
     def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return parameter_jacobian(camera, world, values)
+        return model.jacobian(camera, world, values)
 
     solution = least_squares(
         residuals,
-        camera.parameters,
+        model.values(camera),
         jac=jacobian,
         x_scale="jac",
         loss=loss,
@@ -289,11 +334,17 @@ def _least_squares(
         gtol=1e-12,
         max_nfev=200,
     )
-    return camera.with_parameters(solution.x)
+    return model.applied(camera, solution.x)
 
 
 def _consistent(
-    camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_], scale: float, *, estimated: bool
+    camera: Camera,
+    points: SurveyedPoints,
+    in_use: NDArray[np.bool_],
+    scale: float,
+    model: LensModel,
+    *,
+    estimated: bool,
 ) -> NDArray[np.bool_]:
     """(n,) True for points consistent with the camera fitted to the other points in use.
 
@@ -302,8 +353,8 @@ def _consistent(
     with sigma^2 from the m remaining degrees of freedom (Cook & Weisberg 1982).
     """
     residuals = points.image_px - camera.project(points.points_mm)
-    jacobian = parameter_jacobian(camera, points.points_mm).reshape(-1, 2, len(PARAMETER_NAMES))
-    fitted = jacobian[in_use].reshape(-1, len(PARAMETER_NAMES))
+    jacobian = model.jacobian(camera, points.points_mm).reshape(-1, 2, model.count)
+    fitted = jacobian[in_use].reshape(-1, model.count)
     inverse = inverse_information(fitted, points.source, SURVEY_HINT)
     influence = jacobian @ inverse @ jacobian.transpose(0, 2, 1)
     spread = np.eye(2) + np.where(in_use, -1.0, 1.0)[:, None, None] * influence
@@ -315,22 +366,21 @@ def _consistent(
     )
     level = FALSE_ALARM / len(in_use)
     if not estimated:
-        return ~(squares / scale**2 > stats.chi2.isf(level, 2))
+        return ~(squares / scale**2 > chi2_quantile(level, 2))
     rest = np.sum(residuals[in_use] ** 2) - np.where(in_use, squares, 0.0)
-    freedom = 2 * (int(in_use.sum()) - in_use) - len(PARAMETER_NAMES)
+    freedom = 2 * (int(in_use.sum()) - in_use) - model.count
     # Six points without a stated sigma leave no degrees of freedom for a test.
     testable = freedom > 0
     ratio = squares[testable] / 2 / np.maximum(rest[testable] / freedom[testable], 1e-16)
     accepted = np.ones(len(in_use), bool)
-    accepted[testable] = ~(ratio > stats.f.isf(level, 2, freedom[testable]))
+    accepted[testable] = ~(ratio > fisher_quantile(level, 2, freedom[testable]))
     return accepted
 
 
-def _covariance(camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_], sigma: float) -> NDArray[np.float64]:
-    """(10, 10) covariance sigma^2 (J^T J)^-1; InputError if it is too large to be linearised."""
-    covariance = sigma**2 * inverse_information(
-        parameter_jacobian(camera, points.points_mm[in_use]), points.source, SURVEY_HINT
-    )
+def _checked(
+    covariance: NDArray[np.float64], camera: Camera, points: SurveyedPoints, in_use: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """The (10, 10) covariance; InputError if it is too large to be linearised."""
     distance = float(np.median(np.linalg.norm(points.points_mm[in_use] - camera.position_mm, axis=1)))
     deviations = np.sqrt(np.diag(covariance))
     share = {

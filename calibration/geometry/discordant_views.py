@@ -13,15 +13,15 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
+from cboxlab.scenes.camera import Camera
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy import stats
 
 from .camera_fit import CameraFit
-from .camera_jacobian import parameter_jacobian
+from .lens_model import ONE_TERM, LensModel
 from .surveyed_points import SurveyedPoints
-from .target_adjustment import HINT, INTRINSICS, POSE, starting_cameras
+from .target_adjustment import HINT, starting_cameras
 from .targets import TargetView
 
 __all__ = ["FALSE_ALARM", "DiscordantView", "discordant_views", "scatter_limits", "view_scatter"]
@@ -87,7 +87,9 @@ def _rms(cameras: Sequence[Camera], views: Sequence[TargetView]) -> NDArray[np.f
     return np.array([np.sqrt(np.mean(np.nan_to_num(error, nan=1e6) ** 2)) for error in errors])
 
 
-def _robust_start(views: Sequence[TargetView], width_px: int, height_px: int, lens: Camera | None) -> list[Camera]:
+def _robust_start(
+    views: Sequence[TargetView], width_px: int, height_px: int, lens: Camera | None, model: LensModel
+) -> list[Camera]:
     """Initial cameras with the smallest scatter in the better half of the views.
 
     One bad view can spoil OpenCV's joint solution; poses at a series of focal lengths do not depend on other views.
@@ -99,8 +101,9 @@ def _robust_start(views: Sequence[TargetView], width_px: int, height_px: int, le
     starts: list[list[Camera]] = []
     if lens is None:
         with suppress(InputError):
-            starts.append(starting_cameras(views, width_px, height_px, None, "target views"))
-        lenses = [replace(ideal, focal_length_px=share * diagonal) for share in _FOCAL_LENGTHS]
+            of_views = starting_cameras(views, width_px, height_px, None, "target views")
+            starts.append([model.start(camera) for camera in of_views])
+        lenses = [model.start(replace(ideal, focal_length_px=share * diagonal)) for share in _FOCAL_LENGTHS]
     else:
         lenses = [replace(lens, covariance=None)]
     starts += [[_pose(view, candidate) for view in views] for candidate in lenses]
@@ -124,6 +127,8 @@ def view_scatter(
     width_px: int,
     height_px: int,
     survey: tuple[SurveyedPoints, CameraFit] | None = None,
+    model: LensModel = ONE_TERM,
+    lens: Camera | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Scatter of each view's points about a camera fitted with one scatter per view.
 
@@ -139,6 +144,10 @@ def view_scatter(
         Size of the image, px.
     survey
         Surveyed points of the same lens and their fit, with its standard deviation; None without a survey.
+    model
+        Formula of the lens and the parameters that are fitted.
+    lens
+        Camera with the initial intrinsics and lens; None for the survey's, or a search.
 
     Returns
     -------
@@ -153,7 +162,9 @@ def view_scatter(
         If the views do not determine the intrinsics.
     """
     count = len(views)
-    cameras = _robust_start(views, width_px, height_px, None if survey is None else survey[1].camera)
+    if lens is None and survey is not None:
+        lens = survey[1].camera
+    cameras = _robust_start(views, width_px, height_px, lens, model)
     scatter = np.maximum(_rms(cameras, views), _SMALLEST_SCATTER_PX)
     freedom = np.full(count, np.inf)
     sizes = np.array([2 * len(world) for world, _ in views])
@@ -161,12 +172,13 @@ def view_scatter(
     if survey is not None:
         points, fit = survey
         measured.append((points.points_mm[fit.in_use], points.image_px[fit.in_use]))
-        cameras.append(replace(fit.camera, covariance=None))
+        optics, pose = fit.camera if lens is None else lens, fit.camera
+        cameras.append(replace(optics, covariance=None, position_mm=pose.position_mm, rotation=pose.rotation))
         fixed = [fit.point_sigma_px]
     for _ in range(_ROUNDS):
         sigmas = np.array([*np.maximum(scatter, _LOWEST_SHARE * np.median(scatter)), *fixed])
-        cameras, shares = _step(cameras, measured, sigmas)
-        freedom = sizes - len(PARAMETER_NAMES[POSE]) - shares[:count]
+        cameras, shares = _step(cameras, measured, sigmas, model)
+        freedom = sizes - 6 - shares[:count]
         before = scatter
         scatter = _rms(cameras[:count], views) * np.sqrt(sizes / np.maximum(freedom, 1.0))
         scatter = np.maximum(scatter, _SMALLEST_SCATTER_PX)
@@ -176,18 +188,18 @@ def view_scatter(
 
 
 def _step(
-    cameras: Sequence[Camera], measured: Sequence[TargetView], sigmas: NDArray[np.float64]
+    cameras: Sequence[Camera], measured: Sequence[TargetView], sigmas: NDArray[np.float64], model: LensModel
 ) -> tuple[list[Camera], NDArray[np.float64]]:
-    """Cameras after one step of least squares, and each view's share of the four intrinsics.
+    """Cameras after one step of least squares, and each view's share of the shared parameters.
 
-    The shares are tr(N^-1 N_i), where N_i is the information of view i about the intrinsics and N is their sum.
+    The shares are tr(N^-1 N_i), where N_i is the information of view i about these parameters and N is their sum.
     """
     blocks = []
     for camera, (world, image), sigma in zip(cameras, measured, sigmas, strict=True):
-        derivative = parameter_jacobian(camera, world) / sigma
+        derivative = model.jacobian(camera, world) / sigma
         residual = np.nan_to_num((image - camera.project(world)).ravel() / sigma)
-        basis, triangle = np.linalg.qr(derivative[:, POSE])
-        by_lens = derivative[:, INTRINSICS]
+        basis, triangle = np.linalg.qr(derivative[:, :6])
+        by_lens = derivative[:, 6:]
         blocks.append((by_lens, residual, basis, triangle, by_lens - basis @ (basis.T @ by_lens)))
     parts = np.array([reduced.T @ reduced for *_, reduced in blocks])
     information = parts.sum(axis=0)
@@ -206,7 +218,7 @@ def _step(
     shares = np.trace(np.linalg.solve(information[None], parts), axis1=1, axis2=2)
     initial = float(np.sum((_rms(cameras, measured) / sigmas) ** 2 * [len(world) for world, _ in measured]))
     for length in _STEP_LENGTHS:
-        moved = [c.with_parameters(c.parameters + length * step) for c, step in zip(cameras, steps, strict=True)]
+        moved = [model.applied(c, model.values(c) + length * step) for c, step in zip(cameras, steps, strict=True)]
         if np.sum((_rms(moved, measured) / sigmas) ** 2 * [len(world) for world, _ in measured]) <= initial:
             return moved, shares
     return list(cameras), shares
@@ -254,7 +266,7 @@ def scatter_limits(
         degrees = _SPREAD_VIEWS + len(sound) - 1
         variance = (_SPREAD_VIEWS * _SPREAD**2 + extent) / degrees * (1 + 1 / len(sound))
         variance += 1 / (2 * max(freedom[candidate], 1.0))
-        quantile = stats.t.isf(FALSE_ALARM / (len(sound) + 1), degrees)
+        quantile = student_quantile(FALSE_ALARM / (len(sound) + 1), degrees)
         threshold = float(centre + quantile * np.sqrt(variance))
         if logarithm[candidate] > threshold:
             outliers, mean, limit = count, float(centre), threshold
@@ -268,6 +280,8 @@ def discordant_views(
     height_px: int,
     survey: tuple[SurveyedPoints, CameraFit] | None,
     source: str,
+    model: LensModel = ONE_TERM,
+    lens: Camera | None = None,
 ) -> tuple[DiscordantView, ...]:
     """Views that do not agree with the camera of the others, see ``scatter_limits``.
 
@@ -283,6 +297,10 @@ def discordant_views(
         Surveyed points of the same lens and their fit; None without a survey.
     source
         File or key named in the message of the error.
+    model
+        Formula of the lens and the parameters that are fitted.
+    lens
+        Camera with the initial intrinsics and lens; None for the survey's, or a search.
 
     Returns
     -------
@@ -297,7 +315,7 @@ def discordant_views(
     if len(views) < 2:
         return ()
     try:
-        scatter, freedom = view_scatter(views, width_px, height_px, survey)
+        scatter, freedom = view_scatter(views, width_px, height_px, survey, model, lens)
     except InputError:
         # The fit of all views states what they do not determine.
         return ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,16 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows, separator_hint
 from numpy.typing import NDArray
 
-__all__ = ["FEWEST_POINTS", "SURVEY_HINT", "SurveyedPoints", "read_points", "require_determined"]
+from ..capture import Capture
+
+__all__ = [
+    "FEWEST_POINTS",
+    "SURVEY_HINT",
+    "SurveyedPoints",
+    "capture_points",
+    "read_points",
+    "require_determined",
+]
 
 #: Columns of points.csv.
 COLUMNS = ("id", "x_mm", "y_mm", "z_mm", "u_px", "v_px")
@@ -93,6 +102,31 @@ def read_points(path: Path) -> SurveyedPoints:
     points = SurveyedPoints(tuple(ids), table[:, :3], table[:, 3:], str(path))
     _require_enough(points, len(ids))
     return points
+
+
+def capture_points(capture: Capture) -> SurveyedPoints | None:
+    """Surveyed points of a capture, in the pixels in use.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+
+    Returns
+    -------
+    SurveyedPoints | None
+        None without [geometry].
+
+    Raises
+    ------
+    InputError
+        See ``read_points``.
+    """
+    geometry, reduction = capture.manifest.geometry, capture.reduction
+    if geometry is None:
+        return None
+    points = read_points(capture.folder / geometry.points)
+    return points if reduction is None else replace(points, image_px=reduction.positions(points.image_px))
 
 
 def _require_enough(points: SurveyedPoints, count: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,19 +13,13 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from .camera_fit import camera_from_opencv
-from .camera_jacobian import parameter_jacobian
+from .lens_model import ONE_TERM, LensModel
 from .targets import TargetView
 
-__all__ = ["HINT", "INTRINSICS", "POSE", "adjust", "starting_cameras", "view_jacobian"]
+__all__ = ["HINT", "adjust", "starting_cameras", "view_jacobian"]
 
 #: Next step in messages about views that do not determine the intrinsics.
 HINT = "Photograph the target tilted by 20 to 45 degrees, in several directions, over the whole image"
-
-#: Shared parameters in PARAMETER_NAMES: focal length, principal point, k1.
-INTRINSICS = slice(6, 10)
-
-#: Parameters of each pose in PARAMETER_NAMES.
-POSE = slice(0, 6)
 
 
 def starting_cameras(
@@ -39,7 +34,7 @@ def starting_cameras(
     width_px, height_px
         Size of the image, px.
     lens
-        Camera whose intrinsics are used; None estimates them.
+        Camera whose intrinsics and lens are used; None estimates them, with k1 alone.
     source
         File or key named in the message of the error.
 
@@ -65,8 +60,11 @@ def starting_cameras(
             u, v = lens.principal_point_px
             matrix = np.array([[lens.focal_length_px, 0, u], [0, lens.focal_length_px, v], [0, 0, 1]])
             distortion = np.array([lens.k1, 0, 0, 0, 0])
+            if not lens.lens.one_term:
+                images = [_straight(lens, image) for _, image in views]
+            straight = distortion if lens.lens.one_term else np.zeros(5)
             poses = [
-                cv2.solvePnP(world, image, matrix, distortion, flags=cv2.SOLVEPNP_IPPE)
+                cv2.solvePnP(world, image, matrix, straight, flags=cv2.SOLVEPNP_IPPE)
                 for world, image in zip(worlds, images, strict=True)
             ]
             turns, shifts = [pose[1] for pose in poses], [pose[2] for pose in poses]
@@ -77,18 +75,25 @@ def starting_cameras(
         failed = True
     if failed:
         raise InputError(source, "views inconsistent with any camera", "views tilted differently", HINT)
-    return [
+    cameras = [
         camera_from_opencv(width_px, height_px, matrix, distortion.ravel()[0], turn, shift)
         for turn, shift in zip(turns, shifts, strict=True)
     ]
+    return cameras if lens is None else [replace(camera, lens=lens.lens) for camera in cameras]
+
+
+def _straight(lens: Camera, image: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, 2) image positions without the distortion of a lens, px."""
+    return (lens.focal_length_px * lens.slopes(*image.T) + lens.principal_point_px).astype(np.float32)
 
 
 def adjust(
     cameras: Sequence[Camera],
     measured: Sequence[TargetView],
     sigmas: Sequence[float],
+    model: LensModel = ONE_TERM,
 ) -> list[Camera]:
-    """Cameras by least squares: shared intrinsics, a pose per view, views weighted by sigma.
+    """Cameras by least squares: a shared lens, a pose per view, views weighted by sigma.
 
     Parameters
     ----------
@@ -98,18 +103,22 @@ def adjust(
         World and image positions of each camera, mm and px.
     sigmas
         Standard deviation of the image coordinates of each, px.
+    model
+        Formula of the lens and the parameters that are fitted.
 
     Returns
     -------
     list[Camera]
         Fitted cameras with equal intrinsics, without covariance.
     """
+    shared = model.shared
+
+    def of_views(values: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        poses = values[shared:].reshape(-1, 6)
+        return [np.concatenate([pose, values[:shared]]) for pose in poses]
 
     def with_values(values: NDArray[np.float64]) -> list[Camera]:
-        return [
-            camera.with_parameters(np.concatenate([values[4 + 6 * i : 10 + 6 * i], values[:4]]))
-            for i, camera in enumerate(cameras)
-        ]
+        return [model.applied(camera, fitted) for camera, fitted in zip(cameras, of_views(values), strict=True)]
 
     def residuals(values: NDArray[np.float64]) -> NDArray[np.float64]:
         parts = [
@@ -120,10 +129,10 @@ def adjust(
         return np.nan_to_num(np.concatenate(parts), nan=1e6)
 
     def jacobian(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        poses = [np.concatenate([values[4 + 6 * i : 10 + 6 * i], values[:4]]) for i in range(len(cameras))]
-        return view_jacobian(cameras, measured, sigmas, poses)
+        return view_jacobian(cameras, measured, sigmas, model, of_views(values))
 
-    start = np.concatenate([cameras[-1].parameters[INTRINSICS], *(camera.parameters[POSE] for camera in cameras)])
+    initial = [model.values(camera) for camera in cameras]
+    start = np.concatenate([initial[-1][6:], *(values[:6] for values in initial)])
     solution = least_squares(
         residuals, start, jac=jacobian, x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200
     )
@@ -134,9 +143,10 @@ def view_jacobian(
     cameras: Sequence[Camera],
     measured: Sequence[TargetView],
     sigmas: Sequence[float],
+    model: LensModel = ONE_TERM,
     values: Sequence[NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64]:
-    """(m, 4 + 6 views) derivative of weighted positions by the intrinsics, then by each pose.
+    """Derivative of weighted positions by the shared parameters, then by each pose.
 
     Parameters
     ----------
@@ -146,19 +156,21 @@ def view_jacobian(
         World and image positions of each view, mm and px.
     sigmas
         Standard deviation of the image coordinates of each view, px.
+    model
+        Formula of the lens and the parameters that are fitted.
     values
-        (10,) parameters of each view to use instead of the cameras'; None uses the cameras'.
+        Fitted parameters of each view to use instead of the cameras'; None uses the cameras'.
 
     Returns
     -------
     NDArray
-        (m, 4 + 6 views) derivatives, standard deviations per unit of the parameter.
+        (m, shared + 6 views) derivatives, standard deviations per unit of the parameter.
     """
-    rows = []
+    rows, shared = [], model.shared
     for index, (camera, (world, _), sigma) in enumerate(zip(cameras, measured, sigmas, strict=True)):
-        derivative = parameter_jacobian(camera, world, values[index] if values else None) / sigma
-        block = np.zeros((len(derivative), 4 + 6 * len(cameras)))
-        block[:, :4] = derivative[:, INTRINSICS]
-        block[:, 4 + 6 * index : 10 + 6 * index] = derivative[:, POSE]
+        derivative = model.jacobian(camera, world, values[index] if values else None) / sigma
+        block = np.zeros((len(derivative), shared + 6 * len(cameras)))
+        block[:, :shared] = derivative[:, 6:]
+        block[:, shared + 6 * index : shared + 6 * index + 6] = derivative[:, :6]
         rows.append(block)
     return np.concatenate(rows)

@@ -6,8 +6,8 @@ improve the intrinsics of the surveyed camera.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from .camera_fit import LARGEST_UNCERTAINTY, CameraFit
 from .camera_jacobian import inverse_information
 from .discordant_views import DiscordantView, discordant_views
+from .lens_model import ONE_TERM, LensModel
 from .surveyed_points import SurveyedPoints
-from .target_adjustment import HINT, INTRINSICS, adjust, starting_cameras, view_jacobian
+from .target_adjustment import HINT, adjust, starting_cameras, view_jacobian
 from .targets import TargetView
 
 __all__ = ["TargetFit", "fit_camera_targets"]
@@ -28,7 +29,7 @@ __all__ = ["TargetFit", "fit_camera_targets"]
 class TargetFit:
     """Intrinsics and poses fitted to views of flat targets, by `fit_camera_targets`."""
 
-    #: One camera per view in use, each with its (10, 10) covariance; they share the intrinsics.
+    #: One camera per view in use, each with its (10, 10) covariance; they share the intrinsics and the lens.
     cameras: tuple[Camera, ...]
     #: (4,) focal length, principal point u and v, px, and k1.
     intrinsics: NDArray[np.float64]
@@ -48,6 +49,8 @@ class TargetFit:
     discordant: tuple[DiscordantView, ...] = ()
     #: Focal length with the discordant views, px; None without such views or if the fit with them fails.
     focal_length_with_all_px: float | None = None
+    #: Standard deviations of the fitted terms of the lens beyond k1, by term.
+    lens_sigmas: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -74,6 +77,8 @@ def fit_camera_targets(
     survey: tuple[SurveyedPoints, CameraFit] | None = None,
     source: str = "target views",
     names: Sequence[str] | None = None,
+    model: LensModel = ONE_TERM,
+    lens: Camera | None = None,
 ) -> TargetFit:
     """Shared intrinsics and the pose of every view.
 
@@ -95,6 +100,10 @@ def fit_camera_targets(
         File or key named in messages of errors.
     names
         Name of each view, such as its file; None numbers them from 1.
+    model
+        Formula of the lens, the parameters that are fitted, and those that are stated.
+    lens
+        Camera with the initial intrinsics and lens; None takes the survey's, or finds them.
 
     Returns
     -------
@@ -107,20 +116,24 @@ def fit_camera_targets(
         If the views cannot determine the intrinsics: too few points, only one view, or views without tilt (which do
         not separate focal length from distance). Also if no majority of the views agrees with one camera.
     """
-    if len(views) < (1 if survey else 2):
+    if len(views) < (1 if survey or model.focal_length_px is not None else 2):
         raise InputError(source, f"{len(views)} view of a flat target", "at least two, tilted differently", HINT)
     for number, (world, _) in enumerate(views, 1):
         if len(world) < 6:
             raise InputError(f"{source}: view {number}", f"{len(world)} points", "at least 6")
     labels = [f"view {number}" for number in range(1, len(views) + 1)] if names is None else names
-    discordant = discordant_views(views, labels, width_px, height_px, survey, source)
+    discordant = discordant_views(views, labels, width_px, height_px, survey, source, model, lens)
+
+    def joint(used: Sequence[TargetView]) -> TargetFit:
+        return _joint_fit(used, width_px, height_px, point_sigma_px, survey, source, model, lens)
+
     if not discordant:
-        return _joint_fit(views, width_px, height_px, point_sigma_px, survey, source)
+        return joint(views)
     excluded = {view.index for view in discordant}
     in_use = [view for index, view in enumerate(views) if index not in excluded]
-    fit = _joint_fit(in_use, width_px, height_px, point_sigma_px, survey, source)
+    fit = joint(in_use)
     try:
-        with_all = float(_joint_fit(views, width_px, height_px, point_sigma_px, survey, source).intrinsics[0])
+        with_all = float(joint(views).intrinsics[0])
     except InputError:
         with_all = None
     return replace(fit, discordant=discordant, focal_length_with_all_px=with_all)
@@ -133,10 +146,16 @@ def _joint_fit(
     point_sigma_px: float | None,
     survey: tuple[SurveyedPoints, CameraFit] | None,
     source: str,
+    model: LensModel,
+    lens: Camera | None,
 ) -> TargetFit:
     """Fit of all given views, their points weighted equally, and the surveyed points."""
     measured = list(views)
-    cameras = starting_cameras(views, width_px, height_px, survey[1].camera if survey else None, source)
+    if lens is None and survey is not None:
+        lens = survey[1].camera
+    cameras = starting_cameras(views, width_px, height_px, lens, source)
+    if model != ONE_TERM:
+        cameras = [camera if lens is not None else model.start(camera) for camera in cameras]
     sigmas = [point_sigma_px or 1.0] * len(views)
     if survey is not None:
         points, fit = survey
@@ -146,8 +165,8 @@ def _joint_fit(
     count = sum(2 * len(world) for world, _ in views)
     # One iteration if the sigma is stated; else iterate, since the weights depend on the estimated sigma.
     for _ in range(1 if point_sigma_px else 6):
-        cameras = adjust(cameras, measured, sigmas)
-        jacobian = view_jacobian(cameras, measured, sigmas)
+        cameras = adjust(cameras, measured, sigmas, model)
+        jacobian = view_jacobian(cameras, measured, sigmas, model)
         inverse = inverse_information(jacobian, source, HINT)
         residuals = [image - c.project(world) for c, (world, image) in zip(cameras, measured, strict=True)]
         targets = np.concatenate(residuals[: len(views)])
@@ -159,8 +178,12 @@ def _joint_fit(
             if survey is None:
                 inverse = inverse * ratio**2
                 break
-    cameras = [replace(c, covariance=_of_view(inverse, index)) for index, c in enumerate(cameras)]
-    share = float(np.sqrt(inverse[0, 0])) / cameras[0].focal_length_px
+    shared = model.shared
+    cameras = [
+        replace(c, covariance=model.covariance(c, _of_view(inverse, index, shared))) for index, c in enumerate(cameras)
+    ]
+    covariance = np.asarray(cameras[0].covariance)
+    share = float(np.sqrt(covariance[6, 6])) / cameras[0].focal_length_px
     if share > LARGEST_UNCERTAINTY:
         raise InputError(
             source,
@@ -170,17 +193,18 @@ def _joint_fit(
         )
     return TargetFit(
         cameras=tuple(cameras[: len(views)]),
-        intrinsics=cameras[0].parameters[INTRINSICS],
-        intrinsics_covariance=inverse[:4, :4],
+        intrinsics=cameras[0].parameters[6:],
+        intrinsics_covariance=covariance[6:, 6:],
         survey_camera=cameras[-1] if survey else None,
         reprojection_rms_px=float(np.sqrt(np.mean(targets**2))),
         view_rms_px=tuple(float(np.sqrt(np.mean(r**2))) for r in residuals[: len(views)]),
         point_sigma_px=sigmas[0],
         degrees_of_freedom=jacobian.shape[0] - jacobian.shape[1],
+        lens_sigmas=model.term_sigmas(inverse[:shared, :shared]),
     )
 
 
-def _of_view(covariance: NDArray[np.float64], index: int) -> NDArray[np.float64]:
-    """(10, 10) covariance of one view's camera, in the order of PARAMETER_NAMES."""
-    order = np.r_[4 + 6 * index : 10 + 6 * index, 0:4]
+def _of_view(covariance: NDArray[np.float64], index: int, shared: int) -> NDArray[np.float64]:
+    """(count, count) covariance of one view's fitted parameters, the pose first."""
+    order = np.r_[shared + 6 * index : shared + 6 * index + 6, 0:shared]
     return covariance[np.ix_(order, order)]

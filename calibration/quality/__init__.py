@@ -1,8 +1,17 @@
 """Suspected errors of a capture, detected in its frames, tables and numbers."""
 
-from .constants import centre_nm, power_law
-from .find import find_suspicions
-from .points import explain_points
-from .suspicion import Suspicion
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .constants import centre_nm, power_law
+    from .find import find_suspicions
+    from .points import explain_points
+    from .suspicion import Suspicion
 
 __all__ = ["Suspicion", "centre_nm", "explain_points", "find_suspicions", "power_law"]
+
+__getattr__, __dir__ = lazy_names(__name__)

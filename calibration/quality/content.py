@@ -86,7 +86,7 @@ def check_frame_content(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
 
 def _is_varied(frame: np.ndarray) -> bool:
     """Whether enough pixels differ from the most common count, so that no other frame is equal."""
-    counts = np.bincount(frame.ravel())
+    _, counts = np.unique(frame, return_counts=True)
     return bool(counts.max() < (1 - SMALLEST_VARIED_SHARE) * frame.size)
 
 

@@ -139,7 +139,8 @@ def _check_levels(
         if stack.kind in ("dark", "bracket"):
             continue
         saturated = float(np.mean(stack.counts >= full))
-        if saturated > LARGEST_SATURATED_SHARE[stack.kind]:
+        is_bracketed = stack.kind == "band" and stack.band is not None and bool(capture.brackets(stack.band))
+        if not is_bracketed and saturated > LARGEST_SATURATED_SHARE[stack.kind]:
             yield Suspicion(
                 f"the {stack.kind} frames are overexposed",
                 f"{stack.key}.frames",

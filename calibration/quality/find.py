@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
+from .brackets import check_brackets
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_spectra_content
 from .counts import check_counts
@@ -19,11 +20,25 @@ from .fingerprint import check_fingerprint, check_flat_shapes
 from .points import check_points
 from .repeats import check_noise, check_repeats
 from .schedule import check_exposures, check_schedule
-from .stacks import read_stacks
+from .stacks import Stack, read_stacks
 from .suspicion import Suspicion
 from .tables import check_numbers, check_scene, check_tables
 
 __all__ = ["find_suspicions"]
+
+
+def _check_counts(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+) -> Iterator[Suspicion]:
+    """Checks that need whole counts of a sensor, which merged pictures are not."""
+    yield from check_counts(capture, stacks, dark, noise)
+    yield from check_noise(capture, stacks, dark, noise)
+    yield from check_repeats(capture, stacks, dark, noise)
+    yield from check_darks(stacks, noise, capture.saturation_dn)
+    yield from check_flat_shapes(stacks, dark)
+    yield from check_fingerprint(stacks, dark)
+    yield from check_light_in_darks(stacks, dark)
+    yield from check_fields(capture, stacks, dark)
 
 
 def find_suspicions(
@@ -81,17 +96,11 @@ def find_suspicions(
         *check_spectra_content(capture),
         *check_names(capture, stacks),
         *check_exposures(stacks),
+        *check_brackets(bands),
         *check_schedule(stacks),
-        *check_counts(capture, stacks, dark, noise),
-        *check_noise(capture, stacks, dark, noise),
-        *check_repeats(capture, stacks, dark, noise),
-        *check_darks(stacks, noise, capture.saturation_dn),
-        *check_flat_shapes(stacks, dark),
-        *check_fingerprint(stacks, dark),
+        *(() if capture.is_merged else _check_counts(capture, stacks, dark, noise)),
         *check_constant(capture, radiometry, noise, fit, channels),
         *check_flats_and_references(capture, bands, radiometry, channels),
-        *check_light_in_darks(stacks, dark),
-        *check_fields(capture, stacks, dark),
         *check_filter_shift(capture, radiometry),
         *check_focal_length(capture, fit),
         *check_points(capture, fit),

@@ -11,7 +11,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ..capture import Capture
-from ..geometry import CameraFit, SurveyedPoints, fit_camera, read_points
+from ..geometry import CameraFit, SurveyedPoints, capture_points, fit_camera
 from .suspicion import Suspicion
 
 __all__ = ["check_points", "explain_points"]
@@ -87,7 +87,7 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
     Suspicion
         For the points together, then for single wrong ones.
     """
-    points = _points(capture)
+    points = capture_points(capture)
     if points is None:
         return
     name = str(capture.manifest.geometry.points) if capture.manifest.geometry else ""
@@ -98,12 +98,6 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
     if fit is not None:
         yield from _check_scatter(fit)
         yield from _check_outliers(points, fit, name)
-
-
-def _points(capture: Capture) -> SurveyedPoints | None:
-    """Surveyed points of a capture; None if it has none."""
-    geometry = capture.manifest.geometry
-    return None if geometry is None else read_points(capture.folder / geometry.points)
 
 
 def _check_frame(points: SurveyedPoints, shape: tuple[int, int], name: str) -> Iterator[Suspicion]:
@@ -190,7 +184,7 @@ def explain_points(capture: Capture, fault: InputError) -> Suspicion | None:
     Suspicion or None
         The correction by which a camera fits best; None if no common error explains the points.
     """
-    points = _points(capture)
+    points = capture_points(capture)
     if points is None:
         return None
     height, width = capture.shape

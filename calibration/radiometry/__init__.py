@@ -1,17 +1,25 @@
 """Radiance from corrected counts: sensor equation, constant C, spectral sensitivities."""
 
-from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
-from .radiometry import Radiometry, measure_constant
-from .registration import register
-from .sensor_equation import (
-    band_responses,
-    capture_factors,
-    counts_over_constant,
-    missing_keys,
-    optical_factor,
-    response_curve,
-)
-from .uncertainty import Uncertainty, measure_uncertainty, xyz_parts
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .channel_levels import channel_levels, level_notes
+    from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
+    from .radiometry import Radiometry, measure_constant
+    from .registration import register
+    from .sensor_equation import (
+        band_responses,
+        capture_factors,
+        counts_over_constant,
+        missing_keys,
+        optical_factor,
+        response_curve,
+    )
+    from .uncertainty import Uncertainty, measure_uncertainty, xyz_parts
 
 __all__ = [
     "HyperspectralCube",
@@ -20,8 +28,10 @@ __all__ = [
     "as_scene",
     "band_responses",
     "capture_factors",
+    "channel_levels",
     "counts_over_constant",
     "hyperspectral_cube",
+    "level_notes",
     "measure_constant",
     "measure_uncertainty",
     "missing_keys",
@@ -31,3 +41,5 @@ __all__ = [
     "response_curve",
     "xyz_parts",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_tail
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ..capture import Capture, ReferenceTable, channel_mask
 from ..correction import (
@@ -19,7 +19,7 @@ from ..correction import (
     uniform_flat,
 )
 from ..instrument import Mask
-from .sensor_equation import counts_over_constant, nominal_constant
+from .sensor_equation import assumed_keys, counts_over_constant, nominal_constant
 
 __all__ = ["BandConstant", "Radiometry", "band_scatter", "join_constants", "measure_constant"]
 
@@ -29,6 +29,8 @@ _OUTLIER_SIGMAS = 5.5
 _NOT_UNIFORM = 1.1
 #: Probability of the chi-square between bands below which a note names the worst band.
 _IMPROBABLE = 1e-3
+#: C of a capture with a free scale that states no lens and gain: any number, replaced in the comparison with a model.
+_ARBITRARY_CONSTANT = 1.0
 
 
 @dataclass(frozen=True)
@@ -70,11 +72,22 @@ class Radiometry:
     chi2_degrees: int
     #: References not used or not uniform, bands that differ.
     notes: tuple[str, ...]
+    #: Whether the scale is free: `constant` is then that of the comparison with a model, or an arbitrary one.
+    is_free: bool = False
+    #: (band,) factors of the bands on `constant`, in the manifest's order; None where all are 1.
+    band_factors: NDArray[np.float64] | None = None
+
+    @property
+    def band_constants(self) -> float | NDArray[np.float64] | None:
+        """C of all bands, or (band,) C of each where each is free; None where it is not known."""
+        if self.constant is None or self.band_factors is None:
+            return self.constant
+        return self.constant * self.band_factors
 
     @property
     def probability(self) -> float:
         """Probability of a larger chi2 by noise if all bands have one C; 1 for a single band."""
-        return float(chi2.sf(self.chi2, self.chi2_degrees)) if self.chi2_degrees else 1.0
+        return float(chi2_tail(self.chi2, self.chi2_degrees)) if self.chi2_degrees else 1.0
 
 
 def _reference_constant(
@@ -145,6 +158,8 @@ def measure_constant(
     InputError
         For a faulty frame.
     """
+    if not capture.manifest.is_absolute:
+        return _free_constant(capture)
     notes, constants = [], []
     for table in capture.manifest.reference:
         channel = None if channels is None else channels[table.band]
@@ -165,6 +180,21 @@ def measure_constant(
         notes.append(f"{why}: C is {'unknown' if nominal is None else 'the nominal value of the lens'}")
         return Radiometry(nominal, None, nominal, (), np.zeros(0), 0.0, np.inf, 0.0, 0, tuple(notes))
     return join_constants(constants, nominal, notes)
+
+
+def _free_constant(capture: Capture) -> Radiometry:
+    """The nominal constant, or an arbitrary one, of a capture that claims no absolute scale."""
+    nominal = nominal_constant(capture)
+    manifest = capture.manifest
+    each = "of each band" if manifest.is_free_by_band else "of all bands"
+    why = "" if manifest.scale == "free-by-band" or not manifest.is_free_by_band else ", since the lens's colour is not"
+    notes = [f'no absolute scale is claimed (scale = "{manifest.scale}"): one factor {each} is not known{why}']
+    if assumed := assumed_keys(capture):
+        notes.append(f"{', '.join(assumed)} not stated: taken as 1 at all wavelengths")
+    if capture.manifest.reference:
+        notes.append("the [[reference]] frames are not used for the scale, which is free")
+    constant = _ARBITRARY_CONSTANT if nominal is None else nominal
+    return Radiometry(constant, None, nominal, (), np.zeros(0), 0.0, np.inf, 0.0, 0, tuple(notes), True)
 
 
 def band_scatter(constants: Sequence[BandConstant]) -> float:
@@ -231,7 +261,7 @@ def join_constants(constants: Sequence[BandConstant], nominal: float | None, not
     weights = 1 / noise**2
     mean = float(np.average(values, weights=weights))
     misfit, degrees = float(np.sum(weights * (values - mean) ** 2)), values.size - 1
-    if degrees and chi2.sf(misfit, degrees) < _IMPROBABLE:
+    if degrees and chi2_tail(misfit, degrees) < _IMPROBABLE:
         # from the median: one that is far off takes the mean with it
         middle = float(np.median(values))
         worst = by_band[int(np.argmax(weights * (values - middle) ** 2))]

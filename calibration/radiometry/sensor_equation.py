@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from cboxlab.scenes import NAMED_CAMERA
+from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM, WavelengthGrid
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
@@ -27,6 +29,7 @@ from ..instrument import (
 )
 
 __all__ = [
+    "assumed_keys",
     "band_responses",
     "capture_factors",
     "counts_over_constant",
@@ -35,6 +38,9 @@ __all__ = [
     "optical_factor",
     "response_curve",
 ]
+
+#: Transmittance of a clear path: 1 at all wavelengths of the integral.
+_CLEAR = Spectrum(WAVELENGTH_NM, np.ones(WAVELENGTH_NM.size), "hold")
 
 
 def nominal_constant(capture: Capture) -> float | None:
@@ -48,9 +54,12 @@ def nominal_constant(capture: Capture) -> float | None:
     Returns
     -------
     float | None
-        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain.
+        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain, and for a camera by name, whose
+        sensitivities have no level.
     """
     camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
+    if _is_named(capture):
+        return None
     if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
         return None
     return lens_constant(focal, camera.pixel_pitch_um, camera.gain_e_per_dn)
@@ -58,6 +67,8 @@ def nominal_constant(capture: Capture) -> float | None:
 
 def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float | None:
     """Factor t / (f_number^2 d^2) of a table's frames.
+
+    Where the capture claims no absolute scale, an f-number or image distance that no band states is 1.
 
     Parameters
     ----------
@@ -72,17 +83,54 @@ def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float |
         Factor, s mm^-2; None if f-number or image distance is not stated.
     """
     f_number, distance = capture.f_number(table), capture.image_distance_mm(table)
+    if f_number is None and _is_free(capture, "f_number"):
+        f_number = 1.0
+    if distance is None and _is_free(capture, "image_distance_mm"):
+        distance = 1.0
     if f_number is None or distance is None:
         return None
     return table.exposure_s / (f_number**2 * distance**2)
 
 
+def _is_free(capture: Capture, key: str) -> bool:
+    """Whether the free scale holds a key that bands may leave out."""
+    manifest = capture.manifest
+    one_of_all = all(getattr(band, key) is None for band in manifest.band)
+    return manifest.is_free_by_band or (manifest.scale == "free" and one_of_all)
+
+
+def _is_unfiltered(band: BandTable) -> bool:
+    """Whether a band without a transmittance has no filter: a stated channel of a mosaic."""
+    return band.transmittance is None and band.channel is not None
+
+
+def _filter_of(capture: Capture, band: BandTable) -> Spectrum | None:
+    """Transmittance of a band's filter, 1 without a filter; None where it is not stated."""
+    if band.transmittance is not None:
+        return capture.light(band.transmittance)
+    return _CLEAR if _is_unfiltered(band) else None
+
+
+def _lens_of(capture: Capture) -> Spectrum | None:
+    """Transmittance of the lens, 1 within a free scale or for a named camera; None where it is not stated."""
+    column = capture.manifest.lens.transmittance
+    if column is not None:
+        return capture.light(column)
+    return None if capture.manifest.is_absolute and not _is_named(capture) else _CLEAR
+
+
 def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> NDArray[np.float64] | None:
     """(w,) F Q T_lens; None where the capture states no lens or no quantum efficiency."""
-    lens, efficiency = capture.manifest.lens.transmittance, capture.quantum_efficiency(channel)
+    lens, efficiency = _lens_of(capture), capture.quantum_efficiency(channel)
     if lens is None or efficiency is None:
         return None
-    return rest_curve(efficiency, capture.light(lens), grid)
+    return rest_curve(efficiency, lens, grid)
+
+
+def _is_named(capture: Capture) -> bool:
+    """Whether the sensitivities are those of a camera by name, which are relative."""
+    efficiency = capture.manifest.camera.quantum_efficiency
+    return isinstance(efficiency, dict) and any(column.startswith(NAMED_CAMERA) for column in efficiency.values())
 
 
 def response_curve(capture: Capture, band: BandTable, channel: str | None = None) -> NDArray[np.float64] | None:
@@ -102,10 +150,10 @@ def response_curve(capture: Capture, band: BandTable, channel: str | None = None
     NDArray | None
         (301,) response on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
     """
-    rest = _rest_curve(capture, channel, INTEGRAL_GRID)
-    if rest is None or band.transmittance is None:
+    rest, transmittance = _rest_curve(capture, channel, INTEGRAL_GRID), _filter_of(capture, band)
+    if rest is None or transmittance is None:
         return None
-    return rest * capture.light(band.transmittance).at(WAVELENGTH_NM)
+    return rest * transmittance.at(WAVELENGTH_NM)
 
 
 def counts_over_constant(
@@ -153,18 +201,45 @@ def missing_keys(capture: Capture) -> tuple[str, ...]:
     manifest, missing = capture.manifest, []
     if manifest.camera.quantum_efficiency is None:
         missing.append("camera.quantum_efficiency")
-    if manifest.lens.transmittance is None:
+    if _lens_of(capture) is None:
         missing.append("lens.transmittance")
     for index, band in enumerate(manifest.band):
-        for key in ("transmittance", "f_number", "image_distance_mm"):
-            if getattr(band, key) is None:
+        if _filter_of(capture, band) is None:
+            missing.append(f"band[{index}] ({band.id}).transmittance")
+        for key in ("f_number", "image_distance_mm"):
+            if getattr(band, key) is None and not _is_free(capture, key):
                 missing.append(f"band[{index}] ({band.id}).{key}")
     return tuple(missing)
 
 
+def assumed_keys(capture: Capture) -> tuple[str, ...]:
+    """Keys that a capture without absolute scale leaves out and that are taken as 1.
+
+    Parameters
+    ----------
+    capture
+        Capture whose manifest is examined.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Names of the keys; empty for a capture with an absolute scale.
+    """
+    manifest = capture.manifest
+    if manifest.is_absolute:
+        return ()
+    unstated = ["lens.transmittance"] if manifest.lens.transmittance is None else []
+    if any(_is_unfiltered(band) for band in manifest.band):
+        unstated.append("band.transmittance")
+    for key in ("f_number", "image_distance_mm"):
+        if _is_free(capture, key) and any(getattr(band, key) is None for band in manifest.band):
+            unstated.append(f"band.{key}")
+    return tuple(unstated)
+
+
 def capture_factors(
     capture: Capture,
-    constant: float,
+    constant: float | NDArray[np.float64],
     channels: Mapping[str, str] | None = None,
     grid: WavelengthGrid = INTEGRAL_GRID,
 ) -> ResponseFactors:
@@ -175,7 +250,7 @@ def capture_factors(
     capture
         Capture with sensor, lens, filters, f-numbers and image distances.
     constant
-        C, mm^2 m^2 / (e-/DN), one for all bands.
+        C, mm^2 m^2 / (e-/DN), one for all bands, or (band,) one of each.
     channels
         By band, the channel of a sensor with a mosaic; None without a mosaic.
     grid
@@ -192,23 +267,24 @@ def capture_factors(
         If keys are missing; the message names them (see ``missing_keys``).
     """
     filters, rests, factors = {}, [], []
-    for band in capture.manifest.band:
+    of_bands = np.broadcast_to(constant, len(capture.manifest.band))
+    for band, band_constant in zip(capture.manifest.band, of_bands.tolist(), strict=True):
         rest = _rest_curve(capture, None if channels is None else channels[band.id], grid)
-        factor = optical_factor(capture, band)
-        if rest is None or band.transmittance is None or factor is None:
+        factor, transmittance = optical_factor(capture, band), _filter_of(capture, band)
+        if rest is None or transmittance is None or factor is None:
             raise InputError(
                 capture.folder / "capture.toml",
                 f"no {', '.join(missing_keys(capture))}",
                 "these keys, which an absolute scale needs",
             )
-        filters[band.id] = capture.light(band.transmittance)
+        filters[band.id] = transmittance
         rests.append(rest)
-        factors.append(constant * factor)
+        factors.append(band_constant * factor)
     return response_factors(filters, rests, factors, grid)
 
 
 def band_responses(
-    capture: Capture, constant: float, channels: Mapping[str, str] | None = None
+    capture: Capture, constant: float | NDArray[np.float64], channels: Mapping[str, str] | None = None
 ) -> tuple[BandResponse, ...]:
     """Responses of all bands: the products of ``capture_factors``.
 
@@ -217,7 +293,7 @@ def band_responses(
     capture
         Capture with sensor, lens, filters, f-numbers and image distances.
     constant
-        C, mm^2 m^2 / (e-/DN), one for all bands.
+        C, mm^2 m^2 / (e-/DN), one for all bands, or (band,) one of each.
     channels
         By band, the channel of a sensor with a mosaic; None without a mosaic.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -23,13 +23,15 @@ from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, st
 from ..correction import (
     CorrectedBands,
     DarkLibrary,
+    LensAxis,
     NoiseModel,
     correct_bands,
+    measure_merged_noise,
     measure_noise,
     read_darks,
     with_full_well,
 )
-from ..detector import Linearity, SensorStudy, measure_linearity, study_sensor
+from ..detector import NO_STUDY, Linearity, SensorStudy, measure_linearity, study_sensor
 from ..geometry import CameraFit, TargetFit, calibrate_camera
 from ..instrument import BandResponse, Mask, interpolated_channel
 from ..quality import Suspicion, explain_points, find_suspicions
@@ -37,6 +39,8 @@ from ..radiometry import (
     Radiometry,
     Uncertainty,
     band_responses,
+    channel_levels,
+    level_notes,
     measure_constant,
     measure_uncertainty,
     missing_keys,
@@ -169,6 +173,43 @@ def _camera(
         return None, None, [f"no camera: {explained.what}"], (explained,)
 
 
+def _patches(
+    capture: Capture, bands: CorrectedBands, noise: NoiseModel, linearity: Linearity | None
+) -> tuple[PatchTable | None, list[str]]:
+    """Measured patches with their notes, or a note that says why there are none."""
+    labels = capture.manifest.labels
+    try:
+        patches = measure_patches(capture, bands, noise, linearity)
+    except InputError as fault:
+        if labels is None or labels.image is not None:
+            raise
+        return None, [f"no patch reflectances: {fault}"]
+    if labels is None:
+        return None, []
+    if patches is None:
+        return None, ["[labels] without a known white patch or without filters: no patch reflectances"]
+    found = [] if labels.image is not None else ["[labels] states no image: a ColorChecker was found in the picture"]
+    return patches, [*found, *patches.notes]
+
+
+def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
+    """Axis of the lens by the fitted camera, else by its nominal focal length, for a capture with a free scale."""
+    manifest = capture.manifest
+    if manifest.is_absolute:
+        return None
+    if fit is not None:
+        u, v = fit.camera.principal_point_px
+        return LensAxis(fit.camera.focal_length_px, float(u), float(v))
+    focal, pitch, crop = manifest.lens.focal_length_mm, manifest.camera.pixel_pitch_um, manifest.crop
+    if focal is None or pitch is None:
+        return None
+    height, width = capture.shape
+    u, v = (width - 1) / 2, (height - 1) / 2
+    if crop is not None:
+        u, v = (crop.full_width_px - 1) / 2 - crop.u0_px, (crop.full_height_px - 1) / 2 - crop.v0_px
+    return LensAxis(1e3 * focal / pitch, u, v)
+
+
 def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """Calibration of a capture, as far as its data allow.
 
@@ -191,15 +232,20 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     InputError
         For faulty frames and for surveyed points that cannot determine a camera.
     """
-    capture = with_full_well(capture)
+    capture = capture if capture.is_merged else with_full_well(capture)
     dark = read_darks(capture)
-    noise = measure_noise(capture, dark)
+    noise = measure_merged_noise(capture) if capture.is_merged else measure_noise(capture, dark)
     channels = band_channels(capture)
-    bands = correct_bands(capture, dark, noise, channels)
-    radiometry = measure_constant(capture, bands, dark, noise, channels)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
+    bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
+    radiometry = measure_constant(capture, bands, dark, noise, channels)
+    if levels := channel_levels(capture, radiometry, channels):
+        capture = replace(capture, channel_levels=levels)
+        radiometry = measure_constant(capture, bands, dark, noise, channels)
     notes = [
+        *([] if capture.reduction is None else [capture.reduction.note]),
         *file_mosaic_notes(capture),
+        *level_notes(capture),
         *noise.notes,
         *bands.notes,
         *chosen_channel_notes(capture, channels),
@@ -220,16 +266,14 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
             "each band's pixels in it, given to all its pixels"
         )
     responses = colour = None
-    linearity = measure_linearity(capture, dark, noise, channels)
+    # merged pictures are no counts: their sensor cannot be studied
+    linearity = None if capture.is_merged else measure_linearity(capture, dark, noise, channels)
     if linearity is None:
         notes.append("no usable [[bracket]]: linearity, black level and exposure offset cannot be computed")
-    sensor = study_sensor(capture, bands, dark, noise, channels)
+    sensor = NO_STUDY if capture.is_merged else study_sensor(capture, bands, dark, noise, channels)
     notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
-    patches = measure_patches(capture, bands, noise, linearity)
-    if patches is not None:
-        notes += patches.notes
-    elif capture.manifest.labels is not None:
-        notes.append("[labels] without a known white patch or without filters: no patch reflectances")
+    patches, patch_notes = _patches(capture, bands, noise, linearity)
+    notes += patch_notes
     missing = missing_keys(capture)
     if missing:
         notes.append(f"no absolute signals and no XYZ: missing {', '.join(missing)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from cboxlab.utils.files import origin, replacing, writing_hdf5
 
 from ..colour import ILLUMINANT, patch_errors, patches_csv
 from ..detector import dark_level_sigma
-from ..geometry import CameraFit, read_points
+from ..geometry import CameraFit, capture_points
 from ..instrument import Mask
 from .calibrate import Calibration
 from .geometry_plot import plot_geometry
@@ -27,7 +28,8 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
     """The "camera" object of metrics.json and calibration.json.
 
     `rotation_deg` is the Rodrigues vector of R R0^T. The 10 x 10 covariance is in the order position_mm, rotation_deg,
-    focal_length_px, principal_point_px, k1.
+    focal_length_px, principal_point_px, k1. A lens of more terms has its own object, "lens", with their standard
+    deviations where they were fitted.
 
     Parameters
     ----------
@@ -42,12 +44,14 @@ def camera_record(camera: Camera, fit: CameraFit) -> dict[str, Any]:
         Values for JSON.
     """
     record = {"reprojection_rms_px": fit.reprojection_rms_px, **_parameters_record(camera)}
+    if not camera.lens.one_term:
+        record["lens"]["sigma"] = dict(fit.lens_sigmas)
     return record | {"outliers": list(fit.outliers)}
 
 
 def _parameters_record(camera: Camera) -> dict[str, Any]:
     covariance = np.full((10, 10), np.nan) if camera.covariance is None else camera.covariance
-    return {
+    record = {
         "position_mm": camera.position_mm.tolist(),
         "position_sigma_mm": np.sqrt(np.diag(covariance)[:3]).tolist(),
         "rotation_deg": camera.parameters[3:6].tolist(),
@@ -56,6 +60,7 @@ def _parameters_record(camera: Camera) -> dict[str, Any]:
         "k1": camera.k1,
         "covariance": covariance.tolist(),
     }
+    return record if camera.lens.one_term else record | {"lens": camera.lens.record()}
 
 
 def write_geometry(camera: Camera, objects: Sequence[Mapping[str, Any]], folder: Path) -> Path:
@@ -148,6 +153,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
     return {
         "capture": calibration.capture.manifest.name,
         "bands": list(calibration.capture.band_ids),
+        **({} if calibration.capture.reduction is None else {"reduction": asdict(calibration.capture.reduction)}),
         "channels": calibration.channels,
         "camera": None if fit is None or camera is None else camera_record(camera, fit),
         "target_intrinsics": None
@@ -169,7 +175,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
             "rms_deviation_corrected": dict(linearity.rms_corrected),
         },
         "C": None
-        if radiometry.constant is None
+        if radiometry.constant is None or radiometry.is_free
         else {
             "value": radiometry.constant,
             "sigma": radiometry.sigma,
@@ -257,10 +263,9 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
     if calibration.sensor.curve is not None:
         jobs["curve.png"] = lambda path: plot_curve(calibration, path)
-    survey = calibration.capture.manifest.geometry
+    points = capture_points(calibration.capture)
     camera, fit = calibration.camera, calibration.camera_fit
-    if survey is not None and camera is not None and fit is not None:
-        points = read_points(calibration.capture.folder / survey.points)
+    if points is not None and camera is not None and fit is not None:
         scene = calibration.capture.scene
         photograph = calibration.photograph
         jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)

@@ -44,6 +44,9 @@ _PLAIN = {
 #: Shortest name, in characters, that is looked for inside other names: a shorter one is in too many.
 _SHORTEST_PART = 4
 
+#: Faults of a file that are described; a list of keys and the search for similar ones take time.
+_MAX_FAULTS = 100
+
 
 def combined(faults: Sequence[InputError]) -> InputError:
     """One InputError for several faults: the first in full, the others listed in its hint.
@@ -159,9 +162,9 @@ def faults_of_validation(path: Path, error: ValidationError, model: type[BaseMod
     Returns
     -------
     list[InputError]
-        One fault for each error of pydantic.
+        One fault for each error of pydantic, up to 100.
     """
-    return [_fault(path, dict(details), model) for details in error.errors(include_url=False)]
+    return [_fault(path, dict(details), model) for details in error.errors(include_url=False)[:_MAX_FAULTS]]
 
 
 def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> InputError:

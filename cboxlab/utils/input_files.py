@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .errors import InputError
+from .limits import MAX_TABLE_ROWS, MAX_TEXTURE_PIXELS, require_size
 
 __all__ = [
     "inputs_below",
@@ -56,6 +57,9 @@ _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 #: Number of bytes at the beginning in which a 0 shows that a file is no UTF-8 text.
 _PROBED_BYTES = 1024
 
+#: Beginning of a line with a dotted key of more parts than nested tables may have.
+_DEEP_KEY = re.compile(r"^[ \t]*\[{0,2}(?:[^\s\"'#=.]{0,200}\s*\.\s*){33}", re.MULTILINE)
+
 #: Line number in a message of the TOML reader.
 _LINE = re.compile(r"at line (\d+)")
 #: Characters that no text of a file has.
@@ -86,7 +90,9 @@ _FOLDERS: ContextVar[tuple[Path, ...] | None] = ContextVar("folders", default=No
 
 @contextmanager
 def inputs_below(*folders: Path) -> Iterator[None]:
-    """Refuse inputs outside folders, however files refer to each other, in the block and on its thread.
+    """Refuse inputs outside folders in the block, on its thread.
+
+    Files that other files name are refused, too.
 
     Parameters
     ----------
@@ -106,7 +112,7 @@ def inputs_below(*folders: Path) -> Iterator[None]:
 
 
 def _require_allowed_folder(path: Path, expected: str) -> None:
-    """Require that a path is below the folders of ``inputs_below``, before anything says whether it exists."""
+    """Require that a path is below the folders of ``inputs_below``, whether or not it exists."""
     folders = _FOLDERS.get()
     if folders is None:
         return
@@ -250,6 +256,8 @@ def parse_toml(path: Path, text: str, expected: str) -> dict[str, Any]:
     InputError
         As `read_toml`, for faults of the content.
     """
+    if _DEEP_KEY.search(text):  # the parser's time grows with the square of the parts
+        raise InputError(path, "values nested too deeply", expected)
     try:
         content = tomllib.loads(text)
     except RecursionError:
@@ -344,7 +352,9 @@ def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[
         As `read_text`, and for invalid CSV.
     """
     try:
-        reader = csv.reader(io.StringIO(read_text(path, expected), newline=""))
+        text = read_text(path, expected)
+        require_size(path, text.count("\n"), MAX_TABLE_ROWS, "rows")
+        reader = csv.reader(io.StringIO(text, newline=""))
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise InputError(path, str(error), expected) from None
@@ -389,11 +399,14 @@ def read_channels(path: Path) -> NDArray[np.float64]:
     require_regular_file(path, expected)
     try:
         if path.suffix.lower() == ".npy":
-            values = np.load(path, allow_pickle=False).astype(np.float64)
+            stored = np.load(path, mmap_mode="r", allow_pickle=False)
+            require_size(path, stored.size, 3 * MAX_TEXTURE_PIXELS, "values")
+            values = stored.astype(np.float64)
         else:
             with Image.open(path, formats=["PNG"]) as picture:
                 if picture.mode not in _FULL_SCALE:
                     raise InputError(path, f"a picture of kind '{picture.mode}'", expected)
+                require_size(path, picture.width * picture.height, MAX_TEXTURE_PIXELS, "pixels")
                 values = np.asarray(picture, np.float64) / _FULL_SCALE[picture.mode]
     except InputError:
         raise

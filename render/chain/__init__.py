@@ -13,9 +13,10 @@ from .band_curves import BandCurves, field_shares, field_sine_squared, over_fiel
 from .bands import render_bands
 from .counts import Counts
 from .expected import expected_counts, expected_signal
+from .interleaving import Interleaving, UnseenChannel
 from .light import Light, with_scene_behind
 from .projection import Projection, band_signals, scene_light, uniform_light
-from .sensing import Sensing
+from .sensing import MergedExposure, Sensing
 from .settings import RenderSettings
 from .stages import PHOTOGRAPHED, STAGES, ActsAtStage, Stage, after_stage, stages_between
 
@@ -25,11 +26,14 @@ __all__ = [
     "ActsAtStage",
     "BandCurves",
     "Counts",
+    "Interleaving",
     "Light",
+    "MergedExposure",
     "Projection",
     "RenderSettings",
     "Sensing",
     "Stage",
+    "UnseenChannel",
     "after_stage",
     "band_signals",
     "expected_counts",

@@ -12,7 +12,10 @@ __all__ = ["Counts"]
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """Value of the counts stage: the expected raw frames, and their exposures."""
+    """Value of the counts stage: the expected raw frames, and their exposures.
+
+    Behind a mosaic the frames are interleaved: a band's frame shows all channels, each in its pixels.
+    """
 
     #: Names of the bands.
     bands: tuple[str, ...]

@@ -39,9 +39,13 @@ def _frames(light: Light, curves: BandCurves, sensing: Sensing, camera: Camera) 
     mean = [r[u].mean() if has else 1.0 for r, u, has in zip(response, sensing.usable, has_flat, strict=True)]
     response = response / np.array(mean)[:, None, None]
     reference = _reference_gain(sensing) * band_signals(uniform_light(sensing.reference_radiance), curves, shares)
+    scene = light.signal
+    if sensing.mosaic is not None:
+        scene, reference = sensing.mosaic.light(scene), sensing.mosaic.light(reference)
+        response = sensing.mosaic.response(response)
     return Counts(
         bands=sensing.curves.bands,
-        scene=light.signal * response + sensing.dark_scene[:, None, None],
+        scene=scene * response + sensing.dark_scene[:, None, None],
         flat=sensing.flat_level[:, None, None] * sensing.flat + sensing.dark_flat[:, None, None],
         reference=reference * response + sensing.dark_reference[:, None, None],
         dark_scene=sensing.dark_scene,
@@ -84,8 +88,12 @@ def expected_counts(light: Light, sensing: Sensing, effects: Sequence[ActsAtStag
     Counts
         Frames without noise and rounding.
     """
+    return _counted(after_stage(light, effects, "optics"), sensing, effects, camera)
+
+
+def _counted(light: Light, sensing: Sensing, effects: Sequence[ActsAtStage], camera: Camera) -> Counts:
+    """Expected raw frames of light behind the optics."""
     curves = after_stage(sensing.curves, effects, "filter")
-    light = after_stage(light, effects, "optics")
     return after_stage(_frames(light, curves, sensing, camera), effects, "counts")
 
 
@@ -101,7 +109,7 @@ def _corrected(counts: Counts, sensing: Sensing) -> NDArray[np.float64]:
         )
     )
     ratios = np.ones(len(counts.bands))
-    response = np.ones_like(flat)
+    response = np.maximum(sensing.flat, SMALLEST_RESPONSE)  # nominal where no flat was taken, 1 without any
     for band, good in enumerate(sensing.good):
         if sensing.flat_level[band] > 0:
             relative = flat[band] / flat[band][sensing.usable[band]].mean()
@@ -122,7 +130,9 @@ def expected_signal(
     """Expected corrected signals under filter, optics and counts effects, in their order.
 
     Effects of the stages before the filter must be in the image already and are passed over. The lamp is not clipped.
-    Without effects the result is that of ``render_bands``.
+    Without effects the result is that of ``render_bands``. Where exposures were merged, so are the predictions.
+    Behind a mosaic the counts are those of the raw frames. The pixels that a band does not see have its light behind
+    the optics, as if they had its channel.
 
     Parameters
     ----------
@@ -143,4 +153,21 @@ def expected_signal(
     """
     if not isinstance(source, Light):
         source = scene_light(source, after_stage(sensing.curves, effects, "filter"), camera)
-    return _corrected(expected_counts(source, sensing, effects, camera), sensing)
+    signal = _expected(source, sensing, effects, camera)
+    if sensing.mosaic is None:
+        return signal
+    return np.where(sensing.mosaic.pixels, signal, after_stage(source, effects, "optics").signal)
+
+
+def _expected(source: Light, sensing: Sensing, effects: Sequence[ActsAtStage], camera: Camera) -> NDArray[np.float64]:
+    """(band, y, x) DN: corrected signals, behind a mosaic those of the raw frames."""
+    if not sensing.merged or not any(effect.stage == "counts" for effect in effects):
+        return _corrected(expected_counts(source, sensing, effects, camera), sensing)
+    # effects of the counts depend on the exposure: each one is predicted and corrected, then merged as in calibration
+    light = after_stage(source, effects, "optics")
+    merged = np.zeros_like(light.signal)
+    for exposure in sensing.merged:
+        alone = sensing.during(exposure)
+        during = light.with_signal(light.signal * exposure.ratio[:, None, None])
+        merged += exposure.weight * _corrected(_counted(during, alone, effects, camera), alone)
+    return merged

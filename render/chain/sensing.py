@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .band_curves import BandCurves
+from .interleaving import Interleaving
 
-__all__ = ["Sensing"]
+__all__ = ["MergedExposure", "Sensing"]
+
+
+@dataclass(frozen=True, eq=False)
+class MergedExposure:
+    """One of the exposures that were merged into the bands' signals."""
+
+    #: (band,) exposure time over that of the scene's signal.
+    ratio: NDArray[np.float64]
+    #: (band, y, x) weight on its signal. Weights times ratios add up to 1 over the exposures.
+    weight: NDArray[np.float64]
+    #: (band,) level of dark frames at its exposure, DN.
+    dark: NDArray[np.float64]
+    #: (band,) time from the first frame's beginning to the middle of its frames, min.
+    minutes: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,3 +65,28 @@ class Sensing:
     minutes: NDArray[np.float64]
     #: Largest count, DN.
     full_scale: float
+    #: Channels of the pixels in the frames of a sensor with a mosaic; None without one.
+    mosaic: Interleaving | None = None
+    #: Exposures that were merged; empty where each band has one.
+    merged: tuple[MergedExposure, ...] = ()
+
+    def during(self, exposure: MergedExposure) -> Sensing:
+        """The constants of one exposure alone.
+
+        Parameters
+        ----------
+        exposure
+            One of ``merged``.
+
+        Returns
+        -------
+        Sensing
+            With its dark level, time and exposure.
+        """
+        return replace(
+            self,
+            dark_scene=exposure.dark,
+            exposure_scene=self.exposure_scene * exposure.ratio,
+            minutes=exposure.minutes,
+            merged=(),
+        )

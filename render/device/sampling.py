@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import qmc
 
 from .arrays import device_array
 from .libraries import dr, mi
@@ -17,6 +16,8 @@ __all__ = ["SobolPoints", "cosine_hemisphere", "seed_of_lanes"]
 @lru_cache(maxsize=8)
 def _sobol_table(dimensions: int, log2_points: int) -> np.ndarray:
     """(2^m * d,) Sobol' points as 32-bit integers (SciPy; Joe and Kuo's numbers)."""
+    from scipy.stats import qmc  # slow to import
+
     points = qmc.Sobol(dimensions, scramble=False, bits=32).random_base2(log2_points)
     return (points * 2.0**32).astype(np.uint32).ravel()
 

@@ -51,5 +51,4 @@ EFFECT = Effect(
     confirm="Light single pixels through a pinhole, or look at hot pixels of long darks: their neighbours "
     "are brighter. In a flat the noise of neighbours is correlated; blur in the lens causes no such correlation.",
     sources=("Janesick 2001, Scientific Charge-Coupled Devices: charge diffusion",),
-    mixes_pixels=True,
 )

@@ -201,9 +201,6 @@ class Effect:
     acts_on_charge: bool = True
     #: Step, nm, of the wavelengths at which the change of the transport is computed; it divides 300. Linear in between.
     spectral_step_nm: int = 20
-    #: Whether an effect on counts makes them depend on other pixels. Behind a mosaic these are of other channels, but
-    #: each band is predicted as if all pixels were its own.
-    mixes_pixels: bool = False
     #: Whether a fit of the lamp's power can do the same. Only the lamp's stated uncertainty then speaks against it.
     imitates_lamp_power: bool = False
     #: Whether it belongs to one capture, so that another capture of the same box has other values.

@@ -44,5 +44,4 @@ EFFECT = Effect(
     confirm="Take the scene with a shutter that closes before readout. Or double the exposure: smear over signal "
     "halves. The columns through the lamp show it above and below the lamp.",
     sources=("Janesick 2001, Scientific Charge-Coupled Devices: frame-transfer smear",),
-    mixes_pixels=True,
 )

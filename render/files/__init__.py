@@ -1,26 +1,33 @@
 """Spectral cubes and raw frames on disk."""
 
-from .colour_pictures import COLOUR_SPACES, primaries_matrix
-from .cube_camera import camera_attribute, camera_of_attribute
-from .cube_checks import RADIANCE_UNIT
-from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
-from .cube_strips import strip_cameras, write_strips
-from .declared import (
-    AS_STATED,
-    DECLARABLE,
-    NOTES,
-    Declared,
-    DeclaredPair,
-    declared_for,
-    require_used,
-    stated_in,
-)
-from .dng import write_dng
-from .exr_channels import write_channels
-from .headers import Window, common_pixels, window_in_file, window_of
-from .netcdf import open_netcdf
-from .previews import cube_to_srgb, raw_to_srgb, scene_white, xyz_weights
-from .raw_files import write_raw
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .colour_pictures import COLOUR_SPACES, primaries_matrix
+    from .cube_camera import camera_attribute, camera_of_attribute
+    from .cube_checks import RADIANCE_UNIT
+    from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
+    from .cube_strips import strip_cameras, write_strips
+    from .declared import (
+        AS_STATED,
+        DECLARABLE,
+        NOTES,
+        Declared,
+        DeclaredPair,
+        declared_for,
+        require_used,
+        stated_in,
+    )
+    from .dng import write_dng
+    from .exr_channels import require_exr_size, write_channels
+    from .headers import Window, common_pixels, window_in_file, window_of
+    from .netcdf import open_netcdf
+    from .previews import cube_to_srgb, raw_to_srgb, scene_white, xyz_weights
+    from .raw_files import write_raw
 
 __all__ = [
     "AS_STATED",
@@ -45,6 +52,7 @@ __all__ = [
     "raw_to_srgb",
     "read_cube",
     "read_picture",
+    "require_exr_size",
     "require_used",
     "scene_white",
     "stated_in",
@@ -58,3 +66,5 @@ __all__ = [
     "write_strips",
     "xyz_weights",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

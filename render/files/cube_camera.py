@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
+from cboxlab.scenes.lens import Lens
 
 __all__ = ["camera_attribute", "camera_of_attribute"]
 
 
 def camera_attribute(camera: Camera) -> str:
-    """Text of a camera: its size and ten parameters in the order of ``PARAMETER_NAMES``.
+    """Text of a camera: its size, ten parameters in the order of ``PARAMETER_NAMES``, and its lens's further terms.
 
     Parameters
     ----------
@@ -25,9 +26,8 @@ def camera_attribute(camera: Camera) -> str:
     str
         JSON.
     """
-    return json.dumps(
-        {"width_px": camera.width_px, "height_px": camera.height_px, "parameters": camera.parameters.tolist()}
-    )
+    record = {"width_px": camera.width_px, "height_px": camera.height_px, "parameters": camera.parameters.tolist()}
+    return json.dumps(record if camera.lens.one_term else record | {"lens": asdict(camera.lens)})
 
 
 def camera_of_attribute(text: object) -> Camera | None:
@@ -47,8 +47,9 @@ def camera_of_attribute(text: object) -> Camera | None:
         record = json.loads(text)  # type: ignore[arg-type]
         size = int(record["width_px"]), int(record["height_px"])
         values = np.array(record["parameters"], float)
+        lens = Lens(**record.get("lens", {}))
     except (TypeError, ValueError, KeyError):
         return None
     if values.shape != (10,) or not np.isfinite(values).all():
         return None
-    return replace(cornell_camera(size[0]), height_px=size[1]).with_parameters(values)
+    return replace(cornell_camera(size[0]), height_px=size[1], lens=lens).with_parameters(values)

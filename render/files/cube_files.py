@@ -37,7 +37,6 @@ from .envi import data_file, map_envi, read_envi, write_envi
 from .exr_channels import read_channels
 from .headers import is_envi, with_window
 from .netcdf import open_netcdf, read_netcdf, write_netcdf
-from .previews import cube_to_srgb
 from .radiance_hdr import is_radiance, read_radiance
 from .specfilm import cube_of_bands
 from .spectral_exr import cube_of_spectral_channels, spectral_channels, write_exr
@@ -63,6 +62,8 @@ class CubeFormat:
 
 def _write_png(path: Path, cube: xr.Dataset) -> None:
     """Write a preview in sRGB."""
+    from .previews import cube_to_srgb  # slow to import
+
     with replacing(path) as temporary:
         Image.fromarray(cube_to_srgb(cube)).save(temporary, format="PNG")
 

@@ -17,6 +17,7 @@ import xarray as xr
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
 from numpy.typing import NDArray
 
 from .cube_checks import RADIANCE_UNIT, as_cube, float32_samples
@@ -408,6 +409,7 @@ def read_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         As ``map_envi``.
     """
     mapped = map_envi(path, declared)
+    require_size(path, mapped["radiance"].size, MAX_CUBE_VALUES, "values")
     radiance = mapped["radiance"].values
     kind = np.result_type(radiance.dtype.newbyteorder("="), np.float32)
     cube = as_cube(radiance.astype(kind), mapped["wavelength"].values)

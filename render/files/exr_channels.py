@@ -12,11 +12,12 @@ import OpenEXR
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
 from numpy.typing import NDArray
 
 from .headers import Window, inside_display, listed, one_layer_hint, window_of_header
 
-__all__ = ["ExrChannels", "read_channels", "write_channels"]
+__all__ = ["ExrChannels", "read_channels", "require_exr_size", "write_channels"]
 
 #: Bytes of pixels that one byte of an OpenEXR file can hold: its compressions use deflate or pack less.
 _MAX_COMPRESSION = 1100
@@ -56,7 +57,7 @@ def read_channels(path: Path) -> ExrChannels:
         If the file cannot be read, has several parts, channels of several sizes, or no pixel in its display window.
     """
     try:
-        _require_size(path)
+        require_exr_size(path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # The file empties its header and channels when it is closed.
             header = dict(file.header())
@@ -83,11 +84,24 @@ def read_channels(path: Path) -> ExrChannels:
     return ExrChannels(planes, header, part, tuple(notes))
 
 
-def _require_size(path: Path) -> None:
-    """Raise InputError where the header states more pixels than the file can hold."""
+def require_exr_size(path: Path) -> None:
+    """Require that a header states no more pixels than the limit, and than the file can hold.
+
+    Parameters
+    ----------
+    path
+        OpenEXR file.
+
+    Raises
+    ------
+    InputError
+        If it states more pixels.
+    """
     with OpenEXR.File(str(path), header_only=True) as file:
         low, high = (np.asarray(corner, float) for corner in file.header()["dataWindow"])
+        channels = len(file.header()["channels"])
     pixels = float(np.prod(high - low + 1))
+    require_size(path, pixels * channels, MAX_CUBE_VALUES, "values")
     if pixels * 2 > max(_MAX_COMPRESSION * path.stat().st_size, 2**26):
         raise InputError(path, f"{path.stat().st_size} bytes for {pixels:.0f} pixels", "a complete picture")
 

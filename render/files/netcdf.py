@@ -13,6 +13,7 @@ import xarray as xr
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import writing_hdf5
 from cboxlab.utils.input_files import require_regular_file
+from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
 
 from .cube_checks import RADIANCE_UNIT, require_kinds
 from .declared import AS_STATED, Declared, spectral_factor, with_declarations
@@ -141,6 +142,7 @@ def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         As ``open_netcdf``, and for values that cannot be read or do not fit into memory.
     """
     with open_netcdf(path, declared) as file:
+        require_size(path, max((array.size for array in file.values()), default=0), MAX_CUBE_VALUES, "values")
         try:
             return file.load()
         except MemoryError:

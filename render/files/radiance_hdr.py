@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
 from numpy.typing import NDArray
 
 from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, stated_space, with_rounding
@@ -168,6 +169,7 @@ def _header(path: Path, content: bytes) -> _Header:
     height, width = int(size[2]), int(size[4])
     if not (0 < height <= _MAX_SIDE_PX and 0 < width <= _MAX_SIDE_PX):
         raise InputError(path, f"{height} x {width} px", f"1 to {_MAX_SIDE_PX} px a side")
+    require_size(path, 3 * height * width, MAX_CUBE_VALUES, "values")
     return _Header(match[1], exposure, tuple(colour), primaries, size[1], size[3], height, width, line_end + 1)
 
 

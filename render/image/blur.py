@@ -16,7 +16,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
-from scipy.optimize import nnls
 
 __all__ = ["blur", "kernel"]
 
@@ -59,6 +58,8 @@ def _sampled(sigma_px: float, reach: int) -> NDArray[np.float64]:
 
 def _wiener(sigma_px: float, reach: int) -> NDArray[np.float64]:
     """The Wiener kernel without negative weights, by non-negative least squares in frequency."""
+    from scipy.optimize import nnls  # slow to import
+
     frequency = np.pi * (np.arange(_FREQUENCIES) + 0.5) / _FREQUENCIES
     aliased = frequency[:, None] + 2 * np.pi * np.arange(-_ALIASES, _ALIASES + 1)
     power = aliased**-4.0

@@ -1,17 +1,24 @@
 """The integrators, the choice among them, and rendering to a stated error."""
 
-from ..image import RenderJob
-from .choice import render
-from .passes import TIMEOUT_S
-from .precision import (
-    BATCHES,
-    MOST_PASSES,
-    fireflies,
-    relative_error,
-    render_passes,
-    render_to_precision,
-)
-from .stock import render_stock
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from ..image import RenderJob
+    from .choice import render
+    from .passes import TIMEOUT_S
+    from .precision import (
+        BATCHES,
+        MOST_PASSES,
+        fireflies,
+        relative_error,
+        render_passes,
+        render_to_precision,
+    )
+    from .stock import render_stock
 
 __all__ = [
     "BATCHES",
@@ -25,3 +32,5 @@ __all__ = [
     "render_stock",
     "render_to_precision",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import qmc
 
 from ..device import device_array, dr, mi, seed_of_lanes
 
@@ -34,6 +33,8 @@ def _reversed_tables(log2_points: int) -> tuple[np.ndarray, np.ndarray]:
     the scrambling.
     """
     count = 2 * (_WORDS + _LAMP_WORDS) + 1
+    from scipy.stats import qmc  # slow to import
+
     leading = (qmc.Sobol(count, scramble=False, bits=32).random_base2(log2_points) * 2.0**16).astype(">u2")
     bits = np.unpackbits(leading.view(np.uint8).reshape(*leading.shape, 2), axis=-1)
     columns = np.packbits(bits[..., ::-1], axis=-1).view(">u2")[..., 0].astype(np.uint64)

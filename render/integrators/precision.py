@@ -10,11 +10,11 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.files import load_checked, store_checked
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
-from scipy.stats import t as student
 
 from ..image import RenderedImage, RenderJob
 from .passes import combined, distributed, render_pass
@@ -104,7 +104,7 @@ def fireflies(image: RenderedImage) -> NDArray[np.bool_]:
     total, squares = values.sum(axis=0), (values**2).sum(axis=0)
     others = (total - values) / (count - 1)
     variance = np.maximum(squares - values**2 - (count - 1) * others**2, 0) / (count - 2)
-    limit = student.isf(0.5 * _FALSE_ALARMS / values.size, count - 2)
+    limit = student_quantile(0.5 * _FALSE_ALARMS / values.size, count - 2)
     # the second term allows for rounding errors
     scale = np.sqrt(variance * count / (count - 1)) + 1e-6 * np.abs(others)
     return np.asarray((np.abs(values - others) > limit * scale).any(axis=0))

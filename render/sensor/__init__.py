@@ -1,10 +1,17 @@
 """The sensor simulation: cameras as data, optics, charge, electrons, noise, counts, colour."""
 
-from .cameras import PACKAGED, load_camera
-from .colour_correction import chart_reflectances, demosaic, linear_counts
-from .detector import Detector, SensorCamera, noisy_counts, quantise
-from .light import frame_shape, integration_weights
-from .simulation import auto_exposure, simulate
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .cameras import PACKAGED, load_camera
+    from .colour_correction import chart_reflectances, demosaic, linear_counts
+    from .detector import Detector, SensorCamera, noisy_counts, quantise
+    from .light import frame_shape, integration_weights
+    from .simulation import auto_exposure, simulate
 
 __all__ = [
     "PACKAGED",
@@ -21,3 +28,5 @@ __all__ = [
     "quantise",
     "simulate",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..files import write_raw
 from ..sensor import PACKAGED
+from .mosaic_sensor import MosaicSensor, interleaved
 from .photographer import CaptureSettings, FrameHooks, Shot, photograph, pixel_maps, plan_shots
 from .survey import survey
 
@@ -90,12 +91,35 @@ def unit_factors(
     ResponseFactors
         Responses on ``grid``.
     """
-    filters = settings.filters
-    rest = rest_curve(_curves()["quantum_efficiency"], _curves()["lens"], grid)
+    filters = {band.id: settings.filters[band.filter] for band in settings.bands}
+    efficiencies, lens = channel_efficiencies(settings.mosaic), _curves()["lens"]
+    rests = [rest_curve(efficiencies[band.channel], lens, grid) for band in settings.bands]
     pitch_um = settings.film_width_mm * 1e3 / width_px
     constant = lens_constant(settings.focal_length_mm, pitch_um, settings.gain_e_per_dn)
     factor = constant / (settings.f_number * settings.image_distance_mm) ** 2
-    return response_factors(filters, [rest] * len(filters), [factor] * len(filters), grid)
+    return response_factors(filters, rests, [factor] * len(filters), grid)
+
+
+def channel_efficiencies(mosaic: MosaicSensor | None) -> dict[str | None, Spectrum]:
+    """Quantum efficiency of each channel: the sensor's, behind a mosaic times its dye.
+
+    Parameters
+    ----------
+    mosaic
+        The mosaic; None without one.
+
+    Returns
+    -------
+    dict
+        By letter; by None without a mosaic.
+    """
+    sensor = _curves()["quantum_efficiency"]
+    if mosaic is None:
+        return {None: sensor}
+    values = sensor.at(WAVELENGTH_NM)
+    return {
+        letter: Spectrum(WAVELENGTH_NM, values * dye.at(WAVELENGTH_NM), "zero") for letter, dye in mosaic.dyes.items()
+    }
 
 
 def write_photographs(
@@ -117,7 +141,8 @@ def write_photographs(
     folder
         Folder to write; an incomplete one is removed.
     signals
-        (band, y, x) signals of the scene, DN/s, in the order of the settings' filters.
+        (band, y, x) signals of the scene, DN/s, in the order of the settings' bands; behind a mosaic at all pixels, as
+        if each had the band's channel.
     field
         (band, y, x) signals of the sphere, DN/s.
     sees_lamp
@@ -138,11 +163,12 @@ def write_photographs(
     InputError
         If the folder is not empty, or no exposure fits the radiance.
     """
-    bands = tuple(settings.filters)
+    filters = tuple(settings.filters)
+    signals, field = (_frames_of_filters(planes, settings) for planes in (signals, field))
     streams = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(5)]
     maps = pixel_maps(camera, settings, streams[0])
     rates = {
-        name: dict(zip(bands, np.percentile(values[:, ~ignored], 99.5, axis=1).tolist(), strict=True))
+        name: dict(zip(filters, np.percentile(values[:, ~ignored], 99.5, axis=1).tolist(), strict=True))
         for name, values, ignored in (
             ("scene", signals * maps.flat, sees_lamp),
             ("field", field * maps.flat, np.zeros_like(sees_lamp)),
@@ -152,7 +178,7 @@ def write_photographs(
 
     def light(shot: Shot) -> NDArray[np.float64]:
         source = signals if shot.kind == "band" else field
-        return source[bands.index(str(shot.band))]
+        return source[filters.index(str(shot.filter))]
 
     frames = photograph(shots, light, maps, settings, streams[2], hooks)
     points, image_px = survey(scene, camera, settings.point_count, settings.point_sigma_px, streams[3])
@@ -167,9 +193,20 @@ def write_photographs(
         (temporary / "capture.toml").write_text(text, encoding="utf-8")
 
 
+def _frames_of_filters(planes: NDArray[np.float64], settings: CaptureSettings) -> NDArray[np.float64]:
+    """(filter, y, x) signals on the sensor, from those of the bands (band, y, x)."""
+    frames = []
+    for name in settings.filters:
+        seen = [index for index, band in enumerate(settings.bands) if band.filter == name]
+        frames.append(interleaved(planes[seen], [settings.bands[index] for index in seen], settings.mosaic))
+    return np.stack(frames)
+
+
 def _write_spectra(folder: Path, settings: CaptureSettings, lamp: Spectrum) -> None:
     folder.mkdir()
-    common, filters = _curves(), settings.filters
+    common, filters = dict(_curves()), settings.filters
+    if settings.mosaic is not None:
+        common = {"lens": common["lens"], **{str(c): q for c, q in channel_efficiencies(settings.mosaic).items()}}
     wide = next(iter(filters.values())).wavelength_nm
     tables: tuple[tuple[str, NDArray[np.float64], Mapping[str, Spectrum]], ...] = (
         ("camera", WAVELENGTH_NM, common),
@@ -229,23 +266,35 @@ def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequ
             gain_e_per_dn=settings.gain_e_per_dn,
             read_noise_e=settings.read_noise_e,
             readout_s=settings.readout_s,
-            quantum_efficiency="spectra/camera.csv:quantum_efficiency",
+            quantum_efficiency=None if settings.mosaic else "spectra/camera.csv:quantum_efficiency",
         ),
+        *_mosaic_tables(settings.mosaic),
         toml_table("[lens]", focal_length_mm=settings.focal_length_mm, transmittance="spectra/camera.csv:lens"),
     ]
     for shot in shots:
         entries: dict[str, object] = {"frames": shot.paths, "exposure_s": shot.exposure_s}
         if shot.kind != "dark":
             entries |= {"f_number": settings.f_number, "image_distance_mm": settings.image_distance_mm}
-        if shot.kind == "band":
-            filter_column = f"spectra/filters.csv:{shot.band}"
-            entries = {"id": shot.band, "transmittance": filter_column, **entries, "start_s": shot.start_s}
-        elif shot.kind != "dark":
-            entries = {"band": shot.band, **entries}
         if shot.kind == "reference":
             entries = {"radiance": "spectra/sphere.csv:radiance", **entries}
-        parts.append(toml_table(f"[[{shot.kind}]]", **entries))
+        if shot.kind == "dark":
+            parts.append(toml_table("[[dark]]", **entries))
+        for band in settings.bands:
+            if shot.kind == "band" and band.filter == shot.filter:
+                column = f"spectra/filters.csv:{band.filter}"
+                seen: dict[str, object] = {"id": band.id, "channel": band.channel, "transmittance": column}
+                parts.append(toml_table("[[band]]", **seen, **entries, start_s=shot.start_s))
+            elif band.filter == shot.filter:
+                parts.append(toml_table(f"[[{shot.kind}]]", band=band.id, **entries))
     relative = settings.lamp_relative_uncertainty
     parts.append(toml_table("[lamp]", radiance="spectra/lamp.csv:radiance", relative_uncertainty=relative))
     parts.append(toml_table("[geometry]", points="points.csv", point_sigma_px=settings.point_sigma_px))
     return "\n".join(parts)
+
+
+def _mosaic_tables(mosaic: MosaicSensor | None) -> list[str]:
+    """Tables of the mosaic's pattern and of its channels' quantum efficiencies; none without a mosaic."""
+    if mosaic is None:
+        return []
+    columns = {letter: f"spectra/camera.csv:{letter}" for letter in mosaic.dyes}
+    return [toml_table("[camera.quantum_efficiency]", **columns), toml_table("[mosaic]", pattern=mosaic.pattern)]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
+from cboxlab.calibration.capture import checked_pattern
 from cboxlab.calibration.instrument import lens_constant, quanta_per_joule
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing_folder
 from numpy.typing import NDArray
 
-from ..files import scene_white, write_raw
+from ..files import scene_white, write_dng, write_raw
 from ..sensor import SensorCamera, auto_exposure, frame_shape, simulate
 from .capture_writer import toml_table
 
@@ -24,7 +26,7 @@ REPEATS = 2
 #: Stated as focal length and image distance; the signals depend only on the camera's working f-number.
 NOMINAL_FOCAL_MM = 50.0
 
-#: Name of the single band of a camera with mosaic.
+#: Name of the frames of a camera with mosaic, which has no filter.
 _OPEN = "open"
 
 
@@ -48,11 +50,18 @@ def uniform_cube(spectrum: Spectrum, shape: tuple[int, int]) -> xr.Dataset:
 
 
 def write_cube_capture(
-    folder: Path, cube: xr.Dataset, camera: SensorCamera, exposure_s: float | None, seed: int, scene: str
+    folder: Path,
+    cube: xr.Dataset,
+    camera: SensorCamera,
+    exposure_s: float | None,
+    seed: int,
+    scene: str,
+    frames_as: Literal["tif", "dng"] = "tif",
 ) -> None:
     """Write repeated frames of a cube, flats of its white, and darks for every exposure.
 
-    A camera without mosaic takes one band per channel, one with mosaic a single band "open".
+    A camera without mosaic takes one band per channel. One with mosaic takes frames of all channels, each of which
+    stands in one band a channel.
 
     Parameters
     ----------
@@ -68,55 +77,77 @@ def write_cube_capture(
         Seed of all random numbers.
     scene
         Name of the scene in the manifest.
+    frames_as
+        Format of the frames: "dng" as a camera's raw files, which state exposure, black and white level.
 
     Raises
     ------
     InputError
         If the folder is not empty, or the camera has a static nonlinearity: the format requires linear counts. If the
-        format does not support the mosaic, and as ``simulate``.
+        mosaic is larger than the format allows, and as ``simulate``.
     """
     if camera.detector.linear_dn is not None:
         raise InputError(f"camera {camera.name}", "a static nonlinearity", "linear counts, for a capture")
-    rows = camera.pattern
-    if rows is not None and ([len(row) for row in rows] != [2, 2] or set(camera.channels) != set("RGB")):
-        raise InputError(f"camera {camera.name}: mosaic", repr(list(rows)), "2 x 2 letters R, G, B, or none")
+    pattern = None if camera.pattern is None else _pattern(camera)
     shape = frame_shape(cube)
     field = uniform_cube(scene_white(cube), shape)
-    bands: dict[str, str | None] = {_OPEN: None} if rows else {name: name for name in camera.channels}
-    seeds = iter(np.random.SeedSequence(seed).generate_state(8 * len(bands) * REPEATS).tolist())
-    frames: dict[str, NDArray[np.uint16]] = {}
-    tables, exposures = [], set()
+    taken: dict[str, str | None] = {name: name for name in camera.channels} if pattern is None else {_OPEN: None}
+    seeds = iter(np.random.SeedSequence(seed).generate_state(8 * len(taken) * REPEATS).tolist())
+    frames: dict[str, tuple[NDArray[np.uint16], float]] = {}
+    tables, exposures, white = [], set(), scene_white(cube)
 
     def photograph(source: xr.Dataset, name: str, channel: str | None, seconds: float) -> list[str]:
-        paths = [f"frames/{name}-{repeat}.tif" for repeat in range(REPEATS)]
+        paths = [f"frames/{name}-{repeat}.{frames_as}" for repeat in range(REPEATS)]
         for path in paths:
-            frames[path] = simulate(source, camera, seconds, next(seeds), channel)
+            frames[path] = simulate(source, camera, seconds, next(seeds), channel), seconds
         return paths
 
     optics = {"f_number": camera.f_number, "image_distance_mm": NOMINAL_FOCAL_MM}
     with replacing_folder(folder) as temporary:
         for kind, source in (("band", cube), ("flat", field)):
-            for band, channel in bands.items():
+            for band, channel in taken.items():
                 seconds = exposure_s if kind == "band" else None
                 seconds = seconds or _rounded(auto_exposure(source, camera, channel))
                 exposures.add(seconds)
                 name = band if kind == "band" else f"flat-{band}"
                 paths = photograph(source, name, channel, seconds)
-                entries: dict[str, object] = {"id": band} if kind == "band" else {"band": band}
-                if kind == "band":
-                    entries["transmittance"] = f"spectra/channels.csv:{channel or 'one'}"
-                tables.append(toml_table(f"[[{kind}]]", **entries, frames=paths, exposure_s=seconds, **optics))
-        first_channel = next(iter(bands.values()))
+                for seen in camera.channels if channel is None else [None]:
+                    identifier = band if seen is None else _band_id(seen, camera)
+                    entries: dict[str, object] = {"band": identifier}
+                    if kind == "band":
+                        column = f"spectra/channels.csv:{channel or 'one'}"
+                        entries = {"id": identifier, "channel": seen, "transmittance": column}
+                    tables.append(toml_table(f"[[{kind}]]", **entries, frames=paths, exposure_s=seconds, **optics))
+        first_channel = next(iter(taken.values()))
         curve = next(iter(camera.channels.values()))
         black = uniform_cube(Spectrum(curve.wavelength_nm, np.zeros(curve.values.size), "zero"), shape)
         for seconds in sorted(exposures):
             paths = photograph(black, f"dark-{seconds:g}s", first_channel, seconds)
             tables.append(toml_table("[[dark]]", frames=paths, exposure_s=seconds))
-        for path, counts in frames.items():
-            write_raw(temporary / path, counts)
+        for path, (counts, seconds) in frames.items():
+            if frames_as == "dng":
+                write_dng(temporary / path, counts, camera, seconds, white)
+            else:
+                write_raw(temporary / path, counts)
         _write_channels(temporary / "spectra" / "channels.csv", camera)
-        head = _head(camera, scene, shape, min(exposures))
+        head = _head(camera, scene, shape, min(exposures), pattern)
         (temporary / "capture.toml").write_text("\n".join([*head, *tables]), encoding="utf-8")
+
+
+def _pattern(camera: SensorCamera) -> str:
+    """The mosaic in the spelling of the capture format; InputError for one that the format does not know."""
+    rows = camera.pattern or ()
+    is_small = [len(row) for row in rows] == [2, 2]
+    try:
+        return checked_pattern("".join(rows) if is_small else " ".join(rows))
+    except ValueError as fault:
+        raise InputError(f"camera {camera.name}: mosaic", repr(list(rows)), str(fault)) from None
+
+
+def _band_id(channel: str, camera: SensorCamera) -> str:
+    """Identifier of a channel's band: its letter, in lower case where this is unambiguous."""
+    lower = {letter.lower() for letter in camera.channels}
+    return channel.lower() if len(lower) == len(camera.channels) else channel
 
 
 def _rounded(seconds: float) -> float:
@@ -135,11 +166,12 @@ def _write_channels(path: Path, camera: SensorCamera) -> None:
     np.savetxt(path, rows, "%.8g", ",", header=header, comments="")
 
 
-def _head(camera: SensorCamera, scene: str, shape: tuple[int, int], shortest_s: float) -> list[str]:
+def _head(
+    camera: SensorCamera, scene: str, shape: tuple[int, int], shortest_s: float, pattern: str | None
+) -> list[str]:
     """Tables of a manifest in front of those of the frames."""
     detector = camera.detector
     column = "spectra/channels.csv:{}".format
-    efficiency = column("one") if camera.pattern is None else [column(letter) for letter in "RGB"]
     parts = [
         toml_table("", format="capture/1", name=f"{scene} by {camera.name}", scene=scene),
         toml_table(
@@ -151,10 +183,12 @@ def _head(camera: SensorCamera, scene: str, shape: tuple[int, int], shortest_s: 
             bit_depth=detector.bit_depth,
             gain_e_per_dn=detector.gain_e_per_dn,
             read_noise_e=detector.dark(shortest_s)[1] * detector.gain_e_per_dn,
-            quantum_efficiency=efficiency,
+            quantum_efficiency=column("one") if pattern is None else None,
         ),
         toml_table("[lens]", focal_length_mm=NOMINAL_FOCAL_MM, transmittance=column("one")),
     ]
-    if camera.pattern is not None:
-        parts.append(toml_table("[mosaic]", pattern="".join(camera.pattern)))
+    if pattern is not None:
+        channels = {letter: column(letter) for letter in camera.channels}
+        parts.insert(2, toml_table("[camera.quantum_efficiency]", **channels))
+        parts.append(toml_table("[mosaic]", pattern=pattern))
     return parts

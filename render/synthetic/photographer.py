@@ -7,7 +7,7 @@ fall-off, vignetting, pixel sensitivity, bias, dark current, hot pixels, shot an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -19,6 +19,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..sensor import PACKAGED, Detector, noisy_counts, quantise
+from .mosaic_sensor import MosaicSensor, SimulatedBand, bands_of, mosaic_sensor
 
 __all__ = [
     "CaptureSettings",
@@ -27,6 +28,7 @@ __all__ = [
     "PixelMaps",
     "Shot",
     "band_filters",
+    "behind_mosaic",
     "chosen_exposure",
     "frames_of",
     "photograph",
@@ -38,6 +40,10 @@ Kind = Literal["band", "dark", "flat", "reference"]
 
 #: Exposure times that can be set, within a decade, s.
 EXPOSURE_STEPS = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+
+
+#: Transmittance of the grey filter in front of a colour sensor: the narrow filters pass about as much of all light.
+_GREY = 0.02
 
 
 @lru_cache
@@ -108,13 +114,55 @@ class CaptureSettings(FrozenMappings):
     point_count: int = 50
     #: Standard deviation of their image positions, px.
     point_sigma_px: float = 0.15
-    #: Transmittances by band, all at the same wavelengths.
+    #: Transmittances by filter, all at the same wavelengths.
     filters: Mapping[str, Spectrum] = field(default_factory=band_filters)
+    #: Mosaic of the sensor; None for a monochrome one.
+    mosaic: MosaicSensor | None = None
+
+    @property
+    def bands(self) -> tuple[SimulatedBand, ...]:
+        """Bands of the capture: one a filter, or one a filter and channel of the mosaic."""
+        return bands_of(tuple(self.filters), self.mosaic)
+
+    @property
+    def band_ids(self) -> tuple[str, ...]:
+        """Identifiers of the bands."""
+        return tuple(band.id for band in self.bands)
 
     @property
     def full_scale_dn(self) -> int:
         """The largest count."""
         return 2**self.bit_depth - 1
+
+
+def behind_mosaic(settings: CaptureSettings, pattern: str) -> CaptureSettings:
+    """Settings of a colour sensor behind a grey filter: each frame has all channels.
+
+    The grey filter lets exposures be as long as those of narrow filters.
+
+    Parameters
+    ----------
+    settings
+        Settings of the laboratory.
+    pattern
+        Letters of one repeat of the mosaic, see ``mosaic_sensor``.
+
+    Returns
+    -------
+    CaptureSettings
+        With the mosaic, and one filter "grey" of equal transmittance at all wavelengths.
+
+    Raises
+    ------
+    InputError
+        If it is no pattern.
+    """
+    wide = next(iter(band_filters().values())).wavelength_nm
+    return replace(
+        settings,
+        filters={"grey": Spectrum(wide, np.full(wide.size, _GREY), "zero")},
+        mosaic=mosaic_sensor(pattern),
+    )
 
 
 @dataclass(frozen=True)
@@ -123,8 +171,8 @@ class Shot:
 
     #: Kind of table.
     kind: Kind
-    #: Band; None for darks.
-    band: str | None
+    #: Filter; None for darks.
+    filter: str | None
     #: Exposure, s.
     exposure_s: float
     #: Number of frames.
@@ -136,10 +184,10 @@ class Shot:
     def paths(self) -> tuple[str, ...]:
         """Paths of the frames inside the capture's folder."""
         stem = {
-            "band": f"{self.band}",
+            "band": f"{self.filter}",
             "dark": f"dark-{self.exposure_s:g}s",
-            "flat": f"flat-{self.band}",
-            "reference": f"sphere-{self.band}",
+            "flat": f"flat-{self.filter}",
+            "reference": f"sphere-{self.filter}",
         }[self.kind]
         return tuple(f"frames/{stem}-{repeat}.tif" for repeat in range(self.repeats))
 
@@ -150,8 +198,8 @@ class Frame:
 
     #: Kind of its table.
     kind: Kind
-    #: Band; None for darks.
-    band: str | None
+    #: Filter; None for darks.
+    filter: str | None
     #: Stated exposure, s.
     exposure_s: float
     #: Index among the repeats.
@@ -310,7 +358,7 @@ def frames_of(shot: Shot, readout_s: float) -> tuple[Frame, ...]:
     return tuple(
         Frame(
             shot.kind,
-            shot.band,
+            shot.filter,
             shot.exposure_s,
             repeat,
             None if shot.start_s is None else shot.start_s + repeat * (shot.exposure_s + readout_s),

@@ -65,8 +65,7 @@ def pixels_on_edges(camera: Camera, edges: NDArray) -> NDArray[np.bool_]:
     which = np.repeat(np.arange(len(ends)), steps + 1)
     along = (np.arange(len(which)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)) / steps[which]
     xy = flat[which, 0] + along[:, None] * (flat[which, 1] - flat[which, 0])
-    xy = xy * (1 + camera.k1 * np.sum(xy**2, axis=-1, keepdims=True))
-    xy = camera.displaced(xy * camera.focal_length_px + camera.principal_point_px)
+    xy = camera.at_slopes(xy)
     crossed = np.zeros((camera.height_px, camera.width_px), bool)
     for side in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         column, row = np.rint(xy + np.array(side) * _STEP_PX / 2).astype(int).T

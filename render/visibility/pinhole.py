@@ -71,9 +71,9 @@ def film_for(camera: Camera, oversampling: int) -> Film:
 def resampling(film: Film, camera: Camera) -> csr_array:
     """Weights of the mean over each camera pixel of a film, by shared area.
 
-    Film pixels are approximated by upright rectangles in the camera's image: the derivative of the radial distortion r
-    (1 + k1 r^2) gives their sizes. Beyond the turning point of that function the camera model has no image. A film
-    pixel is at most as large as a camera pixel, so it overlaps at most two columns and two rows.
+    Film pixels are approximated by upright rectangles in the camera's image: the derivative of the distortion gives
+    their sizes. Beyond the turning point of its radial function the camera model has no image. A film pixel is at most
+    as large as a camera pixel, so it overlaps at most two columns and two rows.
 
     Parameters
     ----------
@@ -88,12 +88,8 @@ def resampling(film: Film, camera: Camera) -> csr_array:
         (camera pixels, film pixels) weights; rows sum to 1, or to 0 where no ray exists.
     """
     xy = film.centres()
-    square = xy**2
-    radial = 1 + camera.k1 * square.sum(axis=1)
-    # beyond the turning point of r (1 + k1 r^2) the camera model has no image
-    has_image = 1 + 3 * camera.k1 * square.sum(axis=1) > 0
-    centre_px = camera.displaced(camera.focal_length_px * radial[:, None] * xy + camera.principal_point_px)
-    extent = (radial[:, None] + 2 * camera.k1 * square) * camera.focal_length_px / film.scale
+    centre_px = camera.at_slopes(xy)
+    has_image, extent = _image_of_pixels(film, camera, xy)
     first = np.floor(centre_px - extent / 2 + 0.5).astype(np.int64)
     inner = np.clip((first + 0.5 - (centre_px - extent / 2)) / extent, 0, 1)  # share in the first of two pixels
     rows, columns, weights = [], [], []
@@ -112,3 +108,16 @@ def resampling(film: Film, camera: Camera) -> csr_array:
     matrix = csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
     total = matrix.sum(axis=1)
     return diags_array(np.divide(1.0, total, out=np.zeros_like(total), where=total > 0)) @ matrix
+
+
+def _image_of_pixels(
+    film: Film, camera: Camera, xy: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Film pixels with an image (n,), and its width and height (n, 2), camera pixels."""
+    if camera.lens.one_term:
+        square = xy**2
+        radial = 1 + camera.k1 * square.sum(axis=1)
+        has_image = 1 + 3 * camera.k1 * square.sum(axis=1) > 0
+        return has_image, (radial[:, None] + 2 * camera.k1 * square) * camera.focal_length_px / film.scale
+    sides = np.einsum("nii->ni", camera.lens.slope_derivatives(xy, camera.k1)) * camera.scales_px / film.scale
+    return camera.lens.reaches(xy, camera.k1) & (sides > 0).all(axis=1), np.maximum(sides, np.finfo(float).tiny)

@@ -66,7 +66,7 @@ def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArra
     lines = _lines_of(faces)
     functions = np.array([_functions(faces.planes, camera) for camera in cameras])
     zero = np.array([lines.zero(camera, rows[:, 0]) for camera, rows in zip(cameras, functions, strict=True)])
-    lens_of = [(c.focal_length_px, *c.principal_point_px, c.k1, c.further_distortion) for c in cameras]
+    lens_of = [(c.focal_length_px, *c.principal_point_px, c.k1, c.lens, c.further_distortion) for c in cameras]
     lenses = {lens: _corners(camera, pixels) for lens, camera in zip(lens_of, cameras, strict=True)}
     middle, half = _box(np.concatenate([*lenses.values()]))
     candidates, alone = _candidates(functions, middle, half)

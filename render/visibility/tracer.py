@@ -354,8 +354,10 @@ def _undistorted_positions(
     Distorted slopes d and undistorted slopes u of the radial model are related by d = u (1 + k1 |u|^2). With u = s d
     this is s + q s^3 = 1, q = k1 |d|^2, which Newton's method solves: four steps once for the pixel's centre, then one
     step per position from the tangent there, ds/dq = -s^3 / (1 + 3 q s^2). Further distortion is taken as constant
-    within a pixel.
+    within a pixel. A lens of more terms has a table instead.
     """
+    if not camera.lens.one_term:
+        return _tabulated_positions(camera, pixel)
     f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
     centre_x, centre_y = (dr.opaque(mi.Float, float(centre)) for centre in camera.principal_point_px)
     column, row = mi.Float(pixel % camera.width_px), mi.Float(pixel // camera.width_px)
@@ -387,3 +389,35 @@ def _undistorted_positions(
         return x * scale, y * scale
 
     return positions
+
+
+def _tabulated_positions(camera: Camera, pixel: mi.UInt32) -> Callable[[mi.Float, mi.Float], tuple[mi.Float, mi.Float]]:
+    """Slopes of camera rays by the position in the pixel, from a Taylor series of each pixel."""
+    series = [dr.gather(mi.Float, device_array(mi.Float, values), pixel) for values in _slope_series(camera)]
+
+    def positions(u: mi.Float, v: mi.Float) -> tuple[mi.Float, mi.Float]:
+        right, down = u - 0.5, v - 0.5
+        x, y = (
+            s + right * (along + right * bend + down * cross) + down * (across + down * curve)
+            for s, along, across, bend, cross, curve in (series[:6], series[6:])
+        )
+        return x, y
+
+    return positions
+
+
+def _slope_series(camera: Camera) -> np.ndarray:
+    """Taylor coefficients (12, pixels) of slopes about the pixels' centres.
+
+    They are those of 1, u, v, u^2, u v, v^2 for x, then for y. They come from the slopes at the centre, at the middles
+    of the sides and at two corners.
+    """
+    row, column = np.indices((camera.height_px, camera.width_px)).reshape(2, -1)
+    right = np.array([0.0, 0.5, -0.5, 0.0, 0.0, 0.5, -0.5])[:, None]
+    down = np.array([0.0, 0.0, 0.0, 0.5, -0.5, 0.5, -0.5])[:, None]
+    centre, east, west, south, north, forward, back = camera.slopes(column + right, row + down)
+    along, across = east - west, south - north
+    bend, curve = 2 * (east + west - 2 * centre), 2 * (south + north - 2 * centre)
+    cross = 2 * (forward + back - 2 * centre) - bend - curve
+    series = np.stack([centre, along, across, bend, cross, curve])
+    return np.moveaxis(series, -1, 0).reshape(12, -1)

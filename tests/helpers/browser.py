@@ -40,6 +40,8 @@ class Page:
     def __init__(self, writing: int, reading: int) -> None:
         self._writing, self._reading = writing, reading
         self._numbers, self._left, self.errors = itertools.count(1), b"", []
+        #: Questions that pages asked; each is answered with yes.
+        self.questions: list[str] = []
         target = self._call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
@@ -77,6 +79,10 @@ class Page:
             self.errors.append(details.get("exception", {}).get("description", details["text"]))
         elif method == "Runtime.consoleAPICalled" and given["type"] in ("error", "warning", "assert"):
             self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in given["args"]))
+        elif method == "Page.javascriptDialogOpening":
+            self.questions.append(given["type"])
+            yes = {"id": next(self._numbers), "method": "Page.handleJavaScriptDialog", "params": {"accept": True}}
+            os.write(self._writing, json.dumps({**yes, "sessionId": event["sessionId"]}).encode() + b"\0")
         elif method == "Log.entryAdded" and given["entry"]["level"] in ("error", "warning"):
             self.errors.append(given["entry"]["text"])
 

@@ -135,7 +135,7 @@ def make_capture(folder: Path, seed: int) -> Truth:
         # A dark has no shutter and no lamp.
         off = 0.0 if frame.kind == "dark" else REPEATABILITY * rng.standard_normal()
         seconds = frame.exposure_s * (1 + off)
-        opened[f"{frame.kind} {frame.band} {frame.exposure_s:g} {frame.repeat}"] = seconds
+        opened[f"{frame.kind} {frame.filter} {frame.exposure_s:g} {frame.repeat}"] = seconds
         return seconds
 
     hooks = FrameHooks(exposure_s=exposure)

@@ -1,14 +1,21 @@
 """Public functions of ``cboxlab``, and their results."""
 
-from .calibration import CalibrationResult, calibrate
-from .cube import CubeFile, CubeResult, CubeSettings, render, render_file
-from .diagnosis import DiagnosisResult, diagnose
-from .inputs import ModelLike, as_model
-from .raw_frame import RawFrame, simulate
-from .result import Result
-from .result_manifest import MANIFEST, Verification, is_current, verify, write_manifest
-from .study import Study
-from .validation import ValidationResult, validate
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .calibration import CalibrationResult, calibrate
+    from .cube import CubeFile, CubeResult, CubeSettings, render, render_file
+    from .diagnosis import DiagnosisResult, diagnose
+    from .inputs import ModelLike, as_model
+    from .raw_frame import RawFrame, simulate
+    from .result import Result
+    from .result_manifest import MANIFEST, Verification, is_current, verify, write_manifest
+    from .study import Study
+    from .validation import ValidationResult, validate
 
 __all__ = [
     "MANIFEST",
@@ -34,3 +41,5 @@ __all__ = [
     "verify",
     "write_manifest",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -72,7 +72,7 @@ class CalibrationResult(Result):
         gain = _with_sigma(noise.gain_e_per_dn, noise.gain_sigma, "e-/DN")
         read = _with_sigma(noise.read_noise_e, noise.read_noise_sigma, "e-")
         lines.append(f"Gain {gain}, read noise {read}.")
-        if result.radiometry.constant is not None:
+        if result.radiometry.constant is not None and not result.radiometry.is_free:
             lines.append(f"Absolute scale C = {result.radiometry.constant:.5g} mm² m² DN/e-.")
         return [*lines, *suspicion_lines(result), *(f"• {note}" for note in result.notes)]
 

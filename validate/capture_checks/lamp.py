@@ -58,6 +58,8 @@ def check_lamp(
 ) -> Iterator[Suspicion]:
     """Check the photographs' radiance against the lamp's and each band against the others.
 
+    Where the capture claims no absolute scale, the bands alone are compared, and nothing where each band's is free.
+
     Parameters
     ----------
     capture
@@ -77,7 +79,7 @@ def check_lamp(
         For the lamp's radiance, then for each band that does not fit.
     """
     signals = lamp_signals(capture, radiometry, channels)
-    if signals is None:
+    if signals is None or capture.manifest.is_free_by_band:
         return
     if view is not None and view.scene.diffuse:
         level, (low, high) = _light_over_expected(view), PLAUSIBLE_LIGHT
@@ -90,7 +92,7 @@ def check_lamp(
     if not np.any(finite):
         return
     middle = float(np.median(level[finite]))
-    if not low < middle < high:
+    if capture.manifest.is_absolute and not low < middle < high:
         yield Suspicion(
             "the lamp's radiance does not suit the photographs (its unit, or the exposures)",
             "lamp.radiance",

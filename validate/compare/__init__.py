@@ -1,26 +1,34 @@
 """Comparison of measured and modelled images, and where the model fails."""
 
-from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
-from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
-from .edge_alignment import refine_geometry
-from .excess import Region, regions_of
-from .failure import OUTSIDE, Failure, Part
-from .maps import read_map, write_map, write_maps
-from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
-from .pipeline import (
-    Predicted,
-    Rendered,
-    Validation,
-    band_centres,
-    compared,
-    failures,
-    refitted_picture,
-    rendered_from,
-    validate_capture,
-    validate_prepared,
-)
-from .prepared import CalibratedCapture, prepare, solved_light, with_model, with_picture
-from .regions import INTERIOR_DISTANCE_PX
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
+    from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
+    from .edge_alignment import refine_geometry
+    from .excess import Region, regions_of
+    from .failure import OUTSIDE, Failure, Part
+    from .free_scale import FreeScale, free_columns
+    from .maps import read_map, write_map, write_maps
+    from .nuisances import NuisanceFit, Nuisances, camera_jacobian, fit_lamp_scale, held_lamp_scale
+    from .pipeline import (
+        Predicted,
+        Rendered,
+        Validation,
+        band_centres,
+        compared,
+        failures,
+        refitted_picture,
+        rendered_from,
+        validate_capture,
+        validate_prepared,
+    )
+    from .prepared import CalibratedCapture, prepare, solved_light, with_model, with_picture
+    from .regions import INTERIOR_DISTANCE_PX
 
 __all__ = [
     "COLOUR_DIFFERENCES",
@@ -32,6 +40,7 @@ __all__ = [
     "Comparison",
     "DifferenceStatistics",
     "Failure",
+    "FreeScale",
     "NuisanceFit",
     "Nuisances",
     "Part",
@@ -46,6 +55,7 @@ __all__ = [
     "compared",
     "failures",
     "fit_lamp_scale",
+    "free_columns",
     "held_lamp_scale",
     "prepare",
     "read_map",
@@ -63,3 +73,5 @@ __all__ = [
     "write_map",
     "write_maps",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.instrument import Mask, cell_means, one_pixel_of_each_cell
+from cboxlab.utils.distributions import chi2_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2 as chi2_distribution
 
 from .colour_difference import (
     COLOUR_DIFFERENCES,
@@ -53,7 +53,7 @@ class ChiSquare:
     @property
     def p_value(self) -> float:
         """Probability of a value at least as large from noise alone."""
-        return float(chi2_distribution.sf(self.value, self.dof)) if self.dof > 0 else float("nan")
+        return float(chi2_tail(self.value, self.dof)) if self.dof > 0 else float("nan")
 
     @property
     def excess(self) -> float:

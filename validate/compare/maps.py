@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import xarray as xr
-from cboxlab.rendering.files import write_channels
+from cboxlab.rendering.files import require_exr_size, write_channels
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from numpy.typing import ArrayLike, NDArray
@@ -69,6 +69,7 @@ def read_map(path: Path) -> tuple[xr.DataArray, dict[str, str]]:
         If the file is no readable EXR.
     """
     try:
+        require_exr_size(path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # The file empties its header and channels when it is closed.
             header = dict(file.header())

@@ -82,6 +82,15 @@ _TRACED_NOISE = 1.0
 #: Power of the number of samples by which the noise of path tracing falls.
 _TRACED_CONVERGENCE = 0.5
 
+#: Samples of a pixel in the picture that first scales a capture without absolute scale, in each of its batches.
+_ROUGH_SAMPLES = 8
+
+#: Batches of that picture.
+_ROUGH_BATCHES = 2
+
+#: Relative error of that picture and of the model, for the weights of its fit.
+_ROUGH_ERROR = 0.1
+
 #: First and last share of the progress of each draft.
 _DRAFTS = ((0.1, 0.2), (0.2, 0.3))
 
@@ -203,15 +212,15 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     progress.stage("rendering")
     progress.part(0.05)
     if not variant.compiled():
-        plain = _rendered_plainly(prepared, model, share(progress, 0.05, 0.95))
+        prepared, plain = _rendered_plainly(prepared, model, share(progress, 0.05, 0.95))
         comparison = compared(prepared, plain, plain.fit.lamp_scale * plain.signal)
         return Validation(prepared, model, plain, comparison, time.perf_counter() - start)
     light = solved_light(prepared, model.render, model.effects)
     camera = prepared.expected_camera(model.effects)
-    pilot = None
+    prepared, pilot = _roughly_scaled(prepared, model, light), None
     for first, last in _DRAFTS:
         before = camera
-        camera, pilot = _fitted_to_draft(prepared, model, light, before, pilot, share(progress, first, last))
+        prepared, camera, pilot = _fitted_to_draft(prepared, model, light, before, pilot, share(progress, first, last))
         if before.motion_px(camera, prepared.scene.corners_mm) < _MAX_DRAFT_MOTION_PX:
             break
     part = share(progress, 0.3, 0.9)
@@ -245,19 +254,55 @@ def _fitted_to_draft(
     camera: Camera,
     pilot: float | None,
     progress: Progress,
-) -> tuple[Camera, float | None]:
-    """Camera fitted to a draft rendered through ``camera``, and the noise of the draft's pilot."""
+) -> tuple[CalibratedCapture, Camera, float | None]:
+    """Capture and camera fitted to a draft, and the noise of the draft's pilot.
+
+    The draft is rendered through ``camera``. Of the capture only a free scale is fitted.
+    """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
     if prepared.picture is not None:
         level = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
         require_level(prepared.picture.path, float(level))
-    return refitted(prepared, draft, model.effects).camera, draft.pilot
+    fit = refitted(prepared, draft, model.effects)
+    if prepared.free_scale is not None:
+        signal = draft.signal + warp_change(draft.predictor.warp, fit.camera)
+        variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + draft.variance
+        prepared = prepared.with_scale_of(signal, variance, draft.used)
+    return prepared, fit.camera, draft.pilot
 
 
-def _rendered_plainly(prepared: CalibratedCapture, model: Model, progress: Progress) -> Rendered:
-    """Rendering without a compiled variant; InputError for effects that need one."""
-    calibration, effects = prepared.calibration, model.effects
+def _roughly_scaled(prepared: CalibratedCapture, model: Model, light: LightField) -> CalibratedCapture:
+    """The capture with its free scale, if it has one, from a picture of few samples."""
+    if prepared.free_scale is None:
+        return prepared
+    camera = prepared.expected_camera(model.effects)
+    if prepared.picture is not None:
+        image = prepared.picture.through(camera, model.render.seed)
+    else:
+        render, _, _ = _renderer(prepared, light, camera, model.render, model.effects)
+        image = render(_ROUGH_SAMPLES, _ROUGH_BATCHES, NO_PROGRESS)
+    return _scaled_to(prepared, render_bands(image, prepared.responses))
+
+
+def _scaled_to(prepared: CalibratedCapture, bands: xr.Dataset) -> CalibratedCapture:
+    """The capture with its free scale fitted to band images without regard to their noise."""
+    signal = bands.signal.values
+    used = prepared.usable & (bands.mask.values == 0) & (signal > 0)
+    # equal relative weights, since neither the noise nor the scale is known
+    level = np.array([np.mean(np.abs(prepared.measured[k][used[k]])) for k in range(len(used))])[:, None, None]
+    variance = np.broadcast_to((_ROUGH_ERROR * level) ** 2, signal.shape)
+    return prepared.with_scale_of(signal, variance, used)
+
+
+def _rendered_plainly(
+    prepared: CalibratedCapture, model: Model, progress: Progress
+) -> tuple[CalibratedCapture, Rendered]:
+    """The capture and its rendering without a compiled variant.
+
+    An InputError is raised for effects that need one.
+    """
+    effects = model.effects
     camera = prepared.expected_camera(effects)
     if later := [e.id for e in effects if e.stage == "transport"]:
         raise variant.not_compiled(f"model: the effect {later[0]}")
@@ -265,9 +310,10 @@ def _rendered_plainly(prepared: CalibratedCapture, model: Model, progress: Progr
     settings = after_stage(model.render, effects, "settings")
     distorted = with_further_distortion(camera, effects)
     image = render_plainly(scene, distorted, settings.max_bounces, model.render.seed, progress)
+    prepared = _scaled_to(prepared, render_bands(image, prepared.responses))
     bands = render_bands(image, prepared.responses)
-    signal = expected_signal(image, sensing(calibration, camera), effects, camera)
-    return _scaled(prepared, image, camera, signal, bands)
+    signal = expected_signal(image, sensing(prepared.calibration, camera), effects, camera)
+    return prepared, _scaled(prepared, image, camera, signal, bands)
 
 
 def _scaled(
@@ -450,7 +496,7 @@ def compared(prepared: CalibratedCapture, rendered: Rendered, signal: NDArray[np
         surface=np.where(image.surface < 0, -1, image.surface),
         surface_names=image.surface_names,
         single_surface=image.single_surface,
-        fitted_parameters=Nuisances.count,
+        fitted_parameters=Nuisances.count + (0 if prepared.free_scale is None else prepared.free_scale.parameters),
         cell=calibration.capture.cell,
     )
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..capture_checks import with_scene_checks
 from ..predict import ExternalPicture, external_picture
+from .free_scale import FreeScale, refined_scale, rescaled, starting_scale
 from .nuisances import fit_lamp_scale, held_lamp_scale
 
 __all__ = ["CalibratedCapture", "prepare", "solved_light", "with_model", "with_picture"]
@@ -58,6 +59,36 @@ class CalibratedCapture:
     picture: ExternalPicture | None = None
     #: Folder of rendered pictures and fits; None for no cache.
     cache: Path | None = None
+    #: Factors of a capture that claims no absolute scale, as far as they were estimated; None with an absolute scale.
+    free_scale: FreeScale | None = None
+
+    def with_scale_of(
+        self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture with its free scale fitted to a rendering; itself with an absolute scale.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal with the scale so far, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            With calibration and responses changed.
+        """
+        if self.free_scale is None:
+            return self
+        scale, factors, bent = refined_scale(
+            self.free_scale, self.calibration, signal=signal, variance=variance, used=used
+        )
+        calibration = rescaled(self.calibration, factors, bent)
+        responses = calibration.responses or self.responses
+        return replace(self, calibration=calibration, responses=responses, free_scale=scale)
 
     @property
     def calibrated_camera(self) -> Camera:
@@ -163,7 +194,7 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     """
     calibration = with_scene_checks(calibrate(capture))
     manifest = capture.folder / "capture.toml"
-    lamp = capture.manifest.lamp
+    lamp, manifest_is_absolute = capture.manifest.lamp, capture.manifest.is_absolute
     camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights
     lacking = [
         name
@@ -179,11 +210,19 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
             manifest,
             f"no {'; no '.join(lacking)}",
             "these data, which a comparison with a render needs",
-            "A calibration does not need them.",
+            "A calibration does not need them."
+            + (' Without gain and lens data state scale = "free".' if manifest_is_absolute else ""),
         )
     scene = model.scene.with_lamp(capture.light(lamp.radiance))
     return CalibratedCapture(
-        calibration, camera_fit, responses, weights, scene.lambertian, lamp.relative_uncertainty, scene
+        calibration,
+        camera_fit,
+        responses,
+        weights,
+        scene.lambertian,
+        lamp.relative_uncertainty if capture.manifest.is_absolute else None,
+        scene,
+        free_scale=starting_scale(calibration),
     )
 
 

@@ -1,12 +1,19 @@
 """Missing effects of a model: hypotheses, screening, fits, selection, held-out tests."""
 
-from .alternatives import Cause
-from .diagnosis import Diagnosis, FurtherCaptureResult, Ranked, Step, diagnose
-from .effect_fit import fit_effect, fit_effects
-from .evidence import Limit
-from .further_captures import Separation
-from .linear_model import nuisance_priors
-from .search import judged_by_priors
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .alternatives import Cause
+    from .diagnosis import Diagnosis, FurtherCaptureResult, Ranked, Step, diagnose
+    from .effect_fit import fit_effect, fit_effects
+    from .evidence import Limit
+    from .further_captures import Separation
+    from .linear_model import nuisance_priors
+    from .search import judged_by_priors
 
 __all__ = [
     "Cause",
@@ -22,3 +29,5 @@ __all__ = [
     "judged_by_priors",
     "nuisance_priors",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
-from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
-from ..compare import Comparison, Validation, compared
+from ..compare import Comparison, FreeScale, Validation, compared
 from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
 from .evidence import (
     MIN_EXPLAINED_PART,
@@ -36,7 +36,7 @@ from .linearised_fit import (
     residual_with,
     residual_with_rendered,
 )
-from .search import Candidate
+from .search import Candidate, without_imitated
 from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
 from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
@@ -202,7 +202,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     prepared, model = validation.prepared, validation.model
     first = linearised_fit(prepared, validation.rendered, model.effects)
     start = first.model
-    by_size, search = _search(validation, first, progress)
+    by_size, search, imitated = _search(validation, first, progress)
     linearised, effects, assessed = search.linearised, search.selected, search.assessed
     further_fits = [_further_fit(validation, other, effects) for other in further]
     if effects and further_fits:
@@ -237,22 +237,21 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=_mosaic_notes(prepared.calibration.capture),
+        notes=_scale_notes(prepared.free_scale, imitated),
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
     )
 
 
-def _mosaic_notes(capture: Capture) -> tuple[str, ...]:
-    """Note on effects whose prediction ignores the other channels of a mosaic."""
-    mixing = [effect.id for effect in catalogue().values() if effect.mixes_pixels]
-    if capture.manifest.mosaic is None or not mixing:
+def _scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
+    """Note on the free scale of a capture, and on the effects that it imitates; none for an absolute scale."""
+    if scale is None:
         return ()
-    return (
-        f"Behind a mosaic neighbouring pixels see other channels, but {' and '.join(mixing)} are predicted from the "
-        "picture of each band alone: what is said of their presence and size is uncertain.",
-    )
+    sentence = scale.sentence
+    if imitated:
+        sentence += f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
+    return (sentence,)
 
 
 def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress: Progress) -> _Answer:
@@ -290,17 +289,20 @@ def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[
     return tuple(steps)
 
 
-def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> tuple[Selection, Selection]:
-    """Effects selected by size, and in the end; frees the signatures, much of the memory."""
+def _search(
+    validation: Validation, first: LinearisedFit, progress: Progress
+) -> tuple[Selection, Selection, tuple[str, ...]]:
+    """Effects selected by size, and in the end, and those no candidates; frees the signatures, much of the memory."""
     start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
+    signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     if not by_size.selected and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return by_size, search
+    return by_size, search, imitated
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_quantile
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from ..compare import Nuisances
 from .explain import noise_level
@@ -229,7 +229,7 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, ex
         return gain > max(certain, least_gain(candidate, model), SHAPE_ERROR * explained)
     if candidate.hypothesis.effect.imitates_nuisance:
         relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2
-        relieved = gain > 0 and relief > chi2.isf(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free))
+        relieved = gain > 0 and relief > chi2_quantile(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free))
         if relieved or candidate.by_priors:
             return bool(relieved)
     return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
@@ -258,7 +258,7 @@ def beyond_tolerance(candidate: Candidate) -> bool:
 
 def _beyond_chance(count: int) -> float:
     """Distance from null, in tolerances, that ``count`` numbers rarely exceed by chance."""
-    return float(np.sqrt(chi2.isf(_PRIOR_FALSE_ALARM, count))) if count else 0.0
+    return float(np.sqrt(chi2_quantile(_PRIOR_FALSE_ALARM, count))) if count else 0.0
 
 
 def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> float:

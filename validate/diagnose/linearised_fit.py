@@ -15,7 +15,7 @@ from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 
-from ..compare import CalibratedCapture, Predicted, Rendered, camera_jacobian
+from ..compare import CalibratedCapture, Predicted, Rendered, camera_jacobian, free_columns
 from ..predict import Predictor, picture_errors
 from .fitting import Fitted, fit, gauss_newton, with_all_numbers
 from .linear_model import BandErrors, LinearModel, build_linear_model, model_variance
@@ -51,6 +51,8 @@ class LinearisedFit:
     base: NDArray[np.float64]
     #: (10, band, y, x) derivatives of the signals by the camera's parameters.
     derivative: NDArray[np.float32]
+    #: (n,) DN each, changes of the used samples by free factors and fall-off; None with an absolute scale.
+    free_changes: tuple[NDArray[np.float64], ...] | None = None
 
     @property
     def scale(self) -> float:
@@ -141,6 +143,7 @@ def linearised_fit(
     noise_signal = prepared.noise_reference_signal(nuisances.lamp_scale * rendered.signal)
     noise = nuisances.lamp_scale**2 * rendered.variance
     variance = prepared.calibration.predicted_variance(noise_signal) + noise + model_variance(noise_signal)
+    variance += prepared.calibration.bands.shared_variance(noise_signal)
     lamp = Spectrum(WAVELENGTH_NM, prepared.scene.lamp_radiance(WAVELENGTH_NM))
     derivative = camera_jacobian(predictor.warp, nuisances.camera)
     model = build_linear_model(
@@ -159,11 +162,14 @@ def linearised_fit(
             tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
         ),
     )
+    free = tuple(c[rendered.used] for c in free_columns(prepared.calibration, nuisances.lamp_scale * base))
+    model = model.marginalised_over([model.whiten_used(change) for change in free])
     if prepared.calibration.capture.cell is not None:
         in_channel = (prepared.calibration.images.mask.values & Mask.OTHER_CHANNEL) == 0
         model = replace(model, seen_share=tuple(in_channel.mean(axis=(1, 2)).tolist()))
     single = derivative.astype(np.float32)
-    return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single)
+    free_changes = None if prepared.free_scale is None else free
+    return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single, free_changes)
 
 
 def _by_lamp_scale(predictor: Predictor, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:

@@ -37,8 +37,13 @@ __all__ = [
     "screen",
     "signature",
     "steps_of",
+    "without_imitated",
 ]
 
+
+#: Share of an effect's chi2 that free factors leave, below which it is no candidate: ten times its size would be needed
+#: for the evidence that it otherwise gives.
+_MIN_LEFT_SHARE = 0.01
 
 #: Largest change of the picture that counts as rounding, relative to the largest signal used.
 _ROUNDING = 1e-9
@@ -458,3 +463,49 @@ def least_squares(columns: NDArray, residual: NDArray, slope: NDArray) -> tuple[
     unit = columns / size
     covariance = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
     return covariance @ ((columns.T @ residual - slope / 2) / size) / size, covariance / np.outer(size, size)
+
+
+def without_imitated(
+    model: LinearModel, free_changes: Sequence[NDArray[np.float64]] | None, signatures: Sequence[Signature]
+) -> tuple[list[Signature], tuple[str, ...]]:
+    """Signatures that free factors of the capture do not imitate.
+
+    Parameters
+    ----------
+    model
+        Linear model of the capture.
+    free_changes
+        (n,) DN each, changes by free factors and fall-off; None with an absolute scale.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    list of Signature
+        The others; all of them for a capture with an absolute scale.
+    tuple of str
+        Identifiers of the effects left out, in order.
+    """
+    if free_changes is None:
+        return list(signatures), ()
+    factors = np.array([change / model.sigma for change in (model.by_lamp, *free_changes)]).T
+    basis = np.linalg.qr(factors / np.linalg.norm(factors, axis=0))[0]
+    others: list[Signature] = []
+    imitated: dict[str, None] = {}
+    for signature in signatures:
+        if signature.hypothesis.effect.imitates_lamp_power or _is_imitated(basis, signature, model.sigma):
+            imitated[signature.hypothesis.effect.id] = None
+        else:
+            others.append(signature)
+    still = {signature.hypothesis.effect.id for signature in others}
+    return others, tuple(effect for effect in imitated if effect not in still)
+
+
+def _is_imitated(basis: NDArray[np.float64], signature: Signature, sigma: NDArray[np.float64]) -> bool:
+    """Whether free factors make all changes of a signature, but for a small share."""
+    if signature.changes is None or not len(signature.changes):
+        return False
+    changes = np.asarray(signature.changes, float) / sigma
+    remainder = changes - (changes @ basis) @ basis.T
+    sizes = np.sum(changes**2, axis=1)
+    return bool(np.all(np.sum(remainder**2, axis=1) <= _MIN_LEFT_SHARE * np.maximum(sizes, 1e-300)))

@@ -33,7 +33,7 @@ from .linearised_fit import (
     residual_with,
     residual_with_rendered,
 )
-from .search import Candidate, Signature, signature
+from .search import Candidate, Signature, signature, without_imitated
 from .selection import backward_elimination, best_set, best_singles, pairs_replaced
 
 __all__ = ["Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
@@ -216,6 +216,7 @@ def _forward_selection(
         if best.hypothesis.effect.stage == "settings":
             # with more light reflected the signatures of the other effects differ
             signatures = signatures_of(plain, (*first.model_effects, best.applied), settings, part)
+            signatures, _ = without_imitated(plain.model, plain.free_changes, signatures)
         selected_ids = {c.hypothesis.effect.id for c in selected}
         rest = [s for s in signatures if s.hypothesis.effect.id not in selected_ids]
         problem = linearised.problem(selected)

@@ -20,6 +20,8 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
+from .few_batches import pooled_variance
+
 __all__ = ["ExternalPicture", "external_picture", "require_level"]
 
 #: Samples per batch of our pictures from the two cameras: they share their random numbers, so that few suffice.
@@ -135,7 +137,10 @@ def external_picture(
     tracer = build_tracer(scene)
     coverage = facet_coverage(tracer, camera)
     if "standard_error" in cube:
-        error = cube["standard_error"].values.astype(float)
+        stated = cube["standard_error"]
+        batches = int(stated.attrs.get("batches", 0))
+        edges = coverage.max(axis=-1) < 1
+        error = np.sqrt(pooled_variance(radiance, stated.values.astype(float) ** 2, edges, batches))
     else:
         error = np.sqrt(variance_of_neighbours(radiance, radiance, coverage.max(axis=-1) == 1))
     # two batches that far apart have this error of their mean

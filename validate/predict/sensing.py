@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.calibration.capture import Capture, FlatTable, ReferenceTable, channel_mask, shares_frames
+from cboxlab.calibration.capture import (
+    BandTable,
+    Capture,
+    FlatTable,
+    ReferenceTable,
+    channel_mask,
+    shares_frames,
+)
 from cboxlab.calibration.instrument import Mask
-from cboxlab.calibration.radiometry import capture_factors, optical_factor
+from cboxlab.calibration.radiometry import capture_factors, optical_factor, response_curve
 from cboxlab.calibration.result import Calibration
-from cboxlab.rendering.chain import Sensing, over_field
+from cboxlab.rendering.chain import Interleaving, MergedExposure, Sensing, UnseenChannel, over_field
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
@@ -80,13 +87,68 @@ def _sources(calibration: Calibration, band: str) -> _Band:
     return _Band(flat, reference, float(sum(measured)), uniform, spectrum)
 
 
-def _channels(calibration: Calibration) -> NDArray[np.bool_]:
-    """(band, y, x) True for the pixels of each band's channel; for all pixels without a mosaic."""
-    capture, mosaic = calibration.capture, calibration.capture.manifest.mosaic
-    if calibration.channels is None or mosaic is None:
-        return np.ones((len(capture.band_ids), *capture.shape), bool)
-    letters = [calibration.channels[band] for band in capture.band_ids]
-    return np.stack([channel_mask(mosaic.pattern, capture.shape, letter) for letter in letters])
+def _interleaving(calibration: Calibration, sources: Sequence[_Band]) -> Interleaving | None:
+    """Channels of the pixels in each band's frames; None without a mosaic."""
+    capture, mosaic, channels = calibration.capture, calibration.capture.manifest.mosaic, calibration.channels
+    if channels is None or mosaic is None:
+        return None
+    bands = capture.manifest.band
+    frames: dict[tuple[str, ...], list[int]] = {}
+    for index, band in enumerate(bands):
+        frames.setdefault(tuple(band.frames), []).append(index)
+    pixels = np.stack([channel_mask(mosaic.pattern, capture.shape, channels[band.id]) for band in bands])
+    unseen = []
+    for group in frames.values():
+        rest = ~pixels[group].any(axis=0)
+        for letter in dict.fromkeys(mosaic.pattern.replace(" ", "")):
+            of_channel = channel_mask(mosaic.pattern, capture.shape, letter) & rest
+            if of_channel.any():
+                factor = _channel_ratio(calibration, bands[group[0]], letter, sources[group[0]])
+                unseen.append(UnseenChannel(group[0], of_channel, factor))
+    return Interleaving(pixels, tuple(tuple(group) for group in frames.values()), tuple(unseen))
+
+
+def _channel_ratio(calibration: Calibration, band: BandTable, letter: str, source: _Band) -> float:
+    """Signal of a channel over that of the band's channel, for the lamp, or for the flat's source without one."""
+    capture, channels = calibration.capture, calibration.channels
+    lamp = capture.manifest.lamp
+    light = source.flat_radiance if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)
+    other, of_band = (
+        response_curve(capture, band, channel) for channel in (letter, channels[band.id] if channels else None)
+    )
+    if other is None or of_band is None or float(of_band @ light) <= 0:
+        return 1.0
+    return float(other @ light) / float(of_band @ light)
+
+
+def _merged(
+    calibration: Calibration, sound: NDArray[np.bool_], minutes: NDArray[np.float64]
+) -> tuple[MergedExposure, ...]:
+    """The exposures that were merged, the bands' own first.
+
+    Bands with fewer exposures have weight 0 in the others. sound : (band, y, x) pixels that give the dark level.
+    minutes : (band,) those of the bands' own frames.
+    """
+    capture, merged = calibration.capture, calibration.bands.merged
+    ids, readout = capture.band_ids, capture.manifest.camera.readout_s
+    exposures = []
+    for index in range(max((len(each.tables) for each in merged.values()), default=0)):
+        ratio, weight = np.ones(len(ids)), np.zeros((len(ids), *capture.shape))
+        dark, middle = np.zeros(len(ids)), minutes.copy()
+        for number, band in enumerate(ids):
+            tables = merged[band].tables if band in merged else (capture.band(band),)
+            if index >= len(tables):
+                continue
+            table = tables[index]
+            weight[number] = merged[band].weights[index] if band in merged else 1.0
+            ratio[number] = merged[band].ratios[index] if band in merged else 1.0
+            if sound[number].any():
+                dark[number] = float(calibration.dark.at(table.exposure_s)[sound[number]].mean())
+            if index and table.start_s is not None:
+                seconds = table.exposure_s / 2 + (len(table.frames) - 1) / 2 * (table.exposure_s + readout)
+                middle[number] = (table.start_s + seconds) / 60.0
+        exposures.append(MergedExposure(ratio, weight, dark, middle))
+    return tuple(exposures)
 
 
 def sensing(calibration: Calibration, camera: Camera) -> Sensing:
@@ -109,16 +171,20 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
     InputError
         If the capture has neither reference frames nor the data for the constant C.
     """
-    capture, constant = calibration.capture, calibration.radiometry.constant
-    if constant is None:
+    capture, radiometry = calibration.capture, calibration.radiometry
+    constant, of_bands = radiometry.constant, radiometry.band_constants
+    if constant is None or of_bands is None:
         fault = "neither usable reference frames nor focal length, pixel pitch and gain"
         raise InputError(capture.folder / "capture.toml", fault, "one of them, for the constant C")
     bands = calibration.bands
     unusable = Mask.HOT | Mask.DEAD | Mask.VIGNETTED
     mask = bands.images["mask"].values
     flats = [bands.flats[band] for band in capture.band_ids]
-    usable = ~np.stack([flat.saturated for flat in flats]) & _channels(calibration)
     sources = [_sources(calibration, band) for band in capture.band_ids]
+    mosaic = _interleaving(calibration, sources)
+    usable = ~np.stack([flat.saturated for flat in flats])
+    if mosaic is not None:
+        usable &= mosaic.pixels
     exposures = {
         "scene": np.array([band.exposure_s for band in capture.manifest.band]),
         "flat": np.array([s.flat.exposure_s if s.flat else 1.0 for s in sources]),
@@ -130,9 +196,10 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         levels = zip(exposures[of], sound, strict=True)
         return np.array([float(calibration.dark.at(t)[s].mean()) if s.any() else 0.0 for t, s in levels])
 
+    minutes = minutes_of_bands(capture, calibration.channels)
     factors = [0.0 if s.reference is None else optical_factor(capture, s.reference) or 0.0 for s in sources]
     return Sensing(
-        curves=over_field(capture_factors(capture, constant, calibration.channels, FILTER_GRID), camera),
+        curves=over_field(capture_factors(capture, of_bands, calibration.channels, FILTER_GRID), camera),
         flat_radiance=np.stack([s.flat_radiance for s in sources]),
         reference_radiance=np.stack([s.reference_radiance for s in sources]),
         flat=np.stack([flat.response for flat in flats]),
@@ -147,6 +214,8 @@ def sensing(calibration: Calibration, camera: Camera) -> Sensing:
         exposure_scene=exposures["scene"],
         exposure_flat=exposures["flat"],
         exposure_reference=exposures["reference"],
-        minutes=minutes_of_bands(capture, calibration.channels),
+        minutes=minutes,
         full_scale=float(capture.full_scale_dn),
+        mosaic=mosaic,
+        merged=_merged(calibration, sound, minutes),
     )

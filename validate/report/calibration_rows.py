@@ -45,6 +45,13 @@ def _camera(camera: Camera, fit: CameraFit) -> list[Row]:
         _row(name, value, sigma, unit)
         for (name, unit), value, sigma in zip(_CAMERA_ROWS, camera.parameters, sigmas, strict=True)
     ]
+    if not camera.lens.one_term:
+        terms = {key: value for key, value in camera.lens.record().items() if isinstance(value, float)}
+        names = {"aspect": "fy over fx"}
+        rows += [
+            _row(names.get(term, f"distortion {term}"), value, fit.lens_sigmas.get(term), "1")
+            for term, value in terms.items()
+        ]
     points = f"{int(fit.in_use.sum())} of {len(fit.in_use)} points"
     rows.append((f"reprojection rms, {points}", f"{fit.reprojection_rms_px:.3f}", f"{fit.point_sigma_px:.3g}", "px"))
     return rows
@@ -72,7 +79,9 @@ def calibration_rows(calibration: Calibration) -> list[Row]:
     noise, scale, linearity = calibration.noise, calibration.radiometry, calibration.linearity
     rows.append(_row("gain", noise.gain_e_per_dn, noise.gain_sigma, "e-/DN"))
     rows.append(_row("read noise", noise.read_noise_e, noise.read_noise_sigma, "e-"))
-    if scale.constant is not None and scale.nominal is not None:
+    if scale.is_free:
+        rows.append(("C, free: estimated with a model alone", "–", "", "mm² m² DN/e-"))
+    elif scale.constant is not None and scale.nominal is not None:
         sigma = None if scale.sigma is None else scale.sigma / scale.nominal
         rows.append(_row("C over its nominal value", scale.constant / scale.nominal, sigma, "1"))
     else:

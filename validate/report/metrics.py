@@ -15,7 +15,16 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
-from ..compare import HEADLINE, ChiSquare, Comparison, DifferenceStatistics, Failure, RelativeDifference, regions_of
+from ..compare import (
+    HEADLINE,
+    ChiSquare,
+    Comparison,
+    DifferenceStatistics,
+    Failure,
+    FreeScale,
+    RelativeDifference,
+    regions_of,
+)
 
 __all__ = ["PathStep", "Run", "metrics", "write_metrics"]
 
@@ -48,7 +57,7 @@ class Run:
     camera: Camera
     #: Reprojection error of the surveyed points, px rms per coordinate.
     reprojection_rms_px: float
-    #: Fitted factor on the lamp's stated radiance.
+    #: Fitted factor on the lamp's stated radiance; NaN for a capture without absolute scale.
     lamp_scale: float
     #: Standard deviation of the factor.
     lamp_scale_sigma: float
@@ -60,6 +69,8 @@ class Run:
     path: Sequence[PathStep] = ()
     #: Ranked list of where the model fails.
     failures: Sequence[Failure] = ()
+    #: Factors of a capture without absolute scale; None with one.
+    free_scale: FreeScale | None = None
 
 
 def _chi2(chi2: ChiSquare) -> dict[str, Any]:
@@ -90,7 +101,7 @@ def _light(xyz: NDArray[np.float64]) -> dict[str, Any]:
 
 def _camera(run: Run, camera: Camera) -> dict[str, Any]:
     values, covariance = camera.parameters, camera.covariance
-    return {
+    record = {
         "reprojection_rms_px": run.reprojection_rms_px,
         "position_mm": values[:3],
         "position_sigma_mm": [math.nan] * 3 if covariance is None else np.sqrt(np.diag(covariance)[:3]),
@@ -100,6 +111,7 @@ def _camera(run: Run, camera: Camera) -> dict[str, Any]:
         "k1": camera.k1,
         "covariance": [] if covariance is None else covariance,
     }
+    return record if camera.lens.one_term else record | {"lens": camera.lens.record()}
 
 
 def _plain(value: Any) -> Any:
@@ -192,6 +204,8 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         "failures": [asdict(failure) for failure in run.failures],
         "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.colour[HEADLINE.id].mean)]],
     }
+    if run.free_scale is not None:
+        content["scale"] = run.free_scale.record(c.bands)
     for key, value in (extra or {}).items():
         if key in content:
             raise ValueError(f"metrics.json: the key '{key}' exists already")

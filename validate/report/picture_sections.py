@@ -10,8 +10,8 @@ import matplotlib
 import numpy as np
 from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.instrument import BandResponse
+from cboxlab.utils.distributions import normal_density
 from matplotlib.colors import LogNorm
-from scipy.stats import norm
 
 from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from .bands import NamedBand, named_bands
@@ -38,6 +38,10 @@ _MAX_BANDS = 8
 
 #: Most bands with labels in the plot of their responses: more would overlap.
 _MAX_LABELLED_BANDS = 9
+
+
+#: Margin above axes with a colour bar, inches: the bar's tick labels and its label.
+_BAR_INCH = 0.46
 
 
 def maps_section(c: Comparison) -> ReportSection:
@@ -126,7 +130,7 @@ def residual_section(c: Comparison) -> ReportSection:
     (first, left), (second, right) = new_figure(), new_figure()
     bins = np.linspace(-8, 8, 81)
     left.hist(np.clip(values, -7.99, 7.99), list(bins), density=True, color=LINE, label="this comparison")
-    left.plot(bins, norm.pdf(bins), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="noise alone")
+    left.plot(bins, normal_density(bins), color=INK, linewidth=1.1, linestyle=(0, (4, 2)), label="noise alone")
     left.set(
         yscale="log",
         ylim=(0.2 / max(values.size, 10), 9),
@@ -183,7 +187,7 @@ def scatter_section(c: Comparison) -> ReportSection:
     measured, rendered = c.maps["measured"].values[used], c.maps["rendered"].values[used]
     keep = (measured > 0) & (rendered > 0)
     measured, rendered = measured[keep], rendered[keep]
-    (first, left), (second, right) = new_figure(3.9), new_figure(3.9)
+    (first, left), (second, right) = new_figure(3.9, _BAR_INCH), new_figure(3.9, _BAR_INCH)
     if measured.size:
         low, high = np.percentile(rendered, 0.01) * 0.8, max(measured.max(), rendered.max()) * 1.15
         span = (np.log10(low), np.log10(high))

@@ -47,6 +47,15 @@ LINE = "#4382ad"
 #: Width of a plot, inches: 400 px.
 _WIDTH_INCH = 4.17
 
+#: Margin left of a plot's axes, inches: a label and tick labels of six letters.
+_LEFT_INCH = 0.72
+
+#: Margin right of a plot's axes, inches: half of the last tick label.
+_RIGHT_INCH = 0.12
+
+#: Margin below a plot's axes, inches: a label and tick labels of two lines.
+_BELOW_INCH = 0.52
+
 #: Most pixels across a map; larger ones are shown as means of blocks, and the viewer has every pixel.
 _MAX_PIXELS_ACROSS = 256
 
@@ -287,17 +296,20 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "legend.frameon": False,
     "lines.linewidth": 1.6,
-    "figure.constrained_layout.use": True,
 }
 
 
-def new_figure(height: float = 3.2) -> tuple[Figure, Axes]:
+def new_figure(height: float = 3.2, above: float = 0.3) -> tuple[Figure, Axes]:
     """Transparent figure with axes for a page of 400 px, to be used under rc_context(STYLE).
+
+    The margins are fixed: a layout engine would draw every figure twice more to measure its letters.
 
     Parameters
     ----------
     height
         Height, inches.
+    above
+        Margin above the axes, inches; the default holds a title of one line.
 
     Returns
     -------
@@ -309,6 +321,12 @@ def new_figure(height: float = 3.2) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(_WIDTH_INCH, height))
     figure.patch.set_alpha(0)
     axes = figure.subplots()
+    figure.subplots_adjust(
+        left=_LEFT_INCH / _WIDTH_INCH,
+        right=1 - _RIGHT_INCH / _WIDTH_INCH,
+        bottom=_BELOW_INCH / height,
+        top=1 - above / height,
+    )
     axes.patch.set_alpha(0)
     return figure, axes
 

@@ -55,7 +55,9 @@ def _assumptions(result: Validation) -> list[str]:
         f"Scene: {prepared.scene.name}. Unless an effect below changes it: {paints}, {emitters} uniform and "
         f"Lambertian and {'reflect' if several else 'reflects'} {reflects}, {air}, the front is open and dark.",
         f"Effects in the model: {effects}.",
-        f"The lamp's spectrum is that of the capture. Its power was fitted {lamp}.",
+        f"The lamp's spectrum is that of the capture. Its power was fitted {lamp}."
+        if prepared.free_scale is None
+        else f"The lamp's spectrum is that of the capture. {prepared.free_scale.sentence}",
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
         f"prior. The refit moved the box's corners by {moved:.2f} px (rms per coordinate).",
         f"{light}. All results include {error}.",
@@ -75,11 +77,12 @@ def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]
         camera=fit.camera,
         calibrated_camera=prepared.calibrated_camera,
         reprojection_rms_px=prepared.camera_fit.reprojection_rms_px,
-        lamp_scale=fit.lamp_scale,
-        lamp_scale_sigma=fit.lamp_scale_sigma,
+        lamp_scale=fit.lamp_scale if prepared.free_scale is None else float("nan"),
+        lamp_scale_sigma=fit.lamp_scale_sigma if prepared.free_scale is None else float("nan"),
         lamp_scale_prior_sigma=prepared.lamp_sigma if prepared.lamp_sigma is not None else float("nan"),
         path=path,
         failures=failed,
+        free_scale=prepared.free_scale,
     )
 
 

@@ -1,8 +1,15 @@
 """Study: captures, a model's effects in order, and predictions; every state is a value."""
 
-from .history import History, State
-from .prediction import Base, Prediction, predict, same_effects
-from .study_file import StudyFile, read_study, write_study
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .history import History, State
+    from .prediction import Base, Prediction, predict, same_effects
+    from .study_file import StudyFile, read_study, write_study
 
 __all__ = [
     "Base",
@@ -15,3 +22,5 @@ __all__ = [
     "same_effects",
     "write_study",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -33,6 +33,7 @@ from cboxlab.rendering.synthetic import (
     CaptureSettings,
     Frame,
     FrameHooks,
+    interleaved,
     sphere_spectrum,
     tungsten_lamp,
     unit_factors,
@@ -126,8 +127,6 @@ def photographed_scene(model: Model) -> Scene:
 class _ReadoutAndCharge:
     """Effects of the stage "counts" as hooks of the simulated camera."""
 
-    #: Identifiers of the bands.
-    bands: tuple[str, ...]
     #: Effects that act on charge, before shot noise.
     charge: tuple[AppliedEffect, ...]
     #: Effects that act on readout, after noise.
@@ -163,21 +162,25 @@ class _ReadoutAndCharge:
         """(y, x) counts of a frame after effects."""
         changed = after_stage(self._frames(frame, counts, self._dark(frame)), effects, "counts")
         frames = {"band": changed.scene, "flat": changed.flat, "reference": changed.reference}
-        return frames[frame.kind][self._index(frame)]
+        seen = self._seen(frame)
+        bands = [self.settings.bands[index] for index in seen]
+        return interleaved(frames[frame.kind][seen], bands, self.settings.mosaic)
 
-    def _index(self, frame: Frame) -> int:
-        return 0 if frame.band is None else self.bands.index(frame.band)
+    def _seen(self, frame: Frame) -> list[int]:
+        """Indices of the bands that see a frame."""
+        return [index for index, band in enumerate(self.settings.bands) if band.filter == frame.filter]
 
     def _frames(self, frame: Frame, counts: NDArray[np.float64], dark: float) -> Counts:
         """Counts with this frame at its kind and band, and dark level everywhere else."""
-        shape = len(self.bands), *counts.shape
+        bands = self.settings.band_ids
+        shape = len(bands), *counts.shape
         stacks = {kind: np.full(shape, dark) for kind in ("band", "flat", "reference")}
         if frame.kind in stacks:
-            stacks[frame.kind][self._index(frame)] = counts
-        level, exposure = np.full(len(self.bands), dark), np.full(len(self.bands), frame.exposure_s)
+            stacks[frame.kind][self._seen(frame)] = counts
+        level, exposure = np.full(len(bands), dark), np.full(len(bands), frame.exposure_s)
         minutes = ((frame.start_s or 0.0) + frame.exposure_s / 2) / 60.0
         return Counts(
-            self.bands,
+            bands,
             stacks["band"],
             stacks["flat"],
             stacks["reference"],
@@ -187,17 +190,17 @@ class _ReadoutAndCharge:
             exposure,
             exposure,
             exposure,
-            np.full(len(self.bands), minutes),
+            np.full(len(bands), minutes),
             float(self.settings.full_scale_dn),
         )
 
 
-def _hooks(bands: tuple[str, ...], effects: Sequence[AppliedEffect], settings: CaptureSettings) -> FrameHooks:
+def _hooks(effects: Sequence[AppliedEffect], settings: CaptureSettings) -> FrameHooks:
     """Hooks of the simulated camera by the effects of the stage "counts"."""
     count_effects = [effect for effect in effects if effect.stage == "counts"]
     readout = tuple(effect for effect in count_effects if not effect.effect.acts_on_charge)
     charge = tuple(effect for effect in count_effects if effect.effect.acts_on_charge)
-    camera = _ReadoutAndCharge(bands, charge, readout, settings)
+    camera = _ReadoutAndCharge(charge, readout, settings)
     return FrameHooks(light=camera.light, counts=camera.counts)
 
 
@@ -287,7 +290,8 @@ def excess_of_render(image: RenderedImage, settings: CaptureSettings) -> float:
     float
         Mean over samples brighter than read noise and outside the lamp.
     """
-    weights = np.stack([curve.at(image.wavelength_nm) for curve in settings.filters.values()], axis=1)
+    factors = unit_factors(settings, image.sees_lamp.shape[1])
+    weights = (factors.transmittance * factors.rest).T
     mean, variance = (part[~image.sees_lamp] for part in image.project(weights))
     full = settings.level * settings.full_scale_dn * settings.gain_e_per_dn
     electrons = full * mean / np.percentile(mean, 99.5, axis=0)
@@ -390,4 +394,4 @@ def photographed_light(
     signals = after_stage(light, effects, "optics").signal
     even = uniform_light(sphere_spectrum(settings.sphere_brightness).values)
     sphere = band_signals(even, curves, field_shares(curves, moved))
-    return signals, np.broadcast_to(sphere, signals.shape), _hooks(curves.bands, effects, settings)
+    return signals, np.broadcast_to(sphere, signals.shape), _hooks(effects, settings)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.scenes.lens import LENS_TERMS, PLAIN_LENS, Lens
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 __all__ = ["camera_entry", "read_camera", "write_camera"]
 
@@ -23,6 +25,11 @@ _CONVENTIONS = (
     "v = f (1 + k1 (x^2 + y^2)) y + v0. u runs right, v down, (0, 0) is the centre of the top-left pixel. A pixel's "
     "value is the mean over its square."
 )
+#: Addition to the conventions of a camera whose lens has more terms than k1.
+_LENS_CONVENTIONS = (
+    " With lens, OpenCV's formula replaces the factor 1 + k1 (x^2 + y^2): k1, k2, p1, p2, k3 of the pinhole model, or "
+    "k1 to k4 of the fisheye model; the vertical focal length is aspect f."
+)
 #: Largest deviation of R R^T from the unit matrix: 1e-6, a matrix written with seven digits.
 _MAX_NON_ORTHOGONALITY = 1e-6
 #: Smallest sine of the angle between the direction of view and up: 1e-9, below which rounding sets the picture's roll.
@@ -30,6 +37,20 @@ _MIN_SINE_TO_UP = 1e-9
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
 _Three = tuple[_Finite, _Finite, _Finite]
+
+
+class _LensEntry(BaseModel):
+    """Terms of a lens beyond k1, checked."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    model: Literal["polynomial", "fisheye"] = "polynomial"
+    k2: _Finite = 0.0
+    k3: _Finite = 0.0
+    k4: _Finite = 0.0
+    p1: _Finite = 0.0
+    p2: _Finite = 0.0
+    aspect: float = Field(default=1.0, gt=0, allow_inf_nan=False)
 
 
 class _CameraFile(BaseModel):
@@ -48,6 +69,16 @@ class _CameraFile(BaseModel):
     focal_length_px: float = Field(gt=0, allow_inf_nan=False)
     principal_point_px: tuple[_Finite, _Finite] | None = None
     k1: _Finite = 0.0
+    lens: _LensEntry | None = None
+
+    @model_validator(mode="after")
+    def _terms_of_its_model(self) -> _CameraFile:
+        if self.lens is not None:
+            allowed = LENS_TERMS[self.lens.model]
+            wrong = [t for t in ("k3", "k4", "p1", "p2") if t not in allowed and getattr(self.lens, t) != 0]
+            if wrong:
+                raise ValueError(f"no {', '.join(wrong)} in a lens of the model '{self.lens.model}'")
+        return self
 
 
 def read_camera(path: Path) -> Camera:
@@ -98,6 +129,7 @@ def read_camera(path: Path) -> Camera:
         entry.k1,
         rotation,
         position,
+        lens=PLAIN_LENS if entry.lens is None else Lens(**entry.lens.model_dump()),
     )
 
 
@@ -125,7 +157,7 @@ def camera_entry(camera: Camera) -> dict[str, Any]:
     dict
         The content, ready for JSON.
     """
-    return {
+    entry: dict[str, Any] = {
         "format": "camera/1",
         "conventions": _CONVENTIONS,
         "width_px": camera.width_px,
@@ -136,6 +168,9 @@ def camera_entry(camera: Camera) -> dict[str, Any]:
         "principal_point_px": camera.principal_point_px.tolist(),
         "k1": float(camera.k1),
     }
+    if not camera.lens.one_term:
+        entry |= {"conventions": _CONVENTIONS + _LENS_CONVENTIONS, "lens": asdict(camera.lens)}
+    return entry
 
 
 def write_camera(path: Path, camera: Camera) -> None:
@@ -151,9 +186,9 @@ def write_camera(path: Path, camera: Camera) -> None:
     Raises
     ------
     InputError
-        If the camera has distortion beyond k1.
+        If the camera has distortion beyond that of its lens.
     """
     if camera.further_distortion is not None:
-        raise InputError(path, "a camera with distortion beyond k1", "a camera of ten parameters")
+        raise InputError(path, "a camera with distortion beyond its lens's", "a camera of ten parameters and a lens")
     with replacing(path) as temporary:
         temporary.write_text(json.dumps(camera_entry(camera), indent=1) + "\n", encoding="utf-8")

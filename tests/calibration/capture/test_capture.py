@@ -278,7 +278,7 @@ def test_damaged_compressed_pixels_are_found_when_read(folder):
     ("pixels", "word"),
     [
         (np.zeros((40, 56), np.uint8), "uint8"),
-        (np.zeros((40, 56), np.float32), "float32"),
+        (np.zeros((40, 56), np.float32), "floating-point values"),
         (np.zeros((40, 56, 3), np.uint16), "one channel"),
         (np.zeros((56, 40), np.uint16), "40 x 56"),
     ],

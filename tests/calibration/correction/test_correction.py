@@ -7,7 +7,13 @@ from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.mosaic import channel_mask
 from cboxlab.calibration.correction import noise
 from cboxlab.calibration.correction.corrected_bands import correct_bands
-from cboxlab.calibration.correction.correction import correct, evaluate_variance, read_flat, uniform_flat
+from cboxlab.calibration.correction.correction import (
+    _mean_of_all_places,
+    correct,
+    evaluate_variance,
+    read_flat,
+    uniform_flat,
+)
 from cboxlab.calibration.correction.dark import DarkLibrary, _fit_line, read_darks
 from cboxlab.calibration.correction.defects import dead_pixels, hot_pixels
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
@@ -315,3 +321,17 @@ def test_the_smallest_hot_pixel_falls_with_the_number_of_dark_frames(reduced):
     )
     hot = correct_bands(capture, known, noise).images["mask"].values & Mask.HOT
     assert np.argwhere(hot.all(axis=0)).tolist() == [[50, 60]]
+
+
+@pytest.mark.parametrize(
+    "pattern", ["RGGB", "GGRGGB GGBGGR BRGRBG GGBGGR GGRGGB RBGBRG", "ABCDE FGHIJ KLMNO PQRST UVWXY"]
+)
+def test_a_channels_flat_has_the_mean_of_all_places(pattern):
+    """A fall-off of a fifth whose last repeat is incomplete: channels' own means differ by up to 2 %."""
+    y, x = np.mgrid[-1:1:64j, -1:1:64j]
+    fall_off = 1 - 0.2 * (x**2 + y**2) + 0.03 * x
+    factors = {}
+    for letter in dict.fromkeys(pattern.replace(" ", "")):
+        own = channel_mask(pattern, fall_off.shape, letter)
+        factors[letter] = fall_off[own].mean() * _mean_of_all_places(fall_off, own)
+    np.testing.assert_allclose(list(factors.values()), fall_off.mean(), rtol=1e-9)

@@ -7,7 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import with_full_well
 from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.result.calibrate import calibrate
-from helpers.fakes.capture import BIAS, DEPTH, GAIN, READ_NOISE, FakeCapture
+from helpers.fakes.capture import BIAS, DEPTH, F_NUMBER, GAIN, READ_NOISE, FakeCapture
 from helpers.places import ROOT
 
 WELL_E = 30000.0
@@ -31,6 +31,8 @@ def full(tmp_path_factory):
     fake = _Full(folder, seed=6, centres=(550, 600))
     extra, base = "", fake.exposure["f550"]
     fake.write()
+    # the brackets have more light than the band's own frames, by their aperture
+    aperture = F_NUMBER * (fake.scene_per_s["f550"] / (WELL_E / GAIN / base)) ** 0.5
     for level in LEVELS:
         seconds = float(f"{base * level:.4g}")
         light = WELL_E / GAIN / base * fake.flat
@@ -39,6 +41,7 @@ def full(tmp_path_factory):
             for name in names:
                 tifffile.imwrite(folder / name, fake.counts(signal * seconds, seconds))
             band = "" if kind == "dark" else 'band = "f550"\n'
+            band += f"f_number = {aperture}\n" if kind == "bracket" else ""
             if kind != "dark" or seconds != base:
                 extra += f"[[{kind}]]\n{band}exposure_s = {seconds}\nframes = {names!r}\n".replace("'", '"')
     path = folder / "capture.toml"

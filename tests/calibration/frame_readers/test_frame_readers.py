@@ -290,5 +290,5 @@ def test_a_reader_whose_pictures_do_not_fit_its_header(tmp_path, plugged):
 
 
 def test_the_readers_are_the_files_of_the_folder():
-    assert list(frame_readers.catalogue()) == ["exr", "fits", "raw", "tiff"]
+    assert list(frame_readers.catalogue()) == ["exr", "fits", "hdr", "raw", "tiff"]
     assert importlib.metadata.entry_points(group="cboxlab.frames") is not None

@@ -1,11 +1,14 @@
 """Camera files: written and read back, aimed by a point, refused in one message."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from cboxlab.rendering.export import read_camera, write_camera
+from cboxlab.rendering.files.cube_camera import camera_attribute, camera_of_attribute
 from cboxlab.scenes import cornell_camera
+from cboxlab.scenes.lens import Lens
 from cboxlab.utils.errors import InputError
 
 
@@ -15,6 +18,15 @@ def test_a_camera_comes_back_from_its_file(tmp_path):
     again = read_camera(tmp_path / "camera.json")
     assert np.allclose(again.parameters, camera.parameters, rtol=1e-12, atol=1e-12)
     assert (again.width_px, again.height_px) == (64, 64)
+
+
+def test_a_lens_of_more_terms_comes_back_too(tmp_path):
+    lens = Lens("fisheye", k2=0.02, k3=-0.01, k4=0.003, aspect=1.02)
+    camera = replace(cornell_camera(64), k1=-0.05, lens=lens)
+    write_camera(tmp_path / "camera.json", camera)
+    assert read_camera(tmp_path / "camera.json").lens == lens
+    assert camera_of_attribute(camera_attribute(camera)).lens == lens
+    assert camera_of_attribute(camera_attribute(cornell_camera(64))).lens == Lens()
 
 
 def written(tmp_path, **changes):
@@ -49,6 +61,9 @@ def test_the_point_looked_at_is_in_the_middle_and_up_is_up(tmp_path):
         ({"look_at_mm": [10, 90, 30]}, "direction of up"),
         ({"focal_length_px": -1}, "focal_length_px"),
         ({"width": 3}, "width"),
+        ({"lens": {"model": "fisheye", "p1": 0.1}}, "no p1 in a lens of the model 'fisheye'"),
+        ({"lens": {"k4": 0.1}}, "no k4"),
+        ({"lens": {"aspect": 0}}, "aspect"),
         ({"position_mm": [1, 2]}, "position_mm"),
     ],
 )

@@ -20,6 +20,7 @@ from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
 from cboxlab.rendering.visibility.primary import facet_coverage, pixel_coverage
 from cboxlab.rendering.visibility.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.scenes.lens import Lens
 from cboxlab.validation.compare_renders.renderers.closed_forms import (
     corner_to_rectangle,
     parallel_squares,
@@ -262,13 +263,23 @@ def test_later_vertices_of_one_lanes_paths_are_independent():
         assert np.abs(cells - 64).max() < 6 * np.sqrt(64), (one, other)
 
 
-@pytest.mark.parametrize("k1", [0.0, -0.15, 0.2])
-def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1):
+@pytest.mark.parametrize(
+    ("k1", "lens"),
+    [
+        (0.0, Lens()),
+        (-0.15, Lens()),
+        (0.2, Lens()),
+        (-0.2, Lens(k2=0.3, p1=0.01, p2=-0.02, aspect=1.02)),
+        (-0.03, Lens("fisheye", k2=0.02)),
+    ],
+)
+def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1, lens):
     """Small squares' coverage is the density of their projected points, distortion included, to 1%."""
     places = np.array([[250.0, 300.0, 900.0], [500.0, 500.0, 900.0], [800.0, 750.0, 900.0], [180.0, 850.0, 900.0]])
     marks = [quad(f"mark-{i}", square(p, 25.0, 2, -1)) for i, p in enumerate(places)]
     scene = lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1))
-    camera = replace(camera_inside(64, z=-700.0, focal=1.3), k1=k1, principal_point_px=np.array([30.2, 33.4]))
+    principal = np.array([30.2, 33.4])
+    camera = replace(camera_inside(64, z=-700.0, focal=1.3), k1=k1, lens=lens, principal_point_px=principal)
     coverage = facet_coverage(build_tracer(scene), camera, samples=1024)
     grid = (np.arange(500) + 0.5) / 10 - 25.0
     for index, place in enumerate(places):

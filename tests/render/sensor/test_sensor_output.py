@@ -5,9 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 import xarray as xr
+from cboxlab.calibration.capture import band_channels, channel_mask, file_mosaic_notes
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import measure_noise
+from cboxlab.calibration.frame_readers import frame_header
 from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.calibration.radiometry.sensor_equation import band_responses, nominal_constant
 from cboxlab.rendering.files.cube_files import open_cube, write_cube
@@ -265,6 +267,37 @@ def test_a_capture_holds_the_cubes_light_by_the_formats_own_equation(tmp_path):
         assert counts == pytest.approx(expected, rel=3e-4)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "frames_as"),
+    [
+        (("RG", "GB"), "dng"),
+        (("GB", "RG"), "tif"),
+        (("GGRGGB", "GGBGGR", "BRGRBG", "GGBGGR", "GGRGGB", "RBGBRG"), "tif"),
+        (("RRGG", "RRGG", "GGBB", "GGBB"), "tif"),
+    ],
+)
+def test_a_colour_cameras_frames_stand_in_a_band_for_each_channel(tmp_path, pattern, frames_as):
+    """Every band's pixels hold the light of its channel; raw files state pattern, exposure and black level."""
+    camera = dataclasses.replace(load_camera("sony-a7r2"), pattern=pattern)
+    field = cube(np.broadcast_to(1e-4 * planck(WAVELENGTH, 3000.0), (66, 66, 31)))
+    write_cube_capture(tmp_path / "c", field, camera, None, 3, "field", frames_as)
+    capture = load_capture(tmp_path / "c")
+    assert capture.band_ids == ("r", "g", "b")
+    assert len({band.frames for band in capture.manifest.band}) == 1
+    dark, channels = read_darks(capture), band_channels(capture)
+    radiance = np.interp(WAVELENGTH_NM, WAVELENGTH, field["radiance"].values[0, 0])
+    responses = band_responses(capture, nominal_constant(capture), channels)
+    for band, response in zip(capture.manifest.band, responses, strict=True):
+        own = channel_mask(capture.manifest.mosaic.pattern, capture.shape, band.channel)
+        counts = (capture.frames(band).mean(axis=0) - dark.at(band.exposure_s))[own].mean()
+        assert counts == pytest.approx(response.signal(radiance), rel=1e-3)
+    assert not file_mosaic_notes(capture)
+    if frames_as == "dng":
+        facts = frame_header(tmp_path / "c" / capture.manifest.band[0].frames[0]).facts
+        assert facts.pattern == "RGGB" and facts.black_level["G"] == pytest.approx(512, abs=0.1)
+        assert facts.exposure_s == pytest.approx(capture.manifest.band[0].exposure_s, rel=1e-3)
+
+
 def test_a_capture_of_a_nonlinear_camera_is_refused(tmp_path):
     with pytest.raises(InputError, match="static nonlinearity"):
         write_cube_capture(tmp_path / "c", chart_cube(4), load_camera("dcs420"), None, 1, "chart")
@@ -289,7 +322,7 @@ def test_several_cubes_and_every_output_of_the_command(tmp_path, capsys):
     assert run("simulate", cubes[0], "--out", tmp_path / "a.dng", "--camera", "nikon-d5100") == 0
     assert (tmp_path / "a.dng").stat().st_size > 2 * 16 * 24
     assert run("simulate", cubes[0], "--out", tmp_path / "capture", "--f-number", "4") == 0
-    assert load_capture(tmp_path / "capture").band_ids == ("open",)
+    assert load_capture(tmp_path / "capture").band_ids == ("r", "g", "b")
     capsys.readouterr()
     for arguments, told in (
         ((*cubes, "--out", tmp_path / "x.tif"), "{name}"),

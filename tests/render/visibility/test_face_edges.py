@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.visibility.face_edges import face_edges, pixels_on_edges
 from cboxlab.scenes import cornell_camera
+from cboxlab.scenes.lens import Lens
 
 SQUARE = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0.0, 0, 0], [1, 1, 0], [0, 1, 0]]])
 
@@ -30,10 +31,12 @@ EDGES = {
 
 
 @pytest.mark.parametrize("name", EDGES)
-@pytest.mark.parametrize("k1", [0.0, -0.2])
-def test_an_edge_crosses_the_pixels_of_its_points(name, k1):
+@pytest.mark.parametrize(
+    ("k1", "lens"), [(0.0, Lens()), (-0.2, Lens()), (-0.1, Lens(k2=0.3, p1=0.01)), (-0.02, Lens("fisheye", k2=0.01))]
+)
+def test_an_edge_crosses_the_pixels_of_its_points(name, k1, lens):
     """All pixels that 40 000 points of the edge are seen in, and none whose centre is a pixel away from all of them."""
-    camera = replace(cornell_camera(64), k1=k1, position_mm=np.array([3.0, -5.0, 20.0]))
+    camera = replace(cornell_camera(64), k1=k1, lens=lens, position_mm=np.array([3.0, -5.0, 20.0]))
     edge = np.array(EDGES[name]) @ camera.rotation + camera.position_mm
     found = pixels_on_edges(camera, edge[None])
     along = np.linspace(0, 1, 40_001)[:, None]

@@ -13,6 +13,7 @@ from cboxlab.rendering.visibility.flat_faces import flat_faces
 from cboxlab.rendering.visibility.polygon_coverage import polygon_coverage
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.camera import PARAMETER_NAMES
+from cboxlab.scenes.lens import Lens
 from cboxlab.scenes.scene import Surface
 from scipy.spatial.transform import Rotation
 
@@ -28,6 +29,8 @@ def cameras():
     return {
         "published": published,
         "distorted": replace(published, k1=-0.12),
+        "through a lens of many terms": replace(published, k1=-0.12, lens=Lens(k2=0.1, p1=0.01, aspect=1.03)),
+        "through a fisheye": replace(published, k1=0.25, lens=Lens("fisheye", k2=0.01)),
         "inside, past a block": inside,
         "wide, from within": replace(inside, focal_length_px=0.2 * published.focal_length_px),
         "askew, sees backs": replace(published, position_mm=np.array([540.0, 300.0, -500.0])),

@@ -8,6 +8,7 @@ from cboxlab.rendering.device import device_array, mi
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.visibility import pixel_rays
 from cboxlab.scenes import cornell_camera
+from cboxlab.scenes.lens import Lens
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -16,15 +17,24 @@ PIXEL = np.arange(WIDTH * HEIGHT)
 RANDOM = np.random.default_rng(5).random((2, PIXEL.size)).astype(np.float32)
 
 
-def camera(k1):
+def camera(k1, lens):
     principal = np.array([31.2, 20.4])
-    return replace(cornell_camera(WIDTH), height_px=HEIGHT, principal_point_px=principal, k1=k1)
+    return replace(cornell_camera(WIDTH), height_px=HEIGHT, principal_point_px=principal, k1=k1, lens=lens)
 
 
-@pytest.mark.parametrize("k1", [0.0, -0.5, 0.8])
-def test_a_ray_goes_where_its_place_in_the_pixel_says(k1):
+@pytest.mark.parametrize(
+    ("k1", "lens"),
+    [
+        (0.0, Lens()),
+        (-0.5, Lens()),
+        (0.8, Lens()),
+        (-0.2, Lens(k2=0.4, k3=-0.3, p1=0.01, p2=-0.02, aspect=1.05)),
+        (-0.04, Lens("fisheye", k2=0.02, k3=-0.01, k4=0.003, aspect=0.95)),
+    ],
+)
+def test_a_ray_goes_where_its_place_in_the_pixel_says(k1, lens):
     """To 2e-5 of a pixel, wherever in the pixel: half a pixel to the left of its centre is its border."""
-    seen = camera(k1)
+    seen = camera(k1, lens)
     rays = pixel_rays(seen, device_array(mi.UInt32, PIXEL))(*(device_array(mi.Float, x) for x in RANDOM))
     found = np.array(rays.d).T @ seen.rotation.T
     row, column = np.divmod(PIXEL, WIDTH)

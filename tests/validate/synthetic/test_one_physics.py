@@ -5,15 +5,16 @@ effects on what is read out. The prediction makes all frames at once from the ca
 the same counts, to the digits of double precision, for every effect behind the scene.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from cboxlab.calibration.instrument.band_response import ResponseFactors
 from cboxlab.rendering.chain.band_curves import over_field
-from cboxlab.rendering.chain.expected import expected_counts
+from cboxlab.rendering.chain.expected import expected_counts, expected_signal
 from cboxlab.rendering.chain.projection import scene_light
-from cboxlab.rendering.chain.sensing import Sensing
+from cboxlab.rendering.chain.sensing import MergedExposure, Sensing
 from cboxlab.rendering.chain.stages import after_stage, stages_between
 from cboxlab.rendering.effects import AppliedEffect, apply_checked, catalogue
 from cboxlab.rendering.image.image import RenderedImage
@@ -133,3 +134,25 @@ def test_the_frames_are_those_expected(names):
     if names:
         plain = photographed([], flat)
         assert max(np.abs(found[kind] / plain[kind] - 1).max() for kind in EXPOSURES) > 1e-3
+
+
+@pytest.mark.parametrize("name", ["nonlinearity", "shutter-offset", "dark-offset", "lamp-drift"])
+def test_merged_exposures_are_predicted_each_by_itself(name, monkeypatch):
+    effects = [apply_checked(name, VALUES[name], "test")]
+    flat = pixel_maps(CAMERA, SETTINGS, np.random.default_rng(1)).flat
+    short = constants(effects, flat)
+    monkeypatch.setitem(EXPOSURES, "band", 4 * EXPOSURES["band"])
+    long = constants(effects, flat)
+    lights = [scene_light(image(), each.curves, CAMERA) for each in (short, long)]
+    alone = [expected_signal(light, each, effects, CAMERA) for light, each in zip(lights, (short, long), strict=True)]
+    weight = np.random.default_rng(0).uniform(0, 1, alone[0].shape)
+    exposures = (
+        MergedExposure(np.ones(len(BANDS)), weight, short.dark_scene, short.minutes),
+        MergedExposure(np.full(len(BANDS), 4.0), (1 - weight) / 4, long.dark_scene, long.minutes),
+    )
+    merged = expected_signal(lights[0], replace(short, merged=exposures), effects, CAMERA)
+    np.testing.assert_allclose(merged, weight * alone[0] + (1 - weight) / 4 * alone[1], rtol=1e-9)
+    if name != "lamp-drift":
+        assert np.abs(merged / alone[0] - 1).max() > 1e-4  # the exposures differ in what the effect does
+    plain = expected_signal(lights[0], replace(short, merged=exposures), [], CAMERA)
+    np.testing.assert_allclose(plain, expected_signal(lights[0], short, [], CAMERA), rtol=1e-9)

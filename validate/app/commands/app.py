@@ -35,8 +35,15 @@ from .studio import studio
 from .validate import validate
 from .verify import verify
 
+try:
+    import resource
+except ModuleNotFoundError:  # Windows has no such limits
+    resource = None  # type: ignore[assignment]
+
 __all__ = ["app", "run"]
 
+#: Least limit of address space, bytes: below it a validation of 128 x 128 pixels ended in a segmentation fault.
+_MIN_ADDRESS_SPACE = 2 * 2**30
 #: Exit code of an interrupted command, as of a shell: 128 and the number of SIGINT.
 _INTERRUPTED = 130
 
@@ -84,6 +91,7 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
     this_run.begin(command)
     try:
         _require_letters(command)
+        _require_address_space()
         app(prog_name="cbox", args=command)
     except SystemExit as ended:
         if ended.code == _INTERRUPTED:  # Typer ends an interrupted command without a message
@@ -105,6 +113,16 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
             errors.print("interrupted")
             sys.exit(_INTERRUPTED)
         _report_fault(error)
+
+
+def _require_address_space() -> None:
+    """Raise InputError for a limit of address space that compiled libraries do not survive."""
+    if resource is None:
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _MIN_ADDRESS_SPACE:
+        size, least = (f"{value / 2**30:.3g} GiB of address space" for value in (limit, _MIN_ADDRESS_SPACE))
+        raise InputError("ulimit -v", size, f"at least {least}", "Set ulimit -v unlimited.")
 
 
 def _require_letters(arguments: Sequence[str]) -> None:

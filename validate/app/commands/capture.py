@@ -49,6 +49,13 @@ def capture(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of camera and noise. The default is random.", min=0)] = None,
     noise: Annotated[str, typer.Option(help="Median relative standard error of the rendering.")] = "0.1%",
+    mosaic: Annotated[
+        str | None,
+        typer.Option(
+            help="Colour sensor of this pattern, one grey filter: RGGB, or rows separated by a space.",
+            show_default=False,
+        ),
+    ] = None,
     hide: Annotated[
         bool, typer.Option("--hide", help="Hide the effects of the model, or a random effect, in a sealed answer.")
     ] = False,
@@ -68,7 +75,7 @@ def capture(
     import numpy as np
     from cboxlab.rendering.chain import PHOTOGRAPHED
     from cboxlab.rendering.model import load_model, view_of, write_model
-    from cboxlab.rendering.synthetic import CaptureSettings
+    from cboxlab.rendering.synthetic import CaptureSettings, behind_mosaic
     from cboxlab.utils.files import replacing_folder
 
     from ...synthetic import perturbed_camera, seal, varied_settings, with_block_offsets, write_model_capture
@@ -84,6 +91,9 @@ def capture(
     generator = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(2,)))
     true_camera = perturbed_camera(size, number) if camera is None else view_of(camera)[0]
     settings = varied_settings(number) if hide else CaptureSettings()
+    if mosaic is not None:
+        with options(mosaic="--mosaic"):
+            settings = behind_mosaic(settings, mosaic)
     warn_unless_compiled()
     truncated = None
     if hide and (effects is not None or strength is not None or not truth.effects):
@@ -144,7 +154,7 @@ def _drawn(
     """Random effect of the requested strength; InputError if the named effects cannot have it."""
     from ...synthetic import STRENGTHS, at_strength, draw_effect, photographed_scene, scale_of
 
-    scene, bands = photographed_scene(model), tuple(settings.filters)
+    scene, bands = photographed_scene(model), settings.band_ids
     if strength is None:
         return draw_effect(generator, scene, bands, names)
     if strength not in STRENGTHS:

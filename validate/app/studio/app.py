@@ -24,7 +24,7 @@ from ...report.viewer import viewer_data, viewer_script, viewer_style
 from .jobs import Jobs
 from .places import list_inputs
 from .wire import catalogue_record, study_record, view
-from .workbench import Workbench
+from .workbench import EarlierStateError, Workbench
 
 __all__ = ["ANY_ADDRESS", "build_app"]
 
@@ -39,6 +39,9 @@ _IDLE_S = 1.5
 
 #: Interval of comments that keep the stream of events open, s.
 _KEEP_ALIVE_S = 15.0
+
+#: Header with the number of the state after a step.
+_REVISION_HEADER = "CBox-Revision"
 
 #: Headers of every answer: nothing is cached, and the page loads nothing from other hosts.
 _HEADERS = {
@@ -112,6 +115,14 @@ class _Handlers:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
+        #: Last answers by name, for pages that ask during a computation.
+        self._last: dict[str, Any] = {}
+
+    async def _latest(self, name: str, function: Callable[[], Any]) -> Any:
+        """Result of a short computation; during a long one the last result of this name."""
+        if not (self.jobs.busy and name in self._last):
+            self._last[name] = await self.jobs.quick(function)
+        return self._last[name]
 
     async def file(self, request: Request) -> Response:
         """One of the page's files; no other file is read for a name in a request."""
@@ -124,23 +135,24 @@ class _Handlers:
 
     async def state(self, request: Request) -> Response:
         """State of the study and of the running computation, without waiting for it."""
-        record = {"open": self.bench.is_open}
+        record: dict[str, Any] = {"open": self.bench.is_open, "revision": self.bench.revision}
         if not self.jobs.busy:
             record = await self.jobs.quick(lambda: study_record(self.bench))
         return JSONResponse({**record, "job": self.jobs.progress, "error": self.jobs.error}, headers=_HEADERS)
 
     async def picture(self, request: Request) -> Response:
         """Data of the viewer for the capture in view."""
-        data = await self.jobs.quick(lambda: viewer_data(self.bench.prediction.base.validation))
+        data = await self._latest("picture", lambda: viewer_data(self.bench.prediction.base.validation))
         return JSONResponse(data, headers=_HEADERS)
 
     async def view(self, request: Request) -> Response:
         """Study and predicted pictures."""
-        return await self._viewed(lambda: None)
+        content = await self._latest("view", lambda: view(self.bench))
+        return Response(content, media_type="application/octet-stream", headers=_HEADERS)
 
     async def effects(self, request: Request) -> Response:
         """Catalogue of effects."""
-        return JSONResponse(await self.jobs.quick(lambda: catalogue_record(self.bench)), headers=_HEADERS)
+        return JSONResponse(await self._latest("effects", lambda: catalogue_record(self.bench)), headers=_HEADERS)
 
     async def places(self, request: Request) -> Response:
         """Captures, studies and models that can be opened."""
@@ -162,18 +174,19 @@ class _Handlers:
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
-        return await self._viewed(steps[name])
-
-    async def _viewed(self, step: Callable[[], None]) -> Response:
-        """Study and predicted pictures after a step."""
 
         def run() -> bytes:
-            step()
-            return view(self.bench)
+            bench.require_revision(_index(body, "revision"))
+            steps[name]()
+            return view(bench)
 
-        content = await self.jobs.quick(run)
+        before = bench.revision
+        content = self._last["view"] = await self.jobs.quick(run)
+        if bench.revision != before:
+            self.jobs.send({"event": "moved", "revision": bench.revision, "tab": _optional(body, "tab")})
         self._render_later()
-        return Response(content, media_type="application/octet-stream", headers=_HEADERS)
+        headers = {**_HEADERS, _REVISION_HEADER: str(bench.revision)}
+        return Response(content, media_type="application/octet-stream", headers=headers)
 
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
@@ -181,6 +194,8 @@ class _Handlers:
         which, report = body.get("which", []), _flag(body, "report")
         if not isinstance(which, list) or not all(map(_is_index, which)):
             raise InputError("which", repr(which)[:80], "a list of indices of effects")
+        if which:
+            bench.require_revision(_index(body, "revision"))
 
         def save(progress: Progress) -> None:
             self._saved = bench.save(_text(body, "folder"), report, progress)
@@ -295,7 +310,7 @@ def build_app(
     return Starlette(
         routes=[Mount(f"/{token}", routes=routes)] if token else routes,
         middleware=[Middleware(_Guard, hosts=hosts)],
-        exception_handlers={InputError: _refusal, ClientDisconnect: _no_listener},
+        exception_handlers={EarlierStateError: _earlier, InputError: _refusal, ClientDisconnect: _no_listener},
         lifespan=lifespan,
     )
 
@@ -303,6 +318,11 @@ def build_app(
 async def _refusal(request: Request, error: Exception) -> Response:
     """Answer to a request with faulty input."""
     return JSONResponse({"error": str(error)}, 400, headers=_HEADERS)
+
+
+async def _earlier(request: Request, error: Exception) -> Response:
+    """Answer to a step that was made on an earlier state."""
+    return JSONResponse({"error": str(error)}, 409, headers=_HEADERS)
 
 
 async def _no_listener(request: Request, error: Exception) -> Response:

@@ -10,6 +10,8 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
 
+from .autosave import unsaved_studies
+
 __all__ = ["list_inputs", "path_of_name", "require_study_folder"]
 
 #: Levels of folders that are listed below the root.
@@ -98,9 +100,10 @@ def list_inputs(root: Path) -> dict[str, list[str]]:
     Returns
     -------
     dict
-        Lists ``captures``, ``studies`` and ``models`` of paths relative to the folder.
+        Lists ``captures``, ``studies``, ``models`` and ``unsaved`` (studies) of paths relative to the folder.
     """
     names: dict[str, list[str]] = {"captures": [], "studies": [], "models": [*packaged_scenes()]}
+    names["unsaved"] = unsaved_studies(root)
     for path in _files(root):
         name = path.parent.relative_to(root).as_posix()
         if path.name == "capture.toml":

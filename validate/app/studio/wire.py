@@ -55,7 +55,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
         Ready for JSON; only ``open`` and ``root`` before a capture is open.
     """
     if not bench.is_open:
-        return {"open": False, "root": str(bench.root)}
+        return {"open": False, "root": str(bench.root), "revision": bench.revision}
     study, present = bench.study, bench.shown
     prediction = bench.prediction
     fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
@@ -63,6 +63,9 @@ def study_record(bench: Workbench) -> dict[str, Any]:
     return {
         "open": True,
         "root": str(bench.root),
+        "revision": bench.revision,
+        "saved": bench.is_saved,
+        "moves": [_number(value) for value in bench.moves],
         "captures": [capture.manifest.name or capture.folder.name for capture in study.captures],
         "capture": bench.capture,
         "refit": bench.refit,

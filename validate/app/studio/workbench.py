@@ -16,13 +16,27 @@ from cboxlab.utils.input_files import inputs_below
 from cboxlab.utils.progress import Progress, share
 
 from ...api import DiagnosisResult, Study, as_model
-from ...study import Prediction, same_effects
+from ...study import History, Prediction, same_effects
+from .autosave import AUTOSAVE_FOLDER, autosave, discard_autosave
 from .places import path_of_name, require_study_folder
 
-__all__ = ["Workbench"]
+__all__ = ["EarlierStateError", "Workbench"]
+
+#: Number of changes whose chi-square is stored.
+_MAX_MOVES = 200
 
 #: Stages whose effects the patch predictor approximates.
 _APPROXIMATED = stages_between("scene", "transport")
+
+
+class EarlierStateError(InputError):
+    """A step that was made on an earlier state of the study, in another tab."""
+
+
+def _same_states(first: History, second: History) -> bool:
+    """Whether two histories have the same effects in all their states, whatever was rendered."""
+    effects = [[state.effects for state in history.states] for history in (first, second)]
+    return first.at == second.at and len(effects[0]) == len(effects[1]) and all(map(same_effects, *effects))
 
 
 class Workbench:
@@ -53,6 +67,11 @@ class Workbench:
         self.refit = True
         #: Last diagnosis; None before one.
         self.diagnosis: DiagnosisResult | None = None
+        #: Number of changes of the study and of the capture in view. A step names the one that it was made on.
+        self.revision = 0
+        #: Reduced chi-square of the capture in view after each change since the study was opened.
+        self.moves: list[float] = []
+        self._saved: History | None = None
 
     @property
     def study(self) -> Study:
@@ -60,6 +79,30 @@ class Workbench:
         if self._study is None:
             raise InputError("the workbench", "no capture", "an open capture", "Open one.")
         return self._study
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the study has no states that ``save`` or ``open`` did not have."""
+        if self._study is None:
+            return True
+        return self._saved is not None and _same_states(self._study.history, self._saved)
+
+    def require_revision(self, revision: int) -> None:
+        """Require that a step was made on the present state.
+
+        Parameters
+        ----------
+        revision
+            Number of the state on which it was made.
+
+        Raises
+        ------
+        EarlierStateError
+            If the study has changed since.
+        """
+        if revision != self.revision:
+            hint = "The page shows the present state now. Repeat the step."
+            raise EarlierStateError("the step", "one made on an earlier state of the study", "the present state", hint)
 
     @property
     def is_open(self) -> bool:
@@ -123,13 +166,14 @@ class Workbench:
                 self._open(path_of_name(self.root, capture, "capture"), model, progress)
 
     def _inputs(self) -> AbstractContextManager[None]:
-        """Refusal of files outside the root folder and the open captures, also of those that other files name."""
+        """Refusal of files outside the root folder and the open captures."""
         captures = () if self._study is None else [capture.folder for capture in self._study.captures]
         return inputs_below(self.root, PACKAGED, *captures)
 
     def _open(self, folder: Path, model: str | Path | None, progress: Progress) -> None:
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
-            self._begin(Study.read(folder, cache=self.cache, calibrated_study=self._study, progress=progress))
+            study = Study.read(folder, cache=self.cache, calibrated_study=self._study, progress=progress)
+            self._begin(study, AUTOSAVE_FOLDER not in folder.parts)
             return
         loaded = load_capture(folder)
         start = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
@@ -162,15 +206,25 @@ class Workbench:
             return None
         return load_model(name if name in packaged_scenes() else path_of_name(self.root, name, "model"))
 
-    def _begin(self, study: Study) -> None:
+    def _begin(self, study: Study, is_saved: bool = True) -> None:
         """Set a study of other inputs, without a diagnosis."""
-        self._take(study)
-        self.capture, self.diagnosis = 0, None
+        self._predicted(study)
+        self.capture, self.diagnosis, self.moves = 0, None, []
+        self._saved = study.history if is_saved else None
+        self._set(study)
 
     def _take(self, study: Study) -> None:
         """Set the study, if it can be predicted; otherwise InputError, and the old study stays."""
         self._predicted(study)
+        self._set(study)
+
+    def _set(self, study: Study) -> None:
+        """Set a study whose prediction is computed, and keep unsaved work in a file."""
         self._study, self._trial = study, None
+        self.revision += 1
+        self.moves = [*self.moves, float(self.prediction.chi2.per_dof)][-_MAX_MOVES:]
+        if not self.is_saved:
+            autosave(self.root, study)
 
     def add(self, effect: str, values: Mapping[str, str | float]) -> None:
         """Add an effect.
@@ -248,6 +302,8 @@ class Workbench:
         """
         if not 0 <= capture < len(self.study.captures):
             raise InputError("capture", str(capture), f"0 to {len(self.study.captures) - 1}")
+        if capture != self.capture:
+            self.moves = []
         self.capture, self.refit = capture, refit
         self._take(self.study)
 
@@ -273,7 +329,7 @@ class Workbench:
         """
         study = self.study.render(progress)
         self._predicted(study)
-        self._study, self._trial = study, None
+        self._set(study)
 
     def diagnose(self, progress: Progress) -> None:
         """Diagnose the capture in view, starting from the model with its effects.
@@ -320,6 +376,8 @@ class Workbench:
         target = path_of_name(self.root, folder, "folder", new=True)
         require_study_folder(self.root, target)
         written = [*self.study.write(target)]
+        self._saved = self.study.history
+        discard_autosave(self.root, self.study)
         if report:
             self.render(progress)
             written = [*self.study.write(target), *self.study.write_report(target, self.capture)]

@@ -1,24 +1,32 @@
 """Regression of renderers: verdict on two pictures, and the name of the change."""
 
-from .grids import Common
-from .inputs import SIDES, View, assert_same_light, input_files, regress_inputs, regress_pictures
-from .outcome import (
-    UNKNOWN,
-    NamedChange,
-    Outcome,
-    as_percent,
-    change_text,
-    github_lines,
-    name_line,
-    summary,
-    write_junit,
-)
-from .pooled import SYSTEMATIC, PooledMean
-from .sides import Side, SurfaceMap, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
-from .strata import strata_of
-from .verdict import FALSE_ALARMS, regress_sides
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .grids import Common
+    from .inputs import SIDES, View, assert_same_light, input_files, regress_inputs, regress_pictures
+    from .outcome import (
+        UNKNOWN,
+        NamedChange,
+        Outcome,
+        as_percent,
+        change_text,
+        github_lines,
+        name_line,
+        summary,
+        write_junit,
+    )
+    from .pooled import SYSTEMATIC, PooledMean
+    from .sides import Side, SurfaceMap, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
+    from .strata import BLOCKS, strata_of
+    from .verdict import FALSE_ALARMS, regress_sides
 
 __all__ = [
+    "BLOCKS",
     "FALSE_ALARMS",
     "SIDES",
     "SYSTEMATIC",
@@ -49,3 +57,5 @@ __all__ = [
     "summary",
     "write_junit",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -59,6 +59,8 @@ class Explanation(FrozenMappings):
     fit: Fit
     #: Number of parameters that were fitted or selected.
     free: int
+    #: Parts of the change's chi-square that the error of its shape leaves, in cells and single pixels; None by name.
+    shape_errors: tuple[float, float] | None = None
 
     @property
     def chi2(self) -> float:

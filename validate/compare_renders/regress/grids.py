@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from .sides import Side, in_common_quantity
 
@@ -85,6 +84,8 @@ def _interpolated(candidate: Side, baseline: Side) -> Common:
 
     The error is the difference between linear and cubic interpolation of the mean ratio.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
     a, b = candidate.wavelength_nm, baseline.wavelength_nm
     mean = baseline.radiance.mean(axis=(0, 1))
     reference = CubicSpline(b, mean, extrapolate=True) if b.size > 2 else lambda x: np.interp(x, b, mean)

@@ -7,26 +7,25 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, Window, files_of
-from cboxlab.rendering.integrators import BATCHES, RenderJob, render
-from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs, view_of
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.cornell_box import cornell_camera
-from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.scene_file import packaged_scenes
-from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
-from ...predict import transported
-from .naming import named_changes
 from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
 from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
-from .variants import Variants, build_variants, mismatch
 from .verdict import FALSE_ALARMS, regress_sides
+
+if TYPE_CHECKING:
+    from cboxlab.scenes.scene import Scene
+    from cboxlab.scenes.spectra import Spectrum
+
+    from .variants import Variants
 
 __all__ = ["SIDES", "assert_same_light", "input_files", "regress_inputs", "regress_pictures"]
 
@@ -173,7 +172,13 @@ def regress_pictures(
     outcome, comparison = regress_sides(baseline, candidate, surfaces, false_alarms)
     progress.part(0.2)
     changes: tuple[NamedChange, ...] = ()
-    if not outcome.same:
+    if outcome.is_pattern:
+        from .naming import pattern_alone
+
+        changes = (pattern_alone(outcome.cancelling or ""),)
+    elif not outcome.same:
+        from .naming import named_changes
+
         variants = variants or _variants(view, baseline, candidate, notes)
         changes = _mislabelled(baseline, candidate, surfaces, false_alarms)
         changes = changes or named_changes(comparison, variants, progress)
@@ -247,6 +252,8 @@ def input_files(text: str) -> tuple[Path, ...]:
     if _OUT in text:
         return ()
     if _is_model(text):
+        from cboxlab.rendering.model import load_model
+
         return () if text in packaged_scenes() else (Path(text), *load_model(text).files)
     return tuple(file for path in cube_paths(text) for file in files_of(path))
 
@@ -272,6 +279,9 @@ def _is_model(text: str) -> bool:
 
 def _camera_and_lamp(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
     """Camera, and the lamp of a capture; InputError where pictures are not of the camera's size."""
+    from cboxlab.rendering.model import view_of
+    from cboxlab.scenes.cornell_box import cornell_camera
+
     rows, columns = (size, size) if isinstance(size, int) else size
     if camera is None:
         if rows != columns:
@@ -300,12 +310,19 @@ def _cut_view(view: View, side: Side) -> View:
 
 def _view(text: str, camera: Camera | Path | None, size: int | Sequence[int]) -> View:
     """Scene and camera of a model."""
+    from cboxlab.rendering.model import load_model, model_cube_inputs
+
     scene, view, _ = model_cube_inputs(load_model(text), *_camera_and_lamp(camera, size))
     return View(scene, view, True)
 
 
 def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
     """Side rendered from a model. seed : number of the side, which gets its own random numbers."""
+    from cboxlab.rendering.integrators import BATCHES, RenderJob, render
+    from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs
+
+    from ...predict import transported
+
     model = load_model(text)
     scene, view, bounces = model_cube_inputs(model, *_camera_and_lamp(camera, size))
     side_seed = model.render.seed + 7 * seed
@@ -316,6 +333,8 @@ def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int]
 
 def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[str]) -> Variants | None:
     """Rendering of the stated scene, or of the published one where the baseline shows it."""
+    from .variants import build_variants, mismatch
+
     if view is None:
         camera = baseline.camera or candidate.camera
         if camera is None and baseline.shape[0] != baseline.shape[1]:

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
+from .causes import Pictures, causes
 from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
 from .outcome import UNKNOWN, NamedChange
@@ -24,7 +25,7 @@ from .variants import Variants
 from .verdict import Comparison
 from .view_explanations import from_view
 
-__all__ = ["named_changes"]
+__all__ = ["named_changes", "pattern_alone"]
 
 #: Part of the excess that `unknown` explains.
 _UNKNOWN_PART = 0.7
@@ -71,20 +72,78 @@ def named_changes(
     Returns
     -------
     tuple of NamedChange
-        Most probable first, with `unknown` among them unless its probability is negligible. The best name is always
-        among them.
+        Most probable first, with `unknown` among them unless its probability is negligible. The best name is among
+        them, unless a pattern that was removed leaves nothing to name.
     """
     evidence = build_evidence(comparison)
+    if comparison.removed and not _excess(evidence)[1]:
+        return (pattern_alone(comparison.removed),)
     explanations = [*from_pictures(evidence, comparison.common.baseline), *from_view(evidence)]
-    unknown = list(_over_picture(evidence))
+    pictures = _pictures(comparison, evidence, variants)
+    explanations += _of_causes(evidence, pictures, costly=False)
+    unknown = [_nothing(evidence), *_over_picture(evidence)]
     if variants is not None:
         explanations += from_scene(evidence, variants)
         progress.part(0.6)
         if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
             explanations += coats(evidence, variants)
+            if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
+                explanations += _of_causes(evidence, pictures, costly=True)
         fit, free = smooth_over_surfaces(evidence, variants)
         unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
     return _weighed(evidence, explanations, unknown)
+
+
+def _pictures(comparison: Comparison, evidence: Evidence, variants: Variants | None) -> Pictures:
+    """Pictures as causes take them."""
+    baseline, candidate = comparison.common.baseline, comparison.common.candidate
+    stated = baseline.camera or candidate.camera
+    return Pictures(
+        evidence.baseline,
+        evidence.candidate,
+        None if baseline.in_colour else baseline.wavelength_nm,
+        comparison.noise.total,
+        stated if variants is None else variants.camera,
+        variants,
+        lambda templates, fixed: evidence.fit(templates, fixed).amplitudes,
+        lambda templates, fixed: evidence.fit(templates, fixed).chi2,
+    )
+
+
+def _of_causes(evidence: Evidence, pictures: Pictures, costly: bool) -> Iterator[Explanation]:
+    """Explanations by the causes of the catalogue."""
+    for cause in causes():
+        if cause.costly is not costly or (cause.needs_scene and pictures.scene is None):
+            continue
+        for trial in cause.trials(pictures):
+            fit = evidence.fit(trial.templates, trial.fixed)
+            parameters = trial.parameters(fit.amplitudes) if np.isfinite(fit.chi2) else None
+            if parameters is not None:
+                name = str(parameters.get("effect", cause.id))
+                values = {key: value for key, value in parameters.items() if key != "effect"}
+                free = len(trial.templates) + trial.selected
+                yield Explanation(name, values, fit, free, (cause.shape_error, cause.edge_error))
+
+
+def pattern_alone(words: str) -> NamedChange:
+    """Description of a difference that is a pattern and nothing else.
+
+    Parameters
+    ----------
+    words
+        The pattern.
+
+    Returns
+    -------
+    NamedChange
+        An unknown cause with a description.
+    """
+    return NamedChange(UNKNOWN, {"description": words}, 1.0)
+
+
+def _nothing(evidence: Evidence) -> Explanation:
+    """No change in means and at edges: what differs is in single pixels of smooth parts, or too weak for a name."""
+    return Explanation(UNKNOWN, {}, evidence.fit([]), 0)
 
 
 def _over_picture(evidence: Evidence) -> Iterator[Explanation]:
@@ -117,7 +176,9 @@ def _misfit(evidence: Evidence, explanation: Explanation) -> float:
     """
     none, fit = evidence.fit([]), explanation.fit
     in_cells, in_pixels = _SHAPE_ERROR, _EDGE_ERROR
-    if explanation.change in _MOVED:
+    if explanation.shape_errors is not None:
+        in_cells, in_pixels = explanation.shape_errors
+    elif explanation.change in _MOVED:
         in_cells = in_pixels = _SHAPE_ERROR_MOVED
     elif explanation.change == "wavelengths":
         in_cells = _SHAPE_ERROR_SPECTRUM

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.rendering.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, median_filter, minimum_filter
+from scipy.ndimage import label, maximum_filter, median_filter, minimum_filter
+from scipy.ndimage import mean as mean_of
 
 __all__ = ["Noise", "local_range", "noise_of", "row_sums", "smooth_variance", "variance_of"]
 
@@ -24,6 +25,14 @@ _MIN_BLOCKS = 4
 #: Ratio of the scatter of block means to that of independent pixels, above which pixels are correlated: three times
 #: the ratio's own standard error of about 5 %.
 _MIN_CLUSTERING = 1.15
+#: Part by which second differences of neighbours are smaller than those of pixels two apart in correlated noise.
+_LEAST_SMOOTHNESS = 0.1
+#: The same part in its own standard deviations, for small pictures.
+_SMOOTHNESS_SIGMAS = 4.0
+#: Correlation between pixels at a distance below which noise reaches no further.
+_LITTLE_CORRELATION = 0.05
+#: Largest part of the correlation that the means of small regions remove and that is made up for.
+_MOST_REMOVED = 0.5
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
 _MIN_PIXELS_PER_BAND = 8
 #: Standard deviations at which residuals are clipped in the correlation between wavelengths: outliers would rule it.
@@ -309,6 +318,7 @@ def noise_of(
     side_variances: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
+    stepped: bool = False,
 ) -> Noise:
     """Noise of the difference of two pictures.
 
@@ -316,6 +326,8 @@ def noise_of(
     ----------
     difference, level, smooth, side_variances, degrees, rounding
         As in ``variance_of``.
+    stepped
+        Whether tiles with factors of their own differ: they are no correlation between pixels.
 
     Returns
     -------
@@ -328,7 +340,7 @@ def noise_of(
     all_bands = np.ones(difference.shape[-1])
     noise = Noise(variance, freedom, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = noise.over(all_bands)
-    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, freedom)
+    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, freedom, stepped)
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 
@@ -365,26 +377,84 @@ def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth:
 
 
 def _clustering(
-    total: NDArray, variance: NDArray, level: NDArray, smooth: NDArray, degrees: float
+    total: NDArray, variance: NDArray, level: NDArray, smooth: NDArray, degrees: float, stepped: bool
 ) -> tuple[float, float]:
     """Scatter of block means over independent pixels', and of pixels over the variance.
 
-    Both come from differences of neighbouring pixels and blocks inside smooth parts.
+    Both come from differences of neighbouring pixels and blocks inside smooth parts. Where noise fills blocks, as after
+    a denoiser, the correlation by distance is summed instead.
     """
     sigma = np.sqrt(np.maximum(smooth_variance(level, variance, degrees), 1e-300))
-    scaled = np.clip(total / sigma, -50, 50)
-    single = _difference_variance(scaled, smooth)
-    height, width = (size // _BLOCK_PX * _BLOCK_PX for size in total.shape)
-    if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
+    quotient = total / sigma
+    single = _difference_variance(np.clip(quotient, -50, 50), smooth)
+    if not smooth.any():
         return 1.0, single
+    middle = np.median(quotient[smooth])
+    spread = max(1.0, 1.4826 * float(np.median(np.abs(quotient[smooth] - middle))))
+    clipped = np.clip((quotient - middle) / spread, -6, 6)
+    ratio = _of_blocks(clipped, smooth)
+    if not stepped:
+        ratio = max(ratio, _of_neighbours(clipped, smooth))
+    return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
+
+
+def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
+    """Scatter of block means over that of independent pixels; 1 for small pictures and few smooth blocks."""
+    height, width = (size // _BLOCK_PX * _BLOCK_PX for size in values.shape)
+    if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
+        return 1.0
     shape = height // _BLOCK_PX, _BLOCK_PX, width // _BLOCK_PX, _BLOCK_PX
-    middle = np.median(scaled[smooth]) if smooth.any() else 0.0
-    clipped = np.clip(scaled - middle, -6, 6)[:height, :width]
-    means = clipped.reshape(shape).mean(axis=(1, 3))
+    means = values[:height, :width].reshape(shape).mean(axis=(1, 3))
     inside = np.asarray(smooth[:height, :width].reshape(shape).all(axis=(1, 3)))
     blocks = _difference_variance(means, inside) * _BLOCK_PX**2
-    ratio = blocks / max(min(single, 36.0), 1e-12) if np.isfinite(blocks) else 1.0
-    return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
+    return blocks / max(_difference_variance(values, smooth), 1e-12) if np.isfinite(blocks) else 1.0
+
+
+def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
+    """Sum of the correlation between pixels over all distances at which there is some; 1 for independent pixels.
+
+    Noise of a wide filter or a denoiser has smaller second differences of neighbours than of pixels two apart. A smooth
+    difference of the pictures on top of independent noise has not.
+    """
+    (near, pixels), (far, _) = (_second_differences(values, smooth, step) for step in (1, 2))
+    if pixels < _MIN_PAIRS or not near < far * (1 - max(_LEAST_SMOOTHNESS, _SMOOTHNESS_SIGMAS * np.sqrt(3 / pixels))):
+        return 1.0
+    regions, count = label(smooth)
+    index = np.arange(1, count + 1)
+    means = np.r_[0.0, mean_of(values, regions, index)]
+    mask = smooth.astype(float)
+    centred = mask * (values - means[regions])
+    shape = 2 * values.shape[0], 2 * values.shape[1]
+    product, pairs = (np.fft.irfft2(np.abs(np.fft.rfft2(p, shape)) ** 2, shape) for p in (centred, mask))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.where(pairs > 0.5, product / pairs, 0.0)
+    correlation /= max(float(correlation[0, 0]), 1e-300)
+    down, right = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
+    distance = np.hypot(down[:, None], right[None])
+    reach = min(values.shape) // 4
+    for radius in range(1, reach + 1):
+        ring = (distance >= radius - 0.5) & (distance < radius + 0.5)
+        if float(correlation[ring].mean()) < _LITTLE_CORRELATION:
+            reach = radius
+            break
+    near_enough = distance < reach + 0.5
+    # the regions' means, which are removed, take this part of the sum with them
+    sizes = np.bincount(regions[smooth])
+    removed = float(near_enough.sum()) * smooth.sum() / float((sizes**2).sum())
+    return float(correlation[near_enough].sum()) / (1 - min(removed, _MOST_REMOVED))
+
+
+def _second_differences(values: NDArray[np.float64], inside: NDArray[np.bool_], step: int) -> tuple[float, int]:
+    """Mean square of second differences of pixels some steps apart, and their count."""
+    found = []
+    for picture, mask in ((values, inside), (values.T, inside.T)):
+        middle, before, after = np.s_[step:-step], np.s_[: -2 * step], np.s_[2 * step :]
+        used = mask[middle] & mask[before] & mask[after]
+        found.append((picture[before] - 2 * picture[middle] + picture[after])[used])
+    squares = np.concatenate(found) ** 2
+    if not squares.size:
+        return float("nan"), 0
+    return float(np.minimum(squares, _SQUARE_CUT * np.median(squares)).mean()), int(squares.size)
 
 
 def _difference_variance(values: NDArray, inside: NDArray[np.bool_]) -> float:

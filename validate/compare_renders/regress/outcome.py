@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.table import Table
 from numpy.typing import NDArray
-from scipy.stats import t
 
-from .pooled import PooledMean
+from .patterns import FIXED_TEXTURE
+from .pooled import CANCELLING, PooledMean
 
 __all__ = [
     "UNKNOWN",
@@ -34,6 +36,10 @@ UNKNOWN = "unknown"
 
 #: Remaining part of the light below which it is stated itself, not as a difference in per cent.
 _LITTLE_LIGHT = 1e-3
+#: Largest number of rows in the table of deciding pools.
+_MOST_ROWS = 8
+#: Largest number of names in sentences.
+_MOST_NAMES = 3
 #: Deciding pools listed for GitHub.
 _MAX_GITHUB_POOLS = 3
 #: Probability of the one-sided limit of ``Outcome.equivalence_95``.
@@ -102,7 +108,7 @@ class Outcome(FrozenMappings):
     def equivalence_95(self) -> float:
         """Relative limit within which the mean light agrees at 95 %."""
         mean = self.whole
-        return abs(mean.difference) + float(t.isf(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
+        return abs(mean.difference) + float(student_quantile(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
 
     @property
     def best_name(self) -> NamedChange | None:
@@ -118,6 +124,36 @@ class Outcome(FrozenMappings):
     def fits(self) -> bool | None:
         """Whether the best name leaves no more than noise and error of shapes; None without one."""
         return None if self.best_name is None else self.best_name.fits
+
+    @property
+    def cancelling(self) -> str | None:
+        """Pattern whose means cancel, in words; None without one that decides.
+
+        A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one. Scatter at edges
+        is stated where nothing else differs.
+        """
+        rows = {kind: row for kind in CANCELLING for row in reversed(self.of_kind(kind)) if row.different}
+        others = any(row.different for row in self.pools if row.kind not in CANCELLING)
+        if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
+            del rows["texture"]
+        if "dark" in rows:
+            return f"{rows['dark'].pixels} {rows['dark'].name}"
+        for kind in ("grid", "steps", "tile", "line", "texture"):
+            if kind in rows:
+                return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of the light"
+        return None
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether nothing differs but a pattern whose means cancel, away from edges."""
+        edges = [row for row in self.of_kind("texture") if row.name != FIXED_TEXTURE]
+        others = [row for row in self.deciding if row.kind not in CANCELLING or row in edges]
+        return not self.same and (not others or (self._grid and set(others) <= set(edges)))
+
+    @property
+    def _grid(self) -> bool:
+        """Whether a periodic pattern decides, which scatters pixels at edges, too."""
+        return any(row.different for row in self.of_kind("grid"))
 
     def of_kind(self, kind: str) -> tuple[PooledMean, ...]:
         """Tests of one kind of pool.
@@ -139,6 +175,57 @@ class Outcome(FrozenMappings):
         """Tests that make the verdict "different", the clearest first."""
         rows = [row for row in self.pools if row.different]
         return tuple(sorted(rows, key=lambda row: row.probability / row.critical))
+
+    def lines(self) -> list[str]:
+        """Verdict and named change in sentences.
+
+        Returns
+        -------
+        list of str
+            The verdict first.
+        """
+        whole = self.whole
+        size = as_percent(whole.difference, "the baseline", unit="%")
+        text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {whole.sigma:.3%}"]
+        if self.same:
+            text.append(f"The mean light agrees within {self.equivalence_95:.3%} at 95 %.")
+        text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
+        if self.cancelling:
+            text.append(f"Pattern whose means cancel: {self.cancelling}.")
+        for index, named in enumerate(self.named[:_MOST_NAMES]):
+            start = "Cause" if named.change == UNKNOWN else "Named" if named.fits else "Most like"
+            start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
+            text.append(f"{start}: {change_text(named)}, probability {named.probability:.2f}")
+        if self.fits is not None and math.isfinite(self.left_chi2_per_number):
+            fit = "it fits" if self.fits else "it does not fit"
+            left = self.left_chi2_per_number
+            text.append(f"The best name leaves a χ² per number of {left:.2f} (noise: about 1): {fit}.")
+        if self.outliers:
+            text.append(
+                f"• {self.outliers} outlying pixels (fireflies) are not included in the means; they contain "
+                f"{self.outlier_share:+.3%} of the light"
+            )
+        return [*text, *(f"• {note}" for note in self.notes)]
+
+    def tables(self) -> list[Table]:
+        """Surfaces, and the pools that decided.
+
+        Returns
+        -------
+        list of Table
+            Tables with rows.
+        """
+        numbers = ("difference, %", "± %", "sigmas", "detectable, %")
+        surfaces = tuple((row.name, *_cells(row)) for row in self.of_kind("surface"))
+        decided = tuple(
+            (f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
+            for row in self.deciding[:_MOST_ROWS]
+        )
+        found = (
+            Table("Surfaces", ("surface", *numbers), surfaces),
+            Table("What decided", ("pool", *numbers), decided),
+        )
+        return [table for table in found if table.rows]
 
     def to_dict(self) -> dict[str, Any]:
         """Content of the JSON file.
@@ -163,7 +250,12 @@ class Outcome(FrozenMappings):
             "surfaces": {row.name: _record(row) for row in self.of_kind("surface")},
             "bands": {row.name: _record(row) for row in self.of_kind("band")},
             "strata": {row.name: _record(row) for row in self.of_kind("stratum")},
-            "patterns": {row.name: {**_record(row), "unit": row.unit} for row in self.of_kind("pattern")},
+            "patterns": {
+                row.name: {**_record(row), "unit": row.unit}
+                for kind in ("pattern", *CANCELLING)
+                for row in self.of_kind(kind)
+            },
+            "cancelling": self.cancelling,
             "even": {row.name: _record(row) for row in self.of_kind("even")},
             "blocks": {row.name: _record(row) for row in self.of_kind("block")},
             "deciding": [f"{row.kind}: {row.name}" for row in self.deciding],
@@ -175,6 +267,14 @@ class Outcome(FrozenMappings):
             "notes": list(self.notes),
         }
         return {key: _finite(value) for key, value in record.items()}
+
+
+def _cells(row: PooledMean) -> tuple[str, ...]:
+    """Numbers of a test as text."""
+    percent = 100.0 if row.unit == "1" else 1.0
+    size = as_percent(row.difference, "it", ".3g") if row.unit == "1" else f"{row.difference:.3g}"
+    numbers = (percent * row.sigma, row.statistic, percent * row.detectable)
+    return (size, *(f"{value:.3g}" for value in numbers))
 
 
 def _record(row: PooledMean) -> dict[str, Any]:
@@ -319,10 +419,13 @@ def github_lines(outcome: Outcome) -> list[str]:
     list of str
         A notice where the pictures are the same; otherwise an error for the verdict and for the clearest pools.
     """
+    file = Path(outcome.candidate)
+    place = f"file={_escaped(outcome.candidate)},line=1," if file.is_file() else ""
     if outcome.same:
-        return [f"::notice title=cbox regress::{_escaped(summary(outcome))}"]
-    return [f"::error title=cbox regress::{_escaped(summary(outcome))}"] + [
-        f"::error title=cbox regress::{_escaped(_pool_text(row))}" for row in outcome.deciding[:_MAX_GITHUB_POOLS]
+        return [f"::notice {place}title=cbox regress::{_escaped(summary(outcome))}"]
+    return [f"::error {place}title=cbox regress::{_escaped(summary(outcome))}"] + [
+        f"::error {place}title=cbox regress::{_escaped(_pool_text(row))}"
+        for row in outcome.deciding[:_MAX_GITHUB_POOLS]
     ]
 
 

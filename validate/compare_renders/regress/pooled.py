@@ -13,19 +13,23 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.image import high_pass
+from cboxlab.utils.distributions import normal_quantile, student_quantile, student_tail
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
-from scipy.stats import norm, t
 
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
+from .patterns import Difference, Finding, dark_pixels, odd_lines, odd_tiles, periodic, textures, tile_steps
 from .strata import BLOCKS, Strata
 
 __all__ = [
+    "CANCELLING",
     "SHARES",
     "SYSTEMATIC",
     "PooledMean",
     "Pooling",
+    "cancelling_patterns",
+    "difference_of",
     "pooled_means",
     "quieter_part",
     "roughness_of",
@@ -34,13 +38,22 @@ __all__ = [
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
     "whole": 0.10,
-    "even": 0.35,
-    "surface": 0.20,
-    "band": 0.10,
+    "even": 0.32,
+    "surface": 0.19,
+    "band": 0.09,
     "stratum": 0.05,
     "pattern": 0.08,
     "block": 0.12,
+    "grid": 0.01,
+    "line": 0.01,
+    "tile": 0.01,
+    "steps": 0.01,
+    "texture": 0.009,
+    "dark": 0.001,
 }
+
+#: Kinds of pools that find what means do not show.
+CANCELLING = ("grid", "line", "tile", "steps", "texture", "dark")
 
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
 SYSTEMATIC = 1.0e-4
@@ -51,6 +64,10 @@ _CELL_FLOOR = 1e-3
 _MAX_CELL_WEIGHT = 20.0
 #: Fewest pixels of a pool, and fewest cells of the even test.
 _MIN_PIXELS = 12
+#: Smallest relative standard deviation of a pattern: double precision.
+_LEAST_SIGMA = 1e-12
+#: Fewest pixels of a pool over the number that correlation makes one.
+_MIN_INDEPENDENT = 6.0
 #: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
 _MAX_BLOCK_DEGREES = 12.0
 #: Kinds of pools of few pixels.
@@ -61,6 +78,8 @@ _CLEAR_STEP_SIGMAS = 10.0
 _SHARP_EDGE = 0.2
 #: Fourth powers over the squared sum of squares, below which single pixels rule a pattern: ten equal pixels.
 _MIN_PATTERN_PIXELS = 10
+#: Groups of edges in which patterns are tested: all, and those of the lamp.
+_PATTERN_GROUPS = 2
 #: Part of all runs in which a difference of the stated detectable size is found.
 _POWER = 0.9
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
@@ -71,7 +90,7 @@ _SQUARE_CUT = 30
 class PooledMean:
     """Test of one pool."""
 
-    #: "whole", "even", "surface", "band", "stratum", "pattern" or "block".
+    #: One of ``SHARES``.
     kind: str
     #: Name among its kind.
     name: str
@@ -279,7 +298,80 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     for i in range(BLOCKS**2):
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
         pools.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
-    return (*(row for row in pools if row is not None), *_even(pooling), *_patterns(pooling))
+    return (
+        *(row for row in pools if row is not None),
+        *_even(pooling),
+        *_patterns(pooling, strata.edges | strata.lamp, ""),
+        *_patterns(pooling, strata.lamp, "lamp "),
+    )
+
+
+def difference_of(pooling: Pooling) -> Difference:
+    """Difference as tests of patterns take it.
+
+    Parameters
+    ----------
+    pooling
+        Difference, noise and parts of the picture.
+
+    Returns
+    -------
+    Difference
+        The difference.
+    """
+    strata = pooling.strata
+    groups = {"smooth parts": strata.smooth, "edges": strata.edges, "the lamp": strata.lamp & strata.used}
+    variance = None if pooling.noise.estimated else pooling.noise.total
+    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, pooling.noise.clustering)
+
+
+def cancelling_patterns(
+    pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
+) -> tuple[PooledMean, ...]:
+    """Tests of patterns whose means cancel.
+
+    Parameters
+    ----------
+    pooling
+        Difference, noise and parts of the picture.
+    baseline, candidate
+        (y, x) pictures with their outliers, summed over wavelengths.
+
+    Returns
+    -------
+    tuple of PooledMean
+        One for each kind of pattern, at its clearest instance.
+    """
+    difference = difference_of(pooling)
+    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in CANCELLING}
+    found = [
+        ("grid", periodic(difference)),
+        ("line", odd_lines(difference)),
+        ("tile", odd_tiles(difference)),
+        ("steps", tile_steps(difference)),
+        ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
+    ]
+    rows = [_of_finding(kind, one, critical[kind]) for kind, one in found if one is not None]
+    of_texture = textures(difference)
+    return (*rows, *(_of_finding("texture", one, critical["texture"] / len(of_texture)) for one in of_texture))
+
+
+def _of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
+    """Row of a finding."""
+    sigma = max(finding.sigma, _LEAST_SIGMA)
+    threshold = float(student_quantile(critical / 2, finding.degrees))
+    return PooledMean(
+        kind,
+        finding.name,
+        finding.pixels,
+        finding.size,
+        sigma,
+        finding.degrees,
+        finding.size / sigma,
+        finding.probability,
+        critical,
+        (threshold + float(normal_quantile(1.0 - _POWER))) * sigma,
+    )
 
 
 def _pool_of(
@@ -289,7 +381,8 @@ def _pool_of(
     trimmed, noise = pooling.trimmed, pooling.noise
     level = float(sums.level[mask].sum())
     pixels = int(mask.sum())
-    if pixels < _MIN_PIXELS or level <= 0:
+    independent = pixels / noise.clustering
+    if pixels < _MIN_PIXELS or independent < _MIN_INDEPENDENT or level <= 0:
         return None
     difference = float(sums.difference[mask].sum())
     each = sums.variance[mask]
@@ -303,7 +396,7 @@ def _pool_of(
     variance += aside**2 + (SYSTEMATIC * level) ** 2 + (sums.interpolation * level) ** 2
     if sums.shared is not None:
         variance += float(sums.shared[mask].sum()) ** 2
-    degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), pixels - 1.0))
+    degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), independent - 1.0))
     if kind in _SMALL_POOLS:
         degrees = min(degrees, _MAX_BLOCK_DEGREES)
     return _row(
@@ -342,7 +435,8 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     by_pixel = (bound, total, quiet, scatter, aside, rough, shared)
     used = (pixels >= _MIN_PIXELS) & (np.bincount(cell, bound) > 0)
     level, difference, expected, about, excess, unrest, common = (np.bincount(cell, v)[used] for v in by_pixel)
-    if level.size < _MIN_PIXELS:
+    independent = float(pixels[used].sum()) / noise.clustering
+    if level.size < _MIN_PIXELS or independent < 2 * _MIN_INDEPENDENT:
         return []
     inflation = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
     floor = (_CELL_FLOOR * level) ** 2
@@ -360,7 +454,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
             int(pixels[used].sum()),
             difference=float(weight @ difference) / norm_,
             sigma=float(np.hypot(sigma, allowed)),
-            degrees=level.size - 1.0,
+            degrees=min(float(level.size), independent) - 1.0,
             count=1,
         )
     ]
@@ -372,6 +466,7 @@ def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], 
     Their squares about the mean bound the effect of a single pixel: a firefly that is not set aside raises no alarm.
     """
     about = float((((sums.difference - mean * sums.level)[mask]) ** 2).sum())
+    about /= 1 - min(pooling.noise.clustering / int(mask.sum()), 1 / _MIN_INDEPENDENT)
     inner = mask & pooling.strata.smooth
     if kind == "stratum" or inner.sum() < _MIN_PIXELS:
         return about
@@ -395,7 +490,7 @@ def _row(
     """Test of a difference with its share of the false alarms, one of ``count`` of its kind."""
     critical = pooling.false_alarms * SHARES[kind] / count
     statistic = difference / sigma
-    threshold = float(t.isf(critical / 2, degrees))
+    threshold = float(student_quantile(critical / 2, degrees))
     return PooledMean(
         kind,
         name,
@@ -404,15 +499,15 @@ def _row(
         sigma,
         degrees,
         statistic,
-        float(2 * t.sf(abs(statistic), degrees)),
+        float(2 * student_tail(abs(statistic), degrees)),
         critical,
-        (threshold + float(norm.ppf(_POWER))) * sigma,
+        (threshold + float(normal_quantile(1 - _POWER))) * sigma,
         unit,
     )
 
 
-def _patterns(pooling: Pooling) -> list[PooledMean]:
-    """Tests of patterns at edges: shift, magnification, turn, blur.
+def _patterns(pooling: Pooling, edges: NDArray[np.bool_], prefix: str) -> list[PooledMean]:
+    """Tests of patterns at some edges: shift, magnification, turn, blur.
 
     Shifts are px, magnification and turn px at half a width from the centre, blur is an added variance in px^2.
     Each edge pixel contributes with its own sign. The sum over its own root sum of squares is the statistic. It needs
@@ -428,7 +523,7 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
     down, right = (np.asarray(slope) for slope in np.gradient(half))
     curved = -_laplacian(half)
     inside = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
-    at_edges = strata.used & inside & (strata.edges | strata.lamp)
+    at_edges = strata.used & inside & edges
     weight = np.where(at_edges, 1 / np.maximum(span**2 + _CLEAR_STEP_SIGMAS**2 * sigma, 1e-300), 0.0)
     scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
     residual = total - scale * half
@@ -451,18 +546,19 @@ def _patterns(pooling: Pooling) -> list[PooledMean]:
         terms, norms = w * s * residual[used], w * s**2
         root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[used]))
         few = (terms**2).sum() ** 2 < _MIN_PATTERN_PIXELS * (terms**4).sum()
-        if used.sum() < 2 * _MIN_PIXELS or root == 0 or few:
+        independent = float(used.sum()) / pooling.noise.clustering
+        if used.sum() < 2 * _MIN_PIXELS or independent < _MIN_INDEPENDENT or root == 0 or few:
             continue
         rows.append(
             _row(
                 pooling,
                 "pattern",
-                name,
+                prefix + name,
                 int(used.sum()),
                 difference=float(terms.sum() / norms.sum()),
                 sigma=root / float(norms.sum()),
-                degrees=used.sum() - 1.0,
-                count=len(patterns),
+                degrees=independent - 1.0,
+                count=_PATTERN_GROUPS * len(patterns),
                 unit=unit,
             )
         )

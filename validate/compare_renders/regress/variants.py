@@ -148,6 +148,26 @@ class Variants:
         return self.light.change(patch_reflectance=patches, fragment_reflectance=fragments).picture()
 
     @property
+    def surface_index(self) -> NDArray[np.int64]:
+        """(y, x) index of the surface that each pixel shows; negative for the lamp and outside."""
+        return self.surface_map().index
+
+    def rebuilt(self, scene: Scene) -> Variants:
+        """Rendering of another scene through the same camera.
+
+        Parameters
+        ----------
+        scene
+            The other scene.
+
+        Returns
+        -------
+        Variants
+            Its rendering.
+        """
+        return build_variants(scene, self.camera, self.side)
+
+    @property
     def patch_surface(self) -> NDArray[np.int64]:
         """(p,) surface of each patch."""
         return self.light.transport.light.patches.surface

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from .grids import Common, common_wavelengths
 from .noise import Noise, noise_of, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
-from .pooled import Pooling, pooled_means, quieter_part, roughness_of
+from .patterns import Difference, periodic, tile_steps, without_period
+from .pooled import (
+    SHARES,
+    Pooling,
+    cancelling_patterns,
+    difference_of,
+    pooled_means,
+    quieter_part,
+    roughness_of,
+)
 from .sides import Side, SurfaceMap
 from .strata import Strata, strata_of
 
@@ -27,6 +36,12 @@ _FALSE_DISCOVERIES = 0.01
 _SHORTEST_SIDE_PX = 3
 #: Scatter of neighbours over the stated variance, from which a note says so.
 _NOTED_RATIO = 1.5
+#: Part of the body below which few pixels are smooth: edges are then looked for in the other picture, too.
+_MIN_SMOOTH_PART = 0.4
+#: Factor by which the other picture has to have more smooth pixels.
+_SMOOTHER = 1.5
+#: Probability of steps between tiles below which they are no correlated noise.
+_STEPPED = 1e-3
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
 _MAX_PIXEL_DEGREES = 8.0
 
@@ -45,6 +60,8 @@ class Comparison:
     trimmed: Trimmed
     #: Input of the pooled tests.
     pooling: Pooling
+    #: Pattern in words that was removed before the tests of means; empty without one.
+    removed: str = ""
 
 
 def compared_sides(
@@ -77,8 +94,12 @@ def compared_sides(
         hint = "cbox compare states the differences without a verdict."
         raise InputError(baseline.source, f"a picture of {columns} x {rows} px", least, hint)
     common = common_wavelengths(candidate, baseline)
+    return _compared(common, _strata(common.baseline, common.candidate, surfaces), false_alarms)
+
+
+def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison:
+    """Comparison of two sides on one grid of wavelengths."""
     a, b = common.candidate, common.baseline
-    strata = strata_of(b.radiance.sum(axis=-1), surfaces or b.surfaces or a.surfaces)
     difference = a.radiance - b.radiance
     coarse = [side.rounding for side in (a, b) if side.rounding is not None]
     rounding: NDArray[np.float64] | float = 0.0
@@ -88,15 +109,47 @@ def compared_sides(
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
     cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *errors), strata.lamp)
     del difference
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors)
+    sums = cut.level.sum(axis=-1), cut.difference.sum(axis=-1)
+    steps = tile_steps(Difference(*sums, None, strata.smooth, {}))
+    stepped = steps is not None and steps.probability < _STEPPED
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
     quieter = quieter_part(before, before + cut.difference.sum(axis=-1), strata.smooth)
     roughness = None if a.variance is None or b.variance is None else roughness_of(b.variance, a.variance, strata.body)
-    steps = None if shared is None else np.sqrt(shared)
-    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, steps)
+    common_part = None if shared is None else np.sqrt(shared)
+    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part)
     return Comparison(common, strata, noise, cut, pooling)
+
+
+def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
+    """Parts of the baseline, or of the candidate where a pattern makes edges of the baseline's pixels."""
+    known = surfaces or baseline.surfaces or candidate.surfaces
+    strata = strata_of(baseline.radiance.sum(axis=-1), known)
+    if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():
+        return strata
+    others = strata_of(candidate.radiance.sum(axis=-1), known)
+    return others if _SMOOTHER * strata.smooth.sum() < others.smooth.sum() else strata
+
+
+def _without_pattern(comparison: Comparison, false_alarms: float) -> Comparison:
+    """Comparison without a periodic pattern that decides; itself without one."""
+    difference = difference_of(comparison.pooling)
+    critical = false_alarms * SHARES["grid"]
+    found = periodic(difference)
+    if found is None or found.probability >= critical:
+        return comparison
+    common = comparison.common
+    factor = 1 + without_period(difference, found)
+    side = common.candidate
+    steady = replace(
+        side,
+        radiance=side.radiance / factor[..., None],
+        variance=None if side.variance is None else side.variance / factor[..., None] ** 2,
+    )
+    again = _compared(replace(common, candidate=steady), comparison.strata, false_alarms)
+    return replace(again, removed=found.name)
 
 
 def regress_sides(
@@ -121,8 +174,10 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    comparison = compared_sides(baseline, candidate, surfaces, false_alarms)
+    as_found = compared_sides(baseline, candidate, surfaces, false_alarms)
+    comparison = _without_pattern(as_found, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
+    cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
     if not pools or pools[0].kind != "whole":
         raise InputError(
             baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
@@ -133,20 +188,32 @@ def regress_sides(
         *comparison.common.baseline.notes,
         *comparison.common.candidate.notes,
         *comparison.common.notes,
-        *_remarks(comparison),
+        *_remarks(as_found),
     ]
+    if comparison.removed:
+        notes.append(f"means are tested without the {comparison.removed}")
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
-        pools=pools,
+        pools=(*pools, *cancelling),
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
-        pixels_differing=_differing(comparison),
-        relative=_relative(comparison),
+        pixels_differing=_differing(as_found),
+        relative=_relative(as_found),
         notes=tuple(notes),
     )
     return outcome, comparison
+
+
+def _sides(comparison: Comparison) -> tuple[Side, Side]:
+    """Baseline and candidate."""
+    return comparison.common.baseline, comparison.common.candidate
+
+
+def _total(side: Side) -> NDArray[np.float64]:
+    """(y, x) radiance summed over wavelengths."""
+    return np.asarray(side.radiance.sum(axis=-1))
 
 
 def _remarks(comparison: Comparison) -> list[str]:
@@ -191,7 +258,7 @@ def _differing(comparison: Comparison) -> int:
     size, scatter = np.abs(total[body]), sigma[body]
     # without scatter every difference is one
     sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
-    probability = np.sort(2 * t.sf(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
+    probability = np.sort(2 * student_tail(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
     below = np.flatnonzero(
         probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
     )

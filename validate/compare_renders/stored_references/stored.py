@@ -1,4 +1,4 @@
-"""Mean light of a picture by surface and band, as a JSON file next to a renderer's tests.
+"""Mean light of a picture by surface, band and block, and its patterns, as a JSON file next to a renderer's tests.
 
 A reference is known to 0.05 %, and states seed, samples and versions of its rendering.
 """
@@ -8,27 +8,38 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from scipy.stats import t
 
-from ..regress import FALSE_ALARMS, SYSTEMATIC, Side, strata_of
+from ..regress import BLOCKS, FALSE_ALARMS, SYSTEMATIC, Side, strata_of
 
 __all__ = ["Reference", "measured_reference", "read_reference", "require_same_light", "write_reference"]
 
-FORMAT = "light-reference/1"
+#: Format of files.
+FORMAT = "light-reference/2"
+#: Earlier formats, whose references hold no blocks, patterns or moments.
+_EARLIER = ("light-reference/1",)
+#: Prefix of pools of the grid, which need not be known to 0.05 % and whose few pixels are not normal.
+_BLOCK = "block: "
+#: Degrees of freedom of the grid's pools at most.
+_BLOCK_DEGREES = 12.0
+#: Widths of the cells of checkerboards, columns and rows, px.
+_CELLS_PX = (1, 2, 4, 8)
 #: Largest relative standard deviation of a mean of a reference: half of the 0.1 % that a change should be seen at.
 LARGEST_SIGMA = 5e-4
+#: Most pools that a message lists.
+_MOST_LINES = 12
 #: Fewest pixels of a mean.
 _MIN_PIXELS = 12
 
@@ -49,10 +60,14 @@ class Reference(FrozenMappings):
     samples: int
     #: Version by name of a program.
     versions: Mapping[str, str]
+    #: Contents of checkerboards, columns and rows over the light, and moments of the light over the picture.
+    shapes: Mapping[str, float] = field(default_factory=dict)
+    #: Standard deviation of each of ``shapes``.
+    shape_sigma: Mapping[str, float] = field(default_factory=dict)
 
 
 def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[str, str]) -> Reference:
-    """Mean light of a picture without its lamp, and of surfaces without their edges.
+    """Mean light of a picture without its lamp, of surfaces without their edges, of a grid; patterns and moments.
 
     The pixels of a mean are selected by the map of surfaces alone, never by the radiance, which is noisy.
 
@@ -88,6 +103,11 @@ def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[st
     all_bands = np.ones(len(side.bands))
     pools = {"whole picture": (body, all_bands)}
     pools |= {f"surface: {name}": (mask, all_bands) for name, mask in surfaces.items()}
+    rows, columns = (np.arange(size) * BLOCKS // size for size in side.shape)
+    number = rows[:, None] * BLOCKS + columns
+    pools |= {
+        f"{_BLOCK}row {i // BLOCKS + 1}, column {i % BLOCKS + 1}": (number == i, all_bands) for i in range(BLOCKS**2)
+    }
     pools |= {f"band: {name}": (body, row) for name, row in zip(side.bands, np.eye(all_bands.size), strict=True)}
     means, sigma = {}, {}
     for name, (mask, weights) in pools.items():
@@ -96,7 +116,33 @@ def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[st
             means[name], sigma[name] = mean, _deviation(side.variance[mask], weights) / mean
     programs = {"cboxlab": version("cboxlab"), "python": platform.python_version()}
     # each pixel of a pool has independent degrees of freedom
-    return Reference(means, sigma, side.degrees * _MIN_PIXELS, seed, samples, {**programs, **versions})
+    shapes, shape_sigma = _shapes(side.radiance.sum(axis=-1), np.sqrt(side.variance).sum(axis=-1) ** 2)
+    degrees = side.degrees * _MIN_PIXELS
+    return Reference(means, sigma, degrees, seed, samples, {**programs, **versions}, shapes, shape_sigma)
+
+
+def _shapes(total: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[dict[str, float], dict[str, float]]:
+    """Patterns and moments of a picture (y, x), and their standard deviations.
+
+    A mirrored, moved or checkered picture changes them, a lamp that moves by a tenth of a pixel, too.
+    """
+    rows, columns = np.indices(total.shape)
+    shapes: dict[str, NDArray] = {}
+    for cell in _CELLS_PX:
+        down, across = (2.0 * (axis // cell % 2) - 1 for axis in (rows, columns))
+        shapes |= {
+            f"checkerboard: {cell} px": np.asarray(-down * across),
+            f"columns: {cell} px": np.asarray(across),
+            f"rows: {cell} px": np.asarray(down),
+        }
+    y, x = (2 * axis / max(total.shape) for axis in (rows, columns))
+    shapes |= {"moment: x": x, "moment: y": y, "moment: x x": x * x, "moment: x y": x * y, "moment: y y": y * y}
+    light = max(float(total.sum()), 1e-300)
+    values = {name: float((shape * total).sum()) / light for name, shape in shapes.items()}
+    sigma = {
+        name: float(np.sqrt(((shape - values[name]) ** 2 * variance).sum())) / light for name, shape in shapes.items()
+    }
+    return values, sigma
 
 
 def _regions(side: Side) -> tuple[NDArray[np.bool_], dict[str, NDArray[np.bool_]]]:
@@ -137,7 +183,8 @@ def write_reference(path: Path, reference: Reference) -> None:
     InputError
         If a mean is not known to 0.05 %; the message states the samples that are needed.
     """
-    worst = max(reference.sigma, key=lambda name: reference.sigma[name])
+    means = [name for name in reference.sigma if not name.startswith(_BLOCK)]
+    worst = max(means, key=lambda name: reference.sigma[name])
     if reference.sigma[worst] > LARGEST_SIGMA:
         raise InputError(
             path,
@@ -176,14 +223,25 @@ def read_reference(path: Path) -> Reference:
 
 def _checked(record: dict[str, Any]) -> Reference:
     """Reference of a file's content; any error of look-up or conversion says that it is none."""
-    if record["format"] != FORMAT:
+    if record["format"] not in (FORMAT, *_EARLIER):
         raise ValueError(record["format"])
     means, sigma = ({str(k): float(v) for k, v in record[key].items()} for key in ("means", "sigma"))
     values = np.array([*means.values(), *sigma.values()])
     if not means or set(means) != set(sigma) or not np.isfinite(values).all() or (values < 0).any():
         raise ValueError("means and sigma of the same pools, 0 or more")
+    shapes, shape_sigma = (
+        {str(k): float(v) for k, v in record.get(key, {}).items()} for key in ("shapes", "shape_sigma")
+    )
+    if set(shapes) != set(shape_sigma) or not np.isfinite([*shapes.values(), *shape_sigma.values()]).all():
+        raise ValueError("shapes and shape_sigma of the same names, finite")
     versions = {str(k): str(v) for k, v in record["versions"].items()}
-    return Reference(means, sigma, float(record["degrees"]), int(record["seed"]), int(record["samples"]), versions)
+    degrees, seed, samples = float(record["degrees"]), int(record["seed"]), int(record["samples"])
+    return Reference(means, sigma, degrees, seed, samples, versions, shapes, shape_sigma)
+
+
+def _without_blocks(means: Mapping[str, float]) -> dict[str, float]:
+    """Means without those of the grid."""
+    return {name: mean for name, mean in means.items() if not name.startswith(_BLOCK)}
 
 
 def require_same_light(reference: Reference, measured: Reference, false_alarms: float = FALSE_ALARMS) -> None:
@@ -206,15 +264,25 @@ def require_same_light(reference: Reference, measured: Reference, false_alarms: 
     AssertionError
         If any pool differs; the message lists these pools.
     """
-    lines = [f"{name}: in one side only" for name in sorted(set(reference.means) ^ set(measured.means))]
-    names = sorted(set(reference.means) & set(measured.means))
+    earlier = not reference.shapes
+    stored, new = (_without_blocks(r.means) if earlier else r.means for r in (reference, measured))
+    lines = [f"{name}: in one side only" for name in sorted(set(stored) ^ set(new))]
+    names = sorted(set(stored) & set(new))
+    shapes = sorted(set(reference.shapes) & set(measured.shapes))
+    share = false_alarms / (2 * max(len(names) + len(shapes), 1))
     degrees = max(2.0, min(reference.degrees, measured.degrees))
-    threshold = float(t.isf(false_alarms / (2 * max(len(names), 1)), degrees))
     for name in names:
-        difference = measured.means[name] / reference.means[name] - 1
+        difference = new[name] / stored[name] - 1
         sigma = float(np.hypot(np.hypot(reference.sigma[name], measured.sigma[name]), SYSTEMATIC))
-        if abs(difference) > threshold * sigma:
+        limit = float(student_quantile(share, min(degrees, _BLOCK_DEGREES) if name.startswith(_BLOCK) else degrees))
+        if abs(difference) > limit * sigma:
             lines.append(f"{name}: {difference:+.3%} ± {sigma:.3%}")
+    for name in shapes:
+        difference = measured.shapes[name] - reference.shapes[name]
+        sigma = float(np.hypot(np.hypot(reference.shape_sigma[name], measured.shape_sigma[name]), SYSTEMATIC))
+        if abs(difference) > float(student_quantile(share, degrees)) * sigma:
+            lines.append(f"{name}: {difference:+.3%} ± {sigma:.3%} of the light")
+    lines = lines[:_MOST_LINES] + ([f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else [])
     if lines:
         versions = ", ".join(f"{key} {value}" for key, value in reference.versions.items())
         head = f"the light differs from the reference (seed {reference.seed}, {reference.samples} samples, {versions}):"

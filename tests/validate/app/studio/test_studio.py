@@ -6,6 +6,7 @@ import socket
 import struct
 import threading
 import time
+import urllib.request
 from contextlib import contextmanager
 
 import numpy as np
@@ -57,8 +58,13 @@ def record_of(answer):
     return json.loads(answer.content[4 : 4 + length]), np.frombuffer(answer.content[4 + length :], "<f4")
 
 
+def present(client):
+    """Number of the state of the study."""
+    return client.get("/secret/api/state").json()["revision"]
+
+
 def step(client, name, **body):
-    return record_of(client.post(f"/secret/api/step/{name}", json=body))
+    return record_of(client.post(f"/secret/api/step/{name}", json={"revision": present(client), **body}))
 
 
 def finished(client, name, **body):
@@ -128,13 +134,41 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     ],
 )
 def test_every_mistake_is_one_line(client, path, body, line):
-    answer = client.post(f"/secret/api/{path}", json=body)
+    answer = client.post(f"/secret/api/{path}", json={"revision": present(client), **body})
     told = answer.json().get("error")
     if told is None:
         while (state := client.get("/secret/api/state").json())["job"]:
             time.sleep(0.02)
         told = state["error"]
     assert line in told and "\n" not in told
+
+
+def test_a_step_on_an_earlier_state_changes_nothing(client, bench):
+    """Two tabs show three effects; one of them removes the first, then the other one the second of its list."""
+    for effect in ("veiling-glare", "ghost", "lamp-drift"):
+        step(client, "add", effect=effect)
+    earlier = present(client)
+    step(client, "remove", which=0)
+    for name, body in (("remove", {"which": 1}), ("change", {"which": 0, "values": {}}), ("undo", {})):
+        answer = client.post(f"/secret/api/step/{name}", json={"revision": earlier, **body})
+        assert answer.status_code == 409 and "earlier state" in answer.json()["error"]
+    assert client.post("/secret/api/job/fit", json={"which": [0], "revision": earlier}).status_code == 409
+    assert [effect.id for effect in bench.study.effects] == ["ghost", "lamp-drift"]
+
+
+def test_unsaved_work_is_offered_again_until_it_is_saved(client, bench):
+    step(client, "add", effect="veiling-glare", values={"fraction": 0.01})
+    record = client.get("/secret/api/state").json()
+    assert not record["saved"] and len(record["moves"]) >= 2
+    (unsaved,) = client.get("/secret/api/places").json()["unsaved"]
+    again = Workbench(bench.root, bench.cache, noise=3.0, seed=1)  # after a crash
+    again.open(unsaved, None, NO_PROGRESS)
+    assert again.study.effects[0].values["fraction"] == 0.01 and again.study.history.can_undo and not again.is_saved
+    shutil.rmtree(bench.root / "kept", ignore_errors=True)
+    finished(client, "save", folder="kept")
+    assert client.get("/secret/api/state").json()["saved"]
+    assert client.get("/secret/api/places").json()["unsaved"] == []
+    shutil.rmtree(bench.root / "kept")
 
 
 def test_what_is_no_json_is_refused(client):
@@ -193,7 +227,8 @@ def page(browser, bench):
         browser.until("page.viewer !== null && page.controls !== null && !page.job")
         yield browser
         browser.open("about:blank?")
-    assert browser.errors == []
+    # the browser asks only where a person has touched the page, and says so
+    assert [error for error in browser.errors if "'beforeunload'" not in error] == []
 
 
 def chi2(page):
@@ -278,6 +313,46 @@ def test_the_page_tells_a_mistake_and_goes_on(page):
     page.errors.clear()  # the browser tells the refused request, too
     press(page, "undo")
     page.until("page.controls.length === 0 && document.getElementById('mistake').textContent === ''")
+
+
+def test_a_second_tab_is_followed(page, bench):
+    add(page, "veiling-glare")
+    address = page.run("location.href")
+    body = json.dumps({"effect": "ghost", "revision": bench.revision, "tab": "another"}).encode()
+    kind = {"Content-Type": "application/json"}
+    urllib.request.urlopen(urllib.request.Request(f"{address}api/step/add", body, kind)).read()
+    page.until("page.controls.length === 2 && page.record.effects[1].id === 'ghost'")
+    page.run("document.querySelector('[data-effect=veiling-glare] .row button:last-child').click()")
+    page.until("page.controls.length === 1")
+    assert [effect.id for effect in bench.study.effects] == ["ghost"]
+    assert page.run("document.querySelector('#moves svg').getAttribute('aria-label')").startswith("χ² over")
+
+
+def test_a_reload_during_a_computation_shows_the_last_state_at_work(page, bench, monkeypatch):
+    add(page, "veiling-glare")
+    at, go = chi2(page), threading.Event()
+    monkeypatch.setattr(bench, "diagnose", lambda progress: (progress.stage("waiting"), go.wait(60)))
+    page.questions.clear()
+    page.key("Tab")
+    press(page, "diagnose")
+    page.until("page.job !== null")
+    page.reload()
+    page.until("page.viewer !== null && page.controls.length === 1 && page.job !== null")
+    assert chi2(page) == at and page.run("document.getElementById('add').disabled")
+    assert not page.run("document.getElementById('job').hidden") and page.questions == ["beforeunload"]
+    go.set()
+    page.until("page.job === null && !document.getElementById('add').disabled")
+
+
+def test_effects_are_grouped_and_searched(page):
+    count = "document.querySelectorAll('#new-effect option').length"
+    everything = page.run(count)
+    assert page.run("document.querySelectorAll('#new-effect optgroup').length") > 4
+    page.run(
+        "(() => {const s = document.getElementById('search'); s.value = 'glare';s.dispatchEvent(new Event('input'))})()"
+    )
+    assert 0 < page.run(count) < everything / 4
+    assert "veiling-glare" in page.run("document.getElementById('new-effect').innerText")
 
 
 def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):

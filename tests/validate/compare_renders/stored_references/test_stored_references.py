@@ -64,6 +64,51 @@ def test_one_changed_surface_is_named():
     assert "seed 0, 64 samples" in str(told.value)
 
 
+def with_lamp(shift_px=0.0):
+    """A gradient and a bright lamp whose upper edge lies inside a pixel."""
+    clean = CLEAN.copy()
+    clean[6, 12:20] = 60.0 * (0.5 + shift_px)
+    clean[7:10, 12:20] = 60.0
+    clean[10, 12:20] = 60.0 * (0.5 - shift_px)
+    return clean
+
+
+SPOILT = {
+    "mirrored": lambda p: p[:, ::-1],
+    "upside down": lambda p: p[::-1],
+    "rolled": lambda p: np.roll(p, 1, axis=0),
+    "checkered": lambda p: p * (1 + 0.002 * np.where(np.indices((SIZE, SIZE)).sum(axis=0) % 2, 1, -1))[..., None],
+    "lamp moved": None,
+}
+
+
+@pytest.mark.parametrize("mapped", [True, False], ids=["with surfaces", "without surfaces"])
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_a_picture_of_the_same_means_is_seen(spoilt, mapped):
+    """Light from the left, so that a mirrored picture is another one."""
+    aside = np.linspace(1.1, 1, SIZE)[None, :, None]
+    clean = with_lamp() * aside
+    changed = with_lamp(0.1) * aside if spoilt == "lamp moved" else SPOILT[spoilt](clean)
+    sides = [picture(0, clean), picture(1, changed), picture(2, clean)]
+    if not mapped:
+        sides = [replace(side, surfaces=None) for side in sides]
+    stored, changed, same = (measured_reference(side, 0, 64, {}) for side in sides)
+    require_same_light(stored, same)
+    with pytest.raises(AssertionError):
+        require_same_light(stored, changed)
+
+
+def test_a_reference_of_the_earlier_format_is_compared_by_its_means(tmp_path):
+    write_reference(tmp_path / "a.json", reference(3))
+    record = json.loads((tmp_path / "a.json").read_text())
+    blocks = [name for name in record["means"] if name.startswith("block")]
+    for name in blocks:
+        del record["means"][name], record["sigma"][name]
+    del record["shapes"], record["shape_sigma"]
+    (tmp_path / "a.json").write_text(json.dumps({**record, "format": "light-reference/1"}))
+    require_same_light(read_reference(tmp_path / "a.json"), reference(4))
+
+
 def test_a_reference_comes_back_from_its_file(tmp_path):
     write_reference(tmp_path / "a.json", reference(3))
     assert read_reference(tmp_path / "a.json") == reference(3)
@@ -106,6 +151,16 @@ def rendered(path, seed, clean=CLEAN):
         "surface": (("y", "x"), SURFACES.index, {"names": "back, floor"}),
     }
     write_cube(path, xr.Dataset(data, coords={"wavelength": BANDS}))
+
+
+def test_an_annotation_carries_file_and_line(suite, monkeypatch):
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    assert run_suite(suite, "--update-light-references")[0] == 0
+    rendered(suite / "box.nc", 3, 0.997 * CLEAN)
+    _, printed = run_suite(suite)
+    assert re.search(
+        r"^::error file=test_light\.py,line=4,title=same_light box::.*whole picture", printed, re.MULTILINE
+    )
 
 
 def test_the_plugin_goes_from_no_reference_to_green_and_red(suite):

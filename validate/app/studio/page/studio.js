@@ -11,6 +11,9 @@ const page = {
   catalogue: [],
   pending: [], // moves that wait for the answer to the previous one
   asking: false,
+  revision: 0, // number of the study's state; a step names the one that it was made on
+  tab: Math.random().toString(36).slice(2), // name of this tab in the events of its steps
+  requests: 0, // number of answers that the page waits for
   opened: {}, // chi-square of each capture when it was opened; empty in a page that is loaded later
 };
 
@@ -19,19 +22,33 @@ async function request(path, body) {
     method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
   };
   let answer;
+  busy(1);
   try {
     answer = await fetch("api/" + path, options);
   } catch {
     throw new Error("The program does not answer. Start `cbox studio` again.");
+  } finally {
+    busy(-1);
   }
   if (!answer.ok) {
     const text = await answer.text();
     let message = text;
     try { message = JSON.parse(text).error; } catch { /* plain text */ }
-    throw new Error(message);
+    throw Object.assign(new Error(message), { status: answer.status });
   }
+  const revision = answer.headers.get("CBox-Revision");
+  if (revision !== null) page.revision = Number(revision);
   return answer;
 }
+
+/** Show that the page waits for an answer. */
+function busy(change) {
+  page.requests += change;
+  document.body.dataset.busy = String(page.requests > 0);
+}
+
+/** The state that a step is made on, and the tab that makes it. */
+const made = () => ({ revision: page.revision, tab: page.tab });
 
 /** Run a step of the user; show an error in one line. */
 async function attempt(step) {
@@ -41,7 +58,8 @@ async function attempt(step) {
     await step();
   } catch (error) {
     $("mistake").textContent = error.message;
-    if (page.record) showEffects(page.record, true);
+    if (error.status === 409) await receive(await request("view")).catch(() => null);
+    else if (page.record) showEffects(page.record, true);
   }
 }
 
@@ -61,13 +79,14 @@ async function receive(answer) {
 }
 
 async function step(name, body = {}) {
-  await receive(await request("step/" + name, body));
+  await receive(await request("step/" + name, { ...body, ...made() }));
 }
 
 function show(record) {
   const same = page.record && record.open && page.record.open &&
     JSON.stringify(page.record.effects.map((e) => e.id)) === JSON.stringify(record.effects.map((e) => e.id));
   page.record = record;
+  page.revision = record.revision;
   document.body.dataset.open = record.open;
   if (!record.open) {
     $("title").textContent = "Open a capture to begin";
@@ -86,7 +105,8 @@ function show(record) {
   $("figures").replaceChildren(
     "χ² per degree of freedom ", make("strong", { id: "chi2" }, chi2), ` (noise alone: 1${opened})`,
     `${all}, lamp × ${record.lamp_scale.toFixed(4)}, camera moved ${numberText(+record.camera_moved_px.toPrecision(2))} px; `,
-    make("span", { id: "how" }, how));
+    make("span", { id: "how" }, how), record.saved ? "" : " · not saved");
+  $("moves").replaceChildren(...curve(record.moves));
   $("refit").checked = record.refit;
   $("capture-choice").hidden = record.captures.length < 2;
   $("capture").replaceChildren(...record.captures.map((name, i) => make("option", { value: i }, name)));
@@ -106,7 +126,7 @@ function showEffects(record, rebuild) {
   page.controls = record.effects.map((effect, index) => effectControls(effect, index, {
     moved: (name, value, commit) => move({ which: index, values: { [name]: value }, commit }),
     begun: () => request("cancel", { background: true }).catch(() => null),
-    fit: () => attempt(() => request("job/fit", { which: [index] })),
+    fit: () => attempt(() => request("job/fit", { which: [index], ...made() })),
     remove: () => attempt(() => step("remove", { which: index })),
   }));
   $("effects").replaceChildren(...page.controls.map((one) => one.element));
@@ -122,7 +142,7 @@ async function move(body) {
   while (page.pending.length) {
     const next = page.pending.shift();
     await attempt(async () => {
-      const answer = await request("step/change", next);
+      const answer = await request("step/change", { ...next, ...made() });
       if (!page.pending.length) await receive(answer);
     });
   }
@@ -135,11 +155,12 @@ function showDiagnosis(found) {
   const adopt = make("button", { id: "adopt" }, "Use these effects");
   adopt.addEventListener("click", () => attempt(() => step("adopt")));
   const ranking = found.ranking.map((entry) => {
+    const isEffect = page.catalogue.some((effect) => effect.id === entry.id);
     const add = make("button", { "aria-label": "Add " + entry.id }, "Add");
     add.addEventListener("click", () => attempt(() => step("add", { effect: entry.id, values: entry.values })));
     const text = `${entry.id}: ${entry.text}; χ² ${numberText(entry.chi2_per_dof && +entry.chi2_per_dof.toPrecision(3))}, ` +
       `probability ${(100 * entry.probability).toFixed(1)} % `;
-    return make("li", {}, [text, add]);
+    return make("li", {}, isEffect ? [text, add] : [text]);
   });
   const known = found.selected.some((id) => id !== "unknown");
   $("diagnosis").replaceChildren(make("h3", {}, "Diagnosis"),
@@ -179,13 +200,9 @@ async function reload() {
   const state = await (await request("state")).json();
   showJob(state.job);
   if (state.error) $("mistake").textContent = state.error;
-  if (state.job && !state.job.background) return;
-  if (!state.open) return show(state);
+  if (!state.open) return state.job && !state.job.background ? undefined : show(state);
   page.catalogue = await (await request("effects")).json();
-  const chosen = $("new-effect").value;
-  $("new-effect").replaceChildren(...page.catalogue.map((e) => make("option", { value: e.id }, `${e.id} (${e.stage})`)));
-  if (chosen) $("new-effect").value = chosen;
-  showSummary();
+  showCatalogue();
   const picture = await (await request("picture")).json();
   const view = page.viewer ? page.viewer.state : { mode: "side", a: "measured", b: "rendered", c: "residual" };
   const fits = page.viewer && page.shape === `${picture.width} ${picture.height}`;
@@ -196,6 +213,32 @@ async function reload() {
   page.viewer = new CBoxViewer(place, picture, view);
   await page.viewer.ready;
   await receive(await request("view"));
+}
+
+/** The effects that contain the search text, grouped by where they act. */
+function showCatalogue() {
+  const text = $("search").value.trim().toLowerCase(), chosen = $("new-effect").value;
+  const fitting = page.catalogue.filter((e) => `${e.id} ${e.stage} ${e.summary}`.toLowerCase().includes(text));
+  const groups = [...new Set(fitting.map((e) => e.stage))].map((stage) => make("optgroup", { label: stage },
+    fitting.filter((e) => e.stage === stage).map((e) => make("option", { value: e.id }, e.id))));
+  $("new-effect").replaceChildren(...groups);
+  if (fitting.some((e) => e.id === chosen)) $("new-effect").value = chosen;
+  showSummary();
+}
+
+/** Reduced chi-square over the changes of the study, logarithmic, as a drawing with its description. */
+function curve(moves) {
+  const values = moves.filter((value) => typeof value === "number" && value > 0);
+  if (values.length < 2) return [];
+  const logs = values.map(Math.log), low = Math.min(...logs, 0), span = Math.max(...logs, 0) - low || 1;
+  const at = (value, i) => `${((i / (values.length - 1)) * 196 + 2).toFixed(1)},${(34 - (30 * (value - low)) / span).toFixed(1)}`;
+  const text = `χ² over ${values.length} states: ${values.slice(-6).map((v) => numberText(+v.toPrecision(3))).join(", ")}`;
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  for (const [key, value] of Object.entries({ viewBox: "0 0 200 36", width: 200, height: 36, role: "img", "aria-label": text }))
+    svg.setAttribute(key, value);
+  svg.innerHTML = `<title>${text}</title><line x1="0" x2="200" y1="${(34 + (30 * low) / span).toFixed(1)}" y2="${(34 + (30 * low) / span).toFixed(1)}"/>` +
+    `<polyline points="${logs.map(at).join(" ")}"/>`;
+  return [svg];
 }
 
 function showSummary() {
@@ -213,6 +256,12 @@ async function fillInputs() {
   const options = (names) => names.map((name) => make("option", { value: name }));
   $("captures").replaceChildren(...options([...found.captures, ...found.studies]));
   $("models").replaceChildren(...options(found.models));
+  $("unsaved").hidden = found.unsaved.length === 0;
+  $("unsaved-list").replaceChildren(...found.unsaved.map((name) => {
+    const button = make("button", { type: "button" }, "Continue");
+    button.addEventListener("click", () => job("open", { capture: name }));
+    return make("li", {}, [`${name.split("/").pop()} `, button]);
+  }));
 }
 
 const job = (name, body = {}) => attempt(async () => { await request("job/" + name, body); });
@@ -227,9 +276,10 @@ $("fit-all").addEventListener("click", () => job("fit"));
 $("fit-chosen").addEventListener("click", () => attempt(async () => {
   const which = page.controls.map((one, i) => (one.ticked() ? i : -1)).filter((i) => i >= 0);
   if (!which.length) throw new Error("Tick the effects that you want to fit.");
-  await request("job/fit", { which });
+  await request("job/fit", { which, ...made() });
 }));
 $("new-effect").addEventListener("change", showSummary);
+$("search").addEventListener("input", showCatalogue);
 const chosen = () => ({ capture: Number($("capture").value), refit: $("refit").checked });
 $("refit").addEventListener("change", () => attempt(() => step("show", chosen())));
 $("capture").addEventListener("change", () => attempt(async () => { await step("show", chosen()); await reload(); }));
@@ -259,6 +309,10 @@ const events = new EventSource("api/events");
 events.onmessage = (message) => {
   const event = JSON.parse(message.data);
   if (event.event === "progress") return showJob(event);
+  if (event.event === "moved") {
+    if (event.tab !== page.tab && event.revision !== page.revision) attempt(reload);
+    return;
+  }
   if (event.event === "end") {
     showJob(null);
     if (!page.record) return void reload();
@@ -277,5 +331,9 @@ events.onmessage = (message) => {
     });
   }
 };
+addEventListener("beforeunload", (event) => {
+  if (page.record && page.record.open && !page.record.saved) event.preventDefault();
+});
+addEventListener("pageshow", (event) => { if (event.persisted) attempt(reload); }); // back and forward
 let opened = false;
 events.onopen = () => { if (!opened) { opened = true; attempt(reload); } };

@@ -1,0 +1,54 @@
+"""Black level of a capture without darks, as the camera or a person states it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture import Capture, channel_mask
+
+__all__ = ["BlackLevel", "black_level"]
+
+#: Standard deviation of a level that was rounded to whole counts, DN: that of a uniform error of one count.
+_ROUNDED_DN = float(np.sqrt(1 / 12))
+
+
+@dataclass(frozen=True, eq=False)
+class BlackLevel:
+    """The stated black level of every pixel."""
+
+    #: (y, x) counts, DN.
+    level: NDArray[np.float64]
+    #: Standard deviation of the level, common to all pixels of a channel, DN: that of its rounding.
+    sigma_dn: float
+    #: Levels for messages, such as "512 DN" or "R 511 DN, G 512 DN".
+    text: str
+
+
+def black_level(capture: Capture) -> BlackLevel | None:
+    """The black level that takes the place of darks.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+
+    Returns
+    -------
+    BlackLevel | None
+        None where none is stated, where there are darks, and where they were subtracted beforehand.
+    """
+    manifest = capture.manifest
+    counts = manifest.camera.black_level_dn
+    if counts is None or manifest.darks or manifest.dark == "subtracted":
+        return None
+    if not isinstance(counts, dict):
+        return BlackLevel(np.full(capture.shape, counts), _ROUNDED_DN, f"{counts:g} DN")
+    level = np.zeros(capture.shape)
+    pattern = "" if manifest.mosaic is None else manifest.mosaic.pattern
+    for channel in sorted(counts, key=len):  # a letter first, then one of its pixels in the repeat
+        level[channel_mask(pattern, capture.shape, channel)] = counts[channel]
+    text = ", ".join(f"{channel} {value:g} DN" for channel, value in counts.items())
+    return BlackLevel(level, _ROUNDED_DN, text)

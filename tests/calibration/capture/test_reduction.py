@@ -1,0 +1,154 @@
+"""Large pictures reduced: sums, noise, positions, labels and the sensor that the manifest then describes."""
+
+import numpy as np
+import pytest
+import tifffile
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.capture import reduction as module
+from cboxlab.calibration.correction import measure_noise, read_darks
+from cboxlab.calibration.geometry import capture_points
+from cboxlab.calibration.radiometry.sensor_equation import nominal_constant
+from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result.write import calibration_record
+from cboxlab.scenes import cornell_camera
+from cboxlab.utils.errors import InputError
+from PIL import Image
+
+GAIN, READ_NOISE_E, BIAS_DN = 2.0, 5.0, 40.0
+
+
+def written(folder, camera_keys="", tables="", shape=(120, 160), mean_dn=600.0, repeats=4, seed=1):
+    """A capture of a ramp of light: repeats of one band and of darks, Poisson and read noise."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir(exist_ok=True)
+    light = mean_dn * GAIN * np.linspace(0.2, 1.8, shape[1]) * np.ones((shape[0], 1))
+    for kind, electrons in (("scene", light), ("dark", np.zeros(shape))):
+        for number in range(repeats):
+            collected = rng.poisson(electrons) + READ_NOISE_E * rng.standard_normal(shape)
+            counts = np.clip(np.rint(collected / GAIN + BIAS_DN), 0, 4095).astype(np.uint16)
+            tifffile.imwrite(folder / f"{kind}-{number}.tif", counts)
+    names = {kind: [f"{kind}-{i}.tif" for i in range(repeats)] for kind in ("scene", "dark")}
+    (folder / "capture.toml").write_text(
+        f"""format = "capture/1"
+[camera]
+width_px = {shape[1]}
+height_px = {shape[0]}
+bit_depth = 12
+pixel_pitch_um = 5.0
+read_noise_e = {READ_NOISE_E}
+gain_e_per_dn = {GAIN}
+{camera_keys}
+[[band]]
+id = "f550"
+exposure_s = 1.0
+frames = {names["scene"]}
+[[dark]]
+exposure_s = 1.0
+frames = {names["dark"]}
+{tables}
+"""
+    )
+    return load_capture(folder)
+
+
+def test_a_sum_is_the_count_of_a_larger_pixel(tmp_path):
+    """Sums of 4 x 4 in a window; the noise of repeats gives the gain of one pixel and four times its read noise.
+
+    The gain from photon transfer agrees to 5 of its standard deviations; rounding adds to the read noise.
+    """
+    capture = written(tmp_path, "binning = 4\nwindow_px = [8, 4, 620, 460]", shape=(480, 640))
+    camera = capture.manifest.camera
+    assert capture.shape == (115, 155) and (camera.pixel_pitch_um, camera.bit_depth) == (20.0, 16)
+    stored = tifffile.imread(tmp_path / "scene-1.tif").astype(int)
+    assert capture.frame("scene-1.tif")[2, 3] == stored[4 + 8 : 4 + 12, 8 + 12 : 8 + 16].sum()
+    assert capture.frames(capture.manifest.band[0]).shape == (4, 115, 155)
+    noise = measure_noise(capture, read_darks(capture))
+    assert noise.gain_e_per_dn == pytest.approx(GAIN, abs=5 * noise.gain_sigma) and noise.gain_sigma < 0.1
+    expected = 4 * np.hypot(READ_NOISE_E, GAIN / np.sqrt(12))
+    assert noise.read_noise_e == pytest.approx(expected, abs=5 * noise.read_noise_sigma)
+    whole = written(tmp_path / "whole")
+    assert whole.reduction is None and whole.frame("scene-1.tif").dtype == np.uint16
+
+
+def test_one_saturated_pixel_saturates_its_block(tmp_path):
+    capture = written(tmp_path, "binning = 3")
+    frame = tifffile.imread(tmp_path / "scene-0.tif")
+    frame[7, 10] = 4095
+    tifffile.imwrite(tmp_path / "scene-0.tif", frame)
+    counts = load_capture(tmp_path).frame("scene-0.tif")
+    assert counts[2, 3] == capture.full_scale_dn == 2**16 - 1
+    assert np.count_nonzero(counts == capture.full_scale_dn) == 1
+
+
+def survey(camera, path):
+    world = np.random.default_rng(3).uniform(0, 550, (40, 3))
+    image = camera.project(world)
+    rows = [f"p{i},{x},{y},{z},{u},{v}" for i, ((x, y, z), (u, v)) in enumerate(zip(world, image, strict=True))]
+    path.write_text("\n".join(["id,x_mm,y_mm,z_mm,u_px,v_px", *rows]))
+
+
+GEOMETRY = '[geometry]\npoints = "points.csv"\npoint_sigma_px = 0.3\n'
+
+
+def test_the_camera_of_the_blocks_sees_what_the_camera_of_the_pixels_sees(tmp_path):
+    """Points at the corners of a block are half a block from its centre; focal length and sigma scale with it."""
+    whole = cornell_camera(180)
+    survey(whole, tmp_path / "points.csv")
+    tables = GEOMETRY + f"[lens]\nfx_px = {whole.focal_length_px}\nfocal_length_mm = 1.26\n"
+    capture = written(tmp_path, "binning = 3\nwindow_px = [12, 9, 150, 162]", tables, shape=(180, 180), repeats=2)
+    calibration = calibrate(capture)
+    camera = calibration.camera
+    assert camera.focal_length_px == pytest.approx(whole.focal_length_px / 3)
+    point = np.array([[200.0, 300.0, 100.0]])
+    expected = (whole.project(point) - [12, 9] + 0.5) / 3 - 0.5
+    assert camera.project(point) == pytest.approx(expected, abs=1e-4)
+    assert calibration.camera_fit.point_sigma_px == pytest.approx(0.1)
+    assert capture_points(capture).image_px.shape == (40, 2)
+    assert any("as sums of 3 x 3 pixels" in note for note in calibration.notes)
+    record = calibration_record(calibration)
+    assert (record["reduction"]["side_px"], record["reduction"]["u0_px"]) == (3, 12)
+    assert nominal_constant(capture) == pytest.approx(
+        9 * nominal_constant(written(tmp_path / "w", "", tables="[lens]\nfocal_length_mm = 1.26"))
+    )
+
+
+def test_large_frames_are_reduced_to_the_box_and_small_ones_are_not(tmp_path, monkeypatch):
+    """The window is the points' with half their extent around them; the sides of blocks give 20 to 40 across."""
+    monkeypatch.setattr(module, "_ACROSS", 20)
+    camera = cornell_camera(180)
+    survey(camera, tmp_path / "points.csv")
+    assert written(tmp_path, "", GEOMETRY, shape=(180, 180), repeats=1).reduction is None
+    monkeypatch.setattr(module, "_LARGEST_FRAME", 20_000)
+    capture = written(tmp_path, "", GEOMETRY, shape=(180, 180), repeats=1)
+    extent = np.ptp(capture_points(capture).image_px, axis=0).max()
+    assert 20 <= extent <= 40 and capture.reduction.side_px > 1
+    assert written(tmp_path, "binning = 1", GEOMETRY, shape=(180, 180), repeats=1).reduction is None
+    behind = written(tmp_path, "", GEOMETRY + '[mosaic]\npattern = "RGGB"\n', shape=(180, 180), repeats=1)
+    part = behind.reduction
+    assert part is None or (part.side_px, part.u0_px % 2, part.v0_px % 2) == (1, 0, 0)
+
+
+def test_a_label_is_that_of_whole_blocks(tmp_path):
+    labels = np.zeros((120, 160), np.uint8)
+    labels[10:50, 20:60] = 7
+    Image.fromarray(labels).save(tmp_path / "labels.png")
+    (tmp_path / "names.csv").write_text("label,name,column\n7,grey,\n")
+    capture = written(tmp_path, "binning = 4", '[labels]\nimage = "labels.png"\nnames = "names.csv"\n', repeats=1)
+    expected = np.zeros((30, 40), np.uint8)
+    expected[3:12, 5:15] = 7
+    np.testing.assert_array_equal(capture.labels(), expected)
+
+
+@pytest.mark.parametrize(
+    ("keys", "tables", "words"),
+    [
+        ("binning = 0", "", "camera.binning"),
+        ("binning = 121", "", "found 121; expected at most 120"),
+        ("window_px = [0, 0, 161, 10]", "", "within 160 x 120 px"),
+        ("window_px = [0, 0, 10]", "", "camera.window_px"),
+        ("binning = 2", '[mosaic]\npattern = "RGGB"', "different channels; expected 1, or no binning"),
+    ],
+)
+def test_wrong_values_are_named(keys, tables, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        written(tmp_path, keys, tables, repeats=1)

@@ -1,0 +1,41 @@
+"""Tails and quantiles are those of SciPy's distributions, to the last bit."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from cboxlab.utils import distributions as ours
+from numpy.testing import assert_array_equal
+from scipy import stats
+
+VALUES = np.array([0.0, 1e-9, 0.3, 1.0, 2.5, 9.2, 60.0, 800.0])
+TAILS = np.array([1e-12, 1e-6, 0.001, 0.05, 0.3, 0.5, 0.9, 0.999])
+DEGREES = np.array([[1], [2], [7], [55.5], [1e6]])
+
+
+@pytest.mark.parametrize(
+    ("function", "reference", "values"),
+    [
+        (lambda x: ours.chi2_tail(x, DEGREES), lambda x: stats.chi2.sf(x, DEGREES), VALUES),
+        (lambda p: ours.chi2_quantile(p, DEGREES), lambda p: stats.chi2.isf(p, DEGREES), TAILS),
+        (lambda x: ours.student_tail(x, DEGREES), lambda x: stats.t.sf(x, DEGREES), [*-VALUES, *VALUES]),
+        (lambda p: ours.student_quantile(p, DEGREES), lambda p: stats.t.isf(p, DEGREES), TAILS),
+        (lambda x: ours.fisher_tail(x, 3, DEGREES), lambda x: stats.f.sf(x, 3, DEGREES), VALUES),
+        (lambda p: ours.fisher_quantile(p, 2, DEGREES), lambda p: stats.f.isf(p, 2, DEGREES), TAILS),
+        (ours.normal_quantile, stats.norm.isf, TAILS),
+        (ours.normal_density, stats.norm.pdf, [*-VALUES, *VALUES]),
+    ],
+)
+def test_as_scipy(function, reference, values):
+    assert_array_equal(function(np.asarray(values)), reference(np.asarray(values)))
+
+
+def test_commands_do_without_scipy_stats_and_plots():
+    """Of what a test of two cubes imports: neither of these, which take longer than the test."""
+    command = (
+        "import sys, cboxlab.validation.compare_renders.regress.inputs\n"
+        "print(*({'scipy.stats', 'matplotlib', 'mitsuba', 'trimesh', 'colour', 'dask'} & {*sys.modules}))"
+    )
+    run = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == []

@@ -1,0 +1,123 @@
+"""Free factors and fall-off of a capture without absolute scale: exact fits, noise, and a whole validation."""
+
+import tomllib
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import tomli_w
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import LensAxis
+from cboxlab.calibration.instrument import band_images
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
+from cboxlab.validation.compare import validate_capture
+from cboxlab.validation.compare.free_scale import FreeScale, free_columns, refined_scale
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
+
+BANDS = ("a", "b", "c")
+SHAPE = (40, 50)
+AXIS = LensAxis(60.0, 24.0, 20.0)
+
+
+def calibration(measured, axis=None, scale="free"):
+    images = band_images(BANDS, measured, np.ones_like(measured))
+    manifest = SimpleNamespace(is_absolute=False, is_free_by_band=scale == "free-by-band", scale=scale)
+    bands = SimpleNamespace(nominal_axis=axis, images=images)
+    return SimpleNamespace(images=images, bands=bands, capture=SimpleNamespace(manifest=manifest))
+
+
+def start(by_band, nominal):
+    terms = np.zeros(2 if nominal else 0)
+    return FreeScale(by_band, np.ones(3), np.full(3, np.inf), nominal, terms, terms)
+
+
+def rendering(seed=0):
+    return 500 * (1 + np.random.default_rng(seed).random((3, *SHAPE)))
+
+
+@pytest.mark.parametrize("by_band", [False, True])
+@pytest.mark.parametrize("nominal", [False, True])
+def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
+    signal = rendering()
+    factors = np.array([3.0, 5.0, 0.25]) if by_band else np.full(3, 3.0)
+    square = AXIS.radius_px(SHAPE) ** 2 / (AXIS.radius_px(SHAPE) ** 2).max()
+    bent = 1 - 0.08 * square - 0.03 * square**2 if nominal else np.ones(SHAPE)
+    measured = factors[:, None, None] * signal * bent
+    fitted, of_bands, further = refined_scale(
+        start(by_band, nominal),
+        calibration(measured, AXIS if nominal else None),
+        signal=signal,
+        variance=np.full(signal.shape, 1e-4),
+        used=np.ones(signal.shape, bool),
+    )
+    np.testing.assert_allclose(of_bands, factors, rtol=1e-6)
+    np.testing.assert_allclose(further, bent, rtol=1e-6)
+    np.testing.assert_allclose(fitted.constant, factors, rtol=1e-6)
+    np.testing.assert_allclose(fitted.fall_off, [-0.08, -0.03] if nominal else [], atol=1e-6)
+
+
+def test_the_stated_uncertainty_is_the_scatter():
+    signal, pulls = rendering(), []
+    for seed in range(60):
+        noise = 20 * np.random.default_rng(seed).standard_normal(signal.shape)
+        measured = 2 * signal + noise
+        arguments = {"signal": signal, "variance": np.full(signal.shape, 400.0), "used": np.ones(signal.shape, bool)}
+        fitted, factors, _ = refined_scale(start(True, False), calibration(measured), **arguments)
+        pulls.append((factors / 2 - 1) / fitted.relative_sigma)
+    spread = np.std(pulls)
+    assert abs(spread - 1) < 4 / np.sqrt(2 * 180) and abs(np.mean(pulls)) < 4 / np.sqrt(180)
+
+
+def test_a_flaw_of_the_model_hardly_moves_the_factor():
+    signal = rendering()
+    measured = 2 * signal
+    measured[:, :6, :6] *= 3  # a lamp that the model lacks, in 2 % of the pixels
+    arguments = {"signal": signal, "variance": np.full(signal.shape, 400.0), "used": np.ones(signal.shape, bool)}
+    _, factors, _ = refined_scale(start(False, False), calibration(measured), **arguments)
+    assert abs(factors[0] / 2 - 1) < 0.003
+
+
+def test_the_columns_of_the_diagnosis_span_the_free_factors():
+    signal = rendering()
+    columns = free_columns(calibration(signal, AXIS, "free-by-band"), signal)
+    assert len(columns) == 2 + 2
+    assert np.array_equal(columns[0][1], signal[1]) and not columns[0][[0, 2]].any()
+    assert len(free_columns(calibration(signal, None, "free"), signal)) == 0
+
+
+@pytest.fixture(scope="module")
+def absolute(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("free") / "absolute"
+    write_model_capture(folder, Model(), perturbed_camera(32, 2), CaptureSettings(), 2, relative_error=2e-3)
+    return folder
+
+
+def freed(folder, claim):
+    """The same capture without reference, gain, lens data and optics, its lamp stated three times too bright."""
+    path = folder / "capture.toml"
+    manifest = tomllib.loads(path.read_text())
+    manifest["scale"] = claim
+    del manifest["reference"], manifest["camera"]["gain_e_per_dn"], manifest["lens"]["transmittance"]
+    for band in manifest["band"]:
+        del band["f_number"], band["image_distance_mm"]
+    path.write_text(tomli_w.dumps(manifest))
+    lamp = folder / manifest["lamp"]["radiance"].split(":")[0]
+    header, *rows = lamp.read_text().splitlines()
+    tripled = [",".join([row.split(",")[0], *(repr(3 * float(v)) for v in row.split(",")[1:])]) for row in rows]
+    lamp.write_text("\n".join([header, *tripled, ""]))
+
+
+def test_a_capture_without_any_scale_is_validated(absolute, tmp_path):
+    import shutil
+
+    folder = shutil.copytree(absolute, tmp_path / "free")
+    freed(folder, "free-by-band")
+    result = validate_capture(load_capture(folder), Model())
+    assert 0.9 < result.comparison.chi2.per_dof < 1.1 and not result.prepared.calibration.suspicions
+    assert abs(result.fit.lamp_scale - 1) < 0.01
+    scale = result.prepared.free_scale
+    assert scale.by_band and (scale.relative_sigma < 0.01).all() and "lamp's power" in scale.sentence
+    assert scale.record(BANDS + tuple("defg"))["claim"] == "free-by-band"
+    assert replace(scale, by_band=False).not_known == ("the lamp's power",)

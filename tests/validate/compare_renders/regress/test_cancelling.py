@@ -1,0 +1,91 @@
+"""Patterns whose means cancel: seen, described, hiding nothing else, and never in equal pictures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.validation.compare_renders.regress import UNKNOWN, regress_pictures, regress_sides
+from pictures import SIZE, noisy, rendered
+from scipy.ndimage import gaussian_filter, median_filter
+
+ROWS, COLUMNS = np.indices((SIZE, SIZE))
+
+
+def checkerboard(edge_px, contrast):
+    return 1 + contrast * np.where((ROWS // edge_px + COLUMNS // edge_px) % 2, 1, -1)
+
+
+def texture(contrast):
+    return 1 + contrast * np.random.default_rng(9).standard_normal((SIZE, SIZE))
+
+
+def black():
+    factor = np.ones((SIZE, SIZE))
+    factor[30, 20] = factor[28, 22] = 0
+    return factor
+
+
+PATTERNS = {
+    "checkerboard of 1 px": checkerboard(1, 0.05),
+    "checkerboard of 2 px": checkerboard(2, 0.1),
+    "checkerboard of 4 px": checkerboard(4, 0.2),
+    "columns with a period of 2 px": 1 + 0.05 * np.where(COLUMNS % 2, 1, -1),
+    "rows with a period of 4 px": 1 + 0.1 * np.where(ROWS % 4 < 2, 1, -1),
+    "2 black pixels of the candidate": black(),
+}
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["stated errors", "single pictures"])
+@pytest.mark.parametrize("name", PATTERNS)
+def test_a_pattern_is_described(name, stated):
+    candidate = noisy(2, rendered()[0] * PATTERNS[name][..., None], stated=stated)
+    outcome = regress_pictures(noisy(1, stated=stated), candidate)
+    assert not outcome.same
+    assert outcome.cancelling.startswith(name)
+    assert outcome.to_dict()["cancelling"] == outcome.cancelling
+    assert outcome.named[0].change == UNKNOWN
+    assert name in outcome.named[0].parameters["description"]
+
+
+def test_a_pattern_of_the_baseline_is_seen_too():
+    outcome, _ = regress_sides(noisy(1, rendered()[0] * checkerboard(2, 0.3)[..., None]), noisy(2))
+    assert outcome.cancelling.startswith("checkerboard of 2 px")
+
+
+def test_a_fixed_texture_is_seen_by_stated_errors():
+    """Twice the noise; without errors it looks like noise."""
+    spoilt = rendered()[0] * texture(0.1)[..., None]
+    outcome = regress_sides(noisy(1), noisy(2, spoilt))[0]
+    assert "texture" in {row.kind for row in outcome.deciding}
+    assert regress_sides(noisy(1, stated=False), noisy(2, spoilt, stated=False))[0].same
+
+
+def test_a_pattern_hides_no_change_of_the_mean():
+    """1.2 % more light beneath a checkerboard of 30 %, within four standard deviations of 0.2 %."""
+    spoilt = 1.012 * rendered()[0] * checkerboard(2, 0.3)[..., None]
+    outcome, found = regress_sides(noisy(1), noisy(2, spoilt))
+    assert found.removed == "checkerboard of 2 px"
+    assert outcome.whole.different
+    assert outcome.whole.difference == pytest.approx(0.012, abs=4 * outcome.whole.sigma)
+
+
+def filtered(seed, by):
+    """A single picture through a filter; its lamp is quiet, as lamps are."""
+    clean, surfaces = rendered()
+    side = noisy(seed, stated=False)
+    radiance = np.where(surfaces.lamp[..., None], clean, np.maximum(side.radiance, 0))
+    return replace(side, radiance=by(radiance))
+
+
+@pytest.mark.parametrize(
+    "by",
+    [
+        lambda p: gaussian_filter(p, (0.5, 0.5, 0)),
+        lambda p: gaussian_filter(p, (2, 2, 0)),
+        lambda p: median_filter(p, (3, 3, 1)),
+    ],
+    ids=["pixel filter", "wide filter", "median"],
+)
+def test_equal_pictures_through_a_filter_are_the_same(by):
+    """Their noise is correlated over several pixels."""
+    assert all(regress_sides(filtered(2 * s, by), filtered(2 * s + 1, by))[0].same for s in range(4))

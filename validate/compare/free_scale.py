@@ -1,0 +1,270 @@
+"""Free factors and fall-off of a capture without absolute scale, by a rendering.
+
+The photograph of band b is taken as g_b (1 + a_1 q + a_2 q^2) times the rendering. g is one factor of all bands or one
+of each. q is the squared distance from the lens's axis, 1 in the farthest corner; its terms stand only where no flats
+were taken. The lamp's power is then a part of g: it is not known, and neither is what changes a band as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from cboxlab.calibration.correction import CorrectedBands, fall_off_terms
+from cboxlab.calibration.result import Calibration
+from numpy.typing import NDArray
+
+__all__ = ["FreeScale", "free_columns", "refined_scale", "rescaled", "starting_scale"]
+
+#: Standard deviation of each term of the fall-off beyond the cosine-fourth law, relative: lenses lose 0 to 30 % in the
+#: corner by their mounts.
+_FALL_OFF_SIGMA = 0.2
+#: Threshold of the Huber loss in standard deviations, so that flaws of the model hardly affect the factors.
+_HUBER = 3.0
+#: Gauss-Newton rounds: the model is linear but for the product of factor and fall-off.
+_ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class FreeScale:
+    """Estimated factors of a capture without absolute scale."""
+
+    #: Whether each band has its own factor.
+    by_band: bool
+    #: (band,) constant C of each band, mm^2 m^2 / (e-/DN) or in an arbitrary unit; equal where one factor is free.
+    constant: NDArray[np.float64]
+    #: (band,) relative standard deviation of the constant.
+    relative_sigma: NDArray[np.float64]
+    #: Whether the fall-off of the lens is nominal, so that its further terms were fitted.
+    nominal_fall_off: bool
+    #: (2,) terms of the fall-off beyond the cosine-fourth law at r^2 and r^4, r = 1 in the farthest corner.
+    fall_off: NDArray[np.float64]
+    #: (2,) their standard deviations.
+    fall_off_sigma: NDArray[np.float64]
+
+    @property
+    def not_known(self) -> tuple[str, ...]:
+        """Quantities that the capture cannot show, in a few words each."""
+        gains = ("the bands' gains",) if self.by_band else ()
+        fall_off = ("the lens's fall-off beyond cos^4",) if self.nominal_fall_off else ()
+        return ("the lamp's power", *gains, *fall_off)
+
+    @property
+    def sentence(self) -> str:
+        """The factors with their uncertainty, and what is not known."""
+        low, high = float(self.constant.min()), float(self.constant.max())
+        value = f"C = {low:.4g}" if low == high else f"C = {low:.4g} to {high:.4g}"
+        of = "each band has a free factor" if self.by_band else "all bands have one free factor"
+        first = ", ".join(self.not_known[:-1]) + " and " if len(self.not_known) > 1 else ""
+        return (
+            f"No absolute scale is claimed: {of}, {value} ± {100 * float(self.relative_sigma.max()):.2g} %. Not known: "
+            f"{first}{self.not_known[-1]}."
+        )
+
+    def record(self, bands: Sequence[str]) -> dict[str, Any]:
+        """Entry ``scale`` of metrics.json.
+
+        Parameters
+        ----------
+        bands
+            Identifiers of the bands.
+
+        Returns
+        -------
+        dict
+            Factors and fall-off with standard deviations, and what is not known.
+        """
+        pairs = zip(bands, self.constant.tolist(), self.relative_sigma.tolist(), strict=True)
+        return {
+            "claim": "free-by-band" if self.by_band else "free",
+            "factors": {band: {"value": value, "relative_sigma": sigma} for band, value, sigma in pairs},
+            "fall_off": [
+                {"power_of_radius": power, "value": value, "sigma": sigma}
+                for power, value, sigma in zip(
+                    (2, 4), self.fall_off.tolist(), self.fall_off_sigma.tolist(), strict=False
+                )
+            ],
+            "not_known": list(self.not_known),
+        }
+
+    @property
+    def parameters(self) -> int:
+        """Number of fitted parameters, without the one that the lamp's scale counts for."""
+        return (len(self.constant) - 1 if self.by_band else 0) + (2 if self.nominal_fall_off else 0)
+
+
+def _terms(bands: CorrectedBands) -> NDArray[np.float64]:
+    """(k, y, x) shapes of the further fall-off; k = 0 where flats were taken."""
+    height, width = bands.images["signal"].shape[1:]
+    shape = height, width
+    return np.zeros((0, *shape)) if bands.nominal_axis is None else fall_off_terms(bands.nominal_axis, shape)
+
+
+def free_columns(calibration: Calibration, signal: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Changes of the picture that free factors and fall-off make, in addition to the lamp's.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of a capture.
+    signal
+        (band, y, x) predicted signals, DN.
+
+    Returns
+    -------
+    list of NDArray
+        (band, y, x) DN each; empty for a capture with an absolute scale.
+    """
+    manifest = calibration.capture.manifest
+    if manifest.is_absolute:
+        return []
+    unit = np.eye(len(signal))[:, :, None, None]
+    by_band = [band * signal for band in unit[1:]] if manifest.is_free_by_band else []
+    return [*by_band, *(term * signal for term in _terms(calibration.bands))]
+
+
+def starting_scale(calibration: Calibration) -> FreeScale | None:
+    """The free scale of a calibration before any comparison.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of a capture.
+
+    Returns
+    -------
+    FreeScale | None
+        With infinite standard deviations; None for a capture with an absolute scale.
+    """
+    manifest, constant = calibration.capture.manifest, calibration.radiometry.constant
+    if manifest.is_absolute or constant is None:
+        return None
+    unknown = np.full(len(manifest.band), np.inf)
+    nominal = calibration.bands.nominal_axis is not None
+    terms = np.zeros(2 if nominal else 0)
+    return FreeScale(
+        manifest.is_free_by_band,
+        np.full(len(manifest.band), constant),
+        unknown,
+        nominal,
+        terms,
+        np.full(terms.size, _FALL_OFF_SIGMA),
+    )
+
+
+def refined_scale(
+    scale: FreeScale,
+    calibration: Calibration,
+    *,
+    signal: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    used: NDArray[np.bool_],
+) -> tuple[FreeScale, NDArray[np.float64], NDArray[np.float64]]:
+    """Fit factors and fall-off to a rendering by robust least squares.
+
+    Parameters
+    ----------
+    scale
+        The scale so far, which the calibration holds.
+    calibration
+        Calibration of the capture, see ``rescaled``.
+    signal
+        (band, y, x) rendered signals with that scale, DN.
+    variance
+        (band, y, x) variance of measured minus rendered, DN^2.
+    used
+        (band, y, x) True for the samples used.
+
+    Returns
+    -------
+    FreeScale
+        The refined scale.
+    NDArray
+        (band,) factors on the bands' constants so far.
+    NDArray
+        (y, x) factor on the flat fields so far.
+    """
+    measured, terms = calibration.images["signal"].values, _terms(calibration.bands)
+    count = len(signal)
+    owner = np.arange(count) if scale.by_band else np.zeros(count, int)
+    total = owner.max() + 1
+    band = owner[np.broadcast_to(np.arange(count)[:, None, None], signal.shape)[used]]
+    rows = signal[used]
+    shapes = np.array([np.broadcast_to(term, signal.shape)[used] for term in terms]).reshape(len(terms), rows.size)
+    data, weight = measured[used], 1 / variance[used]
+    factors, further = np.ones(total), np.zeros(len(terms))
+    prior = np.diag(np.append(np.zeros(total), np.full(len(terms), _FALL_OFF_SIGMA**-2.0)))
+    information = np.eye(total + len(terms))
+    # starting factors by ratios of sums, which need no weights
+    for index in range(total):
+        factors[index] = data[band == index].sum() / rows[band == index].sum()
+    excess = 1.0
+    for _ in range(_ROUNDS):
+        bent = 1 + further @ shapes
+        fitted = factors[band] * rows * bent
+        residual = data - fitted
+        pull = np.abs(residual) * np.sqrt(weight)
+        robust = weight * np.minimum(1.0, _HUBER / np.maximum(pull, 1e-9))
+        design = np.zeros((total + len(terms), rows.size))
+        design[band, np.arange(rows.size)] = rows * bent
+        design[total:] = factors[band] * rows * shapes
+        information = (design * robust) @ design.T + prior
+        gradient = (design * robust) @ residual
+        gradient[total:] -= _FALL_OFF_SIGMA**-2.0 * (scale.fall_off + further)
+        step = np.linalg.solve(information, gradient)
+        factors, further = factors + step[:total], further + step[total:]
+        excess = max(1.0, float(np.mean(np.minimum(pull, _HUBER) ** 2)))
+    sigma = np.sqrt(excess * np.diag(np.linalg.inv(information)))
+    bent = 1 + np.tensordot(further, terms, 1)
+    of_bands = factors[owner]
+    # two fall-offs after each other are one, to first order in the later, smaller one
+    refined = replace(
+        scale,
+        constant=scale.constant * of_bands,
+        relative_sigma=(sigma[:total] / factors)[owner],
+        fall_off=scale.fall_off + further,
+        fall_off_sigma=sigma[total:],
+    )
+    return refined, of_bands, bent
+
+
+def rescaled(calibration: Calibration, factors: NDArray[np.float64], bent: NDArray[np.float64]) -> Calibration:
+    """The calibration with other constants of the bands and a further fall-off.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of a capture without absolute scale.
+    factors
+        (band,) factors on the bands' constants.
+    bent
+        (y, x) factor on the flat fields, by which the signals are divided.
+
+    Returns
+    -------
+    Calibration
+        Responses, constants, flat fields and signals changed alike.
+    """
+    bands, radiometry = calibration.bands, calibration.radiometry
+    images = bands.images.copy()
+    images["signal"] = bands.images["signal"] / bent
+    images["variance"] = bands.images["variance"] / bent**2
+    coefficients = bands.coefficients / np.stack([bent**2, bent, np.ones_like(bent)])
+    flats = {
+        band: replace(flat, response=flat.response * bent, relative_variance=flat.relative_variance * bent**2)
+        for band, flat in bands.flats.items()
+    }
+    before = 1.0 if radiometry.band_factors is None else radiometry.band_factors
+    constant = None if radiometry.constant is None else radiometry.constant * float(factors[0])
+    responses = calibration.responses
+    if responses is not None:
+        pairs = zip(responses, factors.tolist(), strict=True)
+        responses = tuple(replace(response, factor=response.factor * factor) for response, factor in pairs)
+    return replace(
+        calibration,
+        bands=replace(bands, images=images, coefficients=coefficients, flats=flats),
+        radiometry=replace(radiometry, constant=constant, band_factors=before * factors / factors[0]),
+        responses=responses,
+    )

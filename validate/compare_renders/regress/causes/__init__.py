@@ -1,0 +1,68 @@
+"""Catalogue of causes: one file each, and those of other packages.
+
+Other packages add causes through the entry point group ``cboxlab.regress_causes``. A file is named by the variable
+``CBOXLAB_REGRESS_CAUSES``.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache, partial
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from pkgutil import iter_modules
+
+from cboxlab.utils.errors import InputError
+
+from .cause import Cause, Pictures, SceneLight, Trial, as_found
+
+__all__ = ["Cause", "Pictures", "SceneLight", "Trial", "as_found", "causes"]
+
+#: Entry points of this group are causes of other packages.
+_GROUP = "cboxlab.regress_causes"
+#: Variable of the environment that names files with a ``CAUSE``, separated as in a search path.
+_FILES = "CBOXLAB_REGRESS_CAUSES"
+
+
+@lru_cache(maxsize=1)
+def causes() -> tuple[Cause, ...]:
+    """All causes, in the alphabetical order of their identifiers.
+
+    Returns
+    -------
+    tuple of Cause
+        The causes; the result is cached.
+
+    Raises
+    ------
+    InputError
+        If an entry point or a file cannot be loaded, holds no Cause, or has the identifier of another.
+    """
+    modules = [import_module(f"{__name__}.{m.name}") for m in iter_modules(__path__) if m.name != "cause"]
+    catalogue: dict[str, Cause] = {module.CAUSE.id: module.CAUSE for module in modules}
+    others = [(f"entry point {_GROUP}: {entry.name}", entry.load) for entry in entry_points(group=_GROUP)]
+    files = [Path(text) for text in os.environ.get(_FILES, "").split(os.pathsep) if text]
+    others += [(str(file), partial(_of_file, file)) for file in files]
+    for where, load in others:
+        try:
+            cause = load()
+        except Exception as error:  # whatever the other package raises
+            raise InputError(where, f"{type(error).__name__}: {error}", "a Cause named CAUSE") from error
+        if not isinstance(cause, Cause):
+            raise InputError(where, f"a {type(cause).__name__}", "a Cause")
+        if cause.id in catalogue:
+            raise InputError(where, f"'{cause.id}', which is there already", "another identifier")
+        catalogue[cause.id] = cause
+    return tuple(catalogue[name] for name in sorted(catalogue))
+
+
+def _of_file(file: Path) -> object:
+    """``CAUSE`` of a Python file."""
+    spec = spec_from_file_location(f"regress_cause_{file.stem}", file)
+    if spec is None or spec.loader is None or not file.is_file():
+        raise FileNotFoundError("no such Python file")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return getattr(module, "CAUSE", None)

@@ -1,0 +1,95 @@
+"""Difference of two pictures as tests of patterns take it, and their findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from cboxlab.utils.frozen import FrozenMappings
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.stats import t
+
+__all__ = ["Difference", "Finding", "self_normalised"]
+
+#: Radiance below which a pixel counts as dark, over the mean.
+_DARK = 1e-3
+#: Pixels a side of the median that gives the local level: wider than a cell of the finest checkerboard.
+_LEVEL_PX = 5
+
+
+@dataclass(frozen=True)
+class Finding(FrozenMappings):
+    """Test of one kind of pattern, at its clearest instance."""
+
+    #: Pattern in words.
+    name: str
+    #: Number of pixels.
+    pixels: int
+    #: Relative size of the pattern.
+    size: float
+    #: Standard deviation of ``size``.
+    sigma: float
+    #: Degrees of freedom of ``sigma``.
+    degrees: float
+    #: Probability of a pattern this clear in equal pictures, all instances of the kind counted.
+    probability: float
+    #: Numbers of the pattern by name, for its removal.
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """Difference of two pictures, summed over wavelengths."""
+
+    #: (y, x) baseline.
+    level: NDArray[np.float64]
+    #: (y, x) candidate less baseline, without outliers.
+    total: NDArray[np.float64]
+    #: (y, x) variance of ``total``; None where a side states no errors.
+    variance: NDArray[np.float64] | None
+    #: (y, x) pixels away from edges, lamp and border.
+    smooth: NDArray[np.bool_]
+    #: (y, x) pixels by group, for tests of single pixels.
+    groups: Mapping[str, NDArray[np.bool_]]
+    #: Number of pixels that correlation makes one.
+    clustering: float = 1.0
+
+    @cached_property
+    def relative(self) -> NDArray[np.float64]:
+        """(y, x) difference over the local level of both pictures; 0 outside of smooth parts."""
+        local = median_filter(self.level + 0.5 * self.total, _LEVEL_PX, mode="nearest")
+        floor = _DARK * max(float(local.mean()), 1e-300)
+        return np.where(self.smooth, self.total / np.maximum(local, floor), 0.0)
+
+
+def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[float, float]:
+    """Sum of independent terms over the root of their sum of squares, and its probability in both tails.
+
+    It needs no known variance, and heavy tails make it smaller.
+
+    Parameters
+    ----------
+    terms
+        (n,) terms of mean 0 in equal pictures, two or more.
+    alike
+        Number of neighbouring terms that correlation makes one.
+
+    Returns
+    -------
+    statistic
+        The quotient; at most the root of n.
+    probability
+        Probability of a quotient this large, of Student's t.
+    """
+    count = terms.size / alike
+    root = float(np.sqrt((terms**2).sum()))
+    if count <= 2 or root == 0:
+        return 0.0, 1.0
+    quotient = float(terms.sum()) / root / np.sqrt(alike)
+    below = max(1 - quotient**2 / count, 1e-12)
+    student = quotient * np.sqrt((count - 1) / count / below)
+    return quotient, float(2 * t.sf(abs(student), count - 1))
