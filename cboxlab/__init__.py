@@ -7,6 +7,7 @@ neither NumPy nor Mitsuba.
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING, Any
 
 from .utils.lazy import lazy_names
@@ -45,6 +46,8 @@ __all__ = [
     "simulate",
     "validate",
 ]
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _load, __dir__ = lazy_names(__name__)
 

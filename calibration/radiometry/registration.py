@@ -13,6 +13,7 @@ Medical Image Analysis 12, 2008: linear combination).
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +23,8 @@ from scipy.ndimage import affine_transform, gaussian_filter, spline_filter
 from scipy.optimize import least_squares
 
 __all__ = ["Registration", "move", "register"]
+
+_log = logging.getLogger(__name__)
 
 #: Standard deviation, px, of the Gaussian that smooths the logarithm before its gradient.
 _SMOOTHING_PX = 1.0
@@ -101,7 +104,8 @@ def _refined(
     def near(image: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(gaussian_filter(image, _NEAR_PX))
 
-    mean, spread = near(first), near(first**2) - near(first) ** 2
+    mean = near(first)
+    spread = near(first**2) - mean**2
     spread += 1e-3 * float(spread.mean())
 
     def remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,19 +114,29 @@ def _refined(
         matrix = np.array([[1 + size, turn], [-turn, 1 + size]])
         offset = middle + np.array([v, u]) - matrix @ middle
         moved = affine_transform(spline, matrix, offset, prefilter=False, mode="mirror")
-        slope = (near(moved * first) - near(moved) * mean) / spread
-        rest = moved - near(moved) - slope * (first - mean)
+        moved_mean = near(moved)
+        slope = (near(moved * first) - moved_mean * mean) / spread
+        rest = moved - moved_mean - slope * (first - mean)
         return rest[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX].ravel()
 
+    latest: dict[bytes, NDArray[np.float64]] = {}  # the fit asks for derivatives where it has the remainder
+
+    def kept_remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+        key = unknowns.tobytes()
+        if key not in latest:
+            latest.clear()
+            latest[key] = remainder(unknowns)
+        return latest[key]
+
     def derivatives(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        centre, steps = remainder(unknowns), _STEP * np.eye(_UNITS.size)
+        centre, steps = kept_remainder(unknowns), _STEP * np.eye(_UNITS.size)
         return np.stack([(remainder(unknowns + h) - centre) / _STEP for h in steps], axis=1)
 
     begin = np.array([start[0, 2], start[1, 2], start[0, 0] - 1, start[1, 0]]) / _UNITS
-    usual = 1.4826 * float(np.median(np.abs(remainder(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
+    usual = 1.4826 * float(np.median(np.abs(kept_remainder(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
     if not usual > 0:
         return start
-    fitted = least_squares(remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
+    fitted = least_squares(kept_remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
     if np.max(np.abs(fitted - begin)) > _LARGEST_CHANGE:
         return start
     u, v, size, turn = fitted * _UNITS
@@ -159,6 +173,7 @@ def register(reference: NDArray[np.float64], band: NDArray[np.float64]) -> Regis
         everything = np.full(shape, 255, np.uint8)
         correlation, warp = cv2.findTransformECC(first, second, matrix, cv2.MOTION_AFFINE, criteria, everything, 3)
     except cv2.error:
+        _log.info("too few edges to register a band: taken as not moved")
         return _registration(np.eye(2, 3), shape, 0.0)
     affine = np.vstack([np.asarray(warp, float), [0, 0, 1]])
     about = np.linalg.inv(before) @ affine @ before

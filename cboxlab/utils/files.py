@@ -6,6 +6,7 @@ import errno
 import glob
 import hashlib
 import io
+import logging
 import os
 import platform
 import shlex
@@ -31,6 +32,8 @@ __all__ = [
     "this_command",
     "writing_hdf5",
 ]
+
+_log = logging.getLogger(__name__)
 
 
 def _public(path: Path, mode: int) -> None:
@@ -325,7 +328,10 @@ def load_checked(path: Path, key: str) -> bytes | None:
         return None
     size = hashlib.sha256().digest_size
     content = memoryview(stored)[size:]
-    return bytes(content) if stored[:size] == _checksum(key, content) else None
+    if stored[:size] != _checksum(key, content):
+        _log.info("stored result is damaged or of another key, and is computed again: %s", path)
+        return None
+    return bytes(content)
 
 
 def _checksum(key: str, content: bytes | memoryview) -> bytes:

@@ -7,6 +7,7 @@ has set stays.
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -19,6 +20,8 @@ from cboxlab.utils.errors import InputError
 from .llvm import OLDEST_RELEASE, usable_llvm
 
 __all__ = ["HINT", "compiled", "ensure", "not_compiled", "require_compiled", "use"]
+
+_log = logging.getLogger(__name__)
 
 #: How to install LLVM, in messages.
 _INSTALL = "Debian/Ubuntu: apt install libllvm19"
@@ -63,6 +66,7 @@ def use(device: str = "cpu") -> str:
         mi.set_variant("llvm_ad_mono")
     else:
         mi.set_variant("scalar_spectral")
+    _log.info("device '%s': Mitsuba's variant %s", device, mi.variant())
     return mi.variant()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable
 from typing import Literal
@@ -16,6 +17,8 @@ from .path_tracer import render_path_tracer
 from .stock import render_stock
 
 __all__ = ["Integrator", "render"]
+
+_log = logging.getLogger(__name__)
 
 #: Names of the integrators.
 Integrator = Literal["default", "final-gather", "path", "stock"]
@@ -61,4 +64,5 @@ def render(
         "path": render_path_tracer if job.scene.diffuse else render_general_path_tracer,
         "stock": render_stock,
     }
+    _log.info("integrator %s: %s", integrator, integrators[integrator].__name__)
     return integrators[integrator](job, progress=progress)

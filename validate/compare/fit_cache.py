@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import fields, replace
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +18,8 @@ from ..predict import digest_of
 from .nuisances import NuisanceFit, fit_nuisances
 
 __all__ = ["cached_fit"]
+
+_log = logging.getLogger(__name__)
 
 #: Files in the folder, of a few hundred bytes each; beyond this number the oldest are deleted.
 _MAX_FILES = 1000
@@ -75,6 +78,8 @@ def cached_fit(
     if fit is None:
         fit = fit_nuisances(*arguments)
         _store(path, key, fit)
+    else:
+        _log.info("fit of camera and lamp taken from the cache: %s", path)
     return fit
 
 

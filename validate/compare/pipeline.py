@@ -6,6 +6,7 @@ warped to the fitted camera.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -59,6 +60,8 @@ __all__ = [
     "validate_capture",
     "validate_prepared",
 ]
+
+_log = logging.getLogger(__name__)
 
 #: Noise of the drafts for the camera fit, relative to the sensor's. More noise would bias the fit, since moving a noisy
 #: picture smooths it.
@@ -212,6 +215,7 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     progress.stage("rendering")
     progress.part(0.05)
     if not variant.compiled():
+        _log.info("nothing can be compiled: one plain picture through the surveyed camera")
         prepared, plain = _rendered_plainly(prepared, model, share(progress, 0.05, 0.95))
         comparison = compared(prepared, plain, plain.fit.lamp_scale * plain.signal)
         return Validation(prepared, model, plain, comparison, time.perf_counter() - start)
@@ -221,7 +225,9 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     for first, last in _DRAFTS:
         before = camera
         prepared, camera, pilot = _fitted_to_draft(prepared, model, light, before, pilot, share(progress, first, last))
-        if before.motion_px(camera, prepared.scene.corners_mm) < _MAX_DRAFT_MOTION_PX:
+        motion = before.motion_px(camera, prepared.scene.corners_mm)
+        _log.info("fit to a draft moves the picture by %.3g px", motion)
+        if motion < _MAX_DRAFT_MOTION_PX:
             break
     part = share(progress, 0.3, 0.9)
     final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
@@ -231,6 +237,7 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     surveyed = prepared.expected_camera(model.effects)
     far_off = comparison.chi2.per_dof > _MAX_CHI2_OF_CAMERA_FIT
     if far_off and _camera_pull(rendered.fit, surveyed) > _MAX_CAMERA_PULL_SIGMA:
+        _log.info("the picture is far off, and its fit moves the camera: the surveyed camera is used")
         again = rendered_from(prepared, light, surveyed, model.render, model.effects, NO_PROGRESS, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
         rendered = replace(again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale))

@@ -8,9 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.radiometry import optical_factor
-from cboxlab.calibration.result import calibrate
 from cboxlab.rendering.files import (
     AS_STATED,
     RADIANCE_UNIT,
@@ -157,6 +154,10 @@ def _capture_stack(folder: Path) -> ImageStack:
 
     Captures of different exposures can then be compared.
     """
+    from cboxlab.calibration.capture import load_capture
+    from cboxlab.calibration.radiometry import optical_factor
+    from cboxlab.calibration.result import calibrate
+
     calibration = calibrate(load_capture(folder))
     capture, images = calibration.capture, calibration.images
     factors = [optical_factor(capture, band) for band in capture.manifest.band]

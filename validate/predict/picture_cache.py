@@ -7,6 +7,7 @@ below it. A picture from the cache therefore has the same bits as one rendered a
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import platform
 from collections.abc import Mapping
@@ -26,6 +27,8 @@ from cboxlab.utils.files import load_checked, store_checked
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
+
+_log = logging.getLogger(__name__)
 
 #: Largest picture that is stored, bytes: seven of them fill the folder.
 _MAX_PICTURE_BYTES = 300e6
@@ -90,6 +93,7 @@ def cached_picture(
     path = folder / f"{key}.picture"
     stored = _read(path, key, light, camera, batches)
     if stored is not None:
+        _log.info("picture of %d x %d samples taken from the cache: %s", batches, samples, path)
         return stored
     image = _contiguous(gather(light, camera, samples, batches, seed, progress))
     _store(path, key, image)

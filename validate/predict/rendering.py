@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +14,8 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 __all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Picture", "noise_ratio", "render_to_noise"]
+
+_log = logging.getLogger(__name__)
 
 #: Renders a picture on WAVELENGTH_NM: of samples per batch, number of batches, and a callback for progress.
 Picture = Callable[[int, int, Progress], RenderedImage]
@@ -105,9 +108,11 @@ def render_to_noise(
         image, bands = rendered(PILOT_SAMPLES, BATCHES, share(progress, 0.0, 0.0))
         pilot = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
         if pilot <= noise:
+            _log.info("pilot of %d samples is enough: %.3g of the sensor's noise", PILOT_SAMPLES, pilot)
             return image, bands, pilot
         del image, bands  # the next picture has as many batches
     required = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
     samples = int(np.clip(2 ** np.floor(np.log2(required)), PILOT_SAMPLES, _MAX_SAMPLES))
     expected = pilot * (PILOT_SAMPLES / samples) ** convergence
+    _log.info("%d samples per pixel and batch, for %.3g of the sensor's noise", samples, noise)
     return *rendered(samples, int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2)), progress), pilot

@@ -18,7 +18,11 @@ __all__ = ["JsonOption", "command_line"]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only. Results are in their files.")]
 Verbose = Annotated[
     bool,
-    typer.Option("--verbose", "-v", help="Print the duration of each stage, and the trace of a program error."),
+    typer.Option(
+        "--verbose",
+        "-v",
+        help="Print the duration of each stage, the library's log, and the trace of a program error.",
+    ),
 ]
 
 
@@ -96,7 +100,8 @@ def _with_common_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def run(*arguments: Any, quiet: bool = False, verbose: bool = False, **keywords: Any) -> Any:
-        this_run.verbose = verbose
+        if verbose:
+            this_run.be_verbose()
         if quiet:
             this_run.be_quiet()
         return command(*arguments, **keywords)

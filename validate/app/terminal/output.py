@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import io
 import json
+import logging
 import math
 import os
 import shlex
@@ -91,6 +92,15 @@ codecs.register_error("cboxlab-spelled", _spelled)
 STANDARD_OUTPUT = Path("-")
 
 
+class _LogLines(logging.Handler):
+    """Lines of the library's log on standard error, above a progress bar."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print a line while the running command is verbose."""
+        if this_run.verbose and not this_run.quiet:
+            errors.print(Text(f"{record.name.removeprefix('cboxlab.')}: {record.getMessage()}"), soft_wrap=True)
+
+
 @dataclass
 class Run:
     """The running command and the amount that it prints."""
@@ -115,6 +125,14 @@ class Run:
                 stream.reconfigure(errors="cboxlab-spelled")
         self.command = shlex.join(["cbox", *arguments])
         self.quiet = self.verbose = console.quiet = console.stderr = False
+
+    def be_verbose(self) -> None:
+        """Print what the library logs, beside the duration of each stage."""
+        self.verbose = True
+        logger = logging.getLogger("cboxlab")
+        if not any(isinstance(handler, _LogLines) for handler in logger.handlers):
+            logger.addHandler(_LogLines())
+        logger.setLevel(logging.INFO)
 
     def be_quiet(self) -> None:
         """Print errors only."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
 import subprocess
 from collections.abc import Sequence
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from .variants import Variants
 
 __all__ = ["SIDES", "assert_same_light", "input_files", "regress_inputs", "regress_pictures"]
+
+_log = logging.getLogger(__name__)
 
 #: Largest deviation from the rendering of a scene (see ``mismatch``) of a picture that shows it.
 _MAX_MISMATCH = 0.05
@@ -351,6 +354,7 @@ def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[st
     if view.scene_stated:
         return variants
     if off > _MAX_MISMATCH:
+        _log.info("the baseline does not show the published box: it deviates by %.0f %%", 100 * off)
         return None
     notes.append(f"the baseline shows the published box (within {off:.1%}), whose surfaces and light are used")
     return variants

@@ -319,6 +319,8 @@ def noise_of(
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
     stepped: bool = False,
+    *,
+    variance: tuple[NDArray[np.float64], float] | None = None,
 ) -> Noise:
     """Noise of the difference of two pictures.
 
@@ -327,20 +329,22 @@ def noise_of(
     difference, level, smooth, side_variances, degrees, rounding
         As in ``variance_of``.
     stepped
-        Whether tiles with factors of their own differ: they are no correlation between pixels.
+        Whether tiles differ by factors; these are no correlation between pixels.
+    variance
+        Outcome of ``variance_of`` for these arguments; None computes it.
 
     Returns
     -------
     Noise
         Variances, correlation between wavelengths, clustering of pixels.
     """
-    variance, freedom = variance_of(difference, level, smooth, side_variances, degrees, rounding)
+    computed = variance or variance_of(difference, level, smooth, side_variances, degrees, rounding)
     estimated = any(v is None for v in side_variances)
-    correlation = _correlation(difference, variance, level, smooth)
+    correlation = _correlation(difference, computed[0], level, smooth)
     all_bands = np.ones(difference.shape[-1])
-    noise = Noise(variance, freedom, correlation, np.zeros(()), 1.0, 1.0, estimated)
+    noise = Noise(*computed, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = noise.over(all_bands)
-    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, freedom, stepped)
+    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, computed[1], stepped)
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 

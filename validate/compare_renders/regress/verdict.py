@@ -107,12 +107,15 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     if coarse:
         rounding, shared = np.sum([part**2 for part in coarse], axis=0)
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
-    cut = trimmed(difference, b.radiance, *variance_of(difference, b.radiance, strata.smooth, *errors), strata.lamp)
+    variance = variance_of(difference, b.radiance, strata.smooth, *errors)
+    cut = trimmed(difference, b.radiance, *variance, strata.lamp)
     del difference
+    computed = None if cut.outlier.any() else variance
+    del variance
     sums = cut.level.sum(axis=-1), cut.difference.sum(axis=-1)
     steps = tile_steps(Difference(*sums, None, strata.smooth, {}))
     stepped = steps is not None and steps.probability < _STEPPED
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped)
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped, variance=computed)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
