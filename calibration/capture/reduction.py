@@ -15,7 +15,8 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows
 from numpy.typing import NDArray
 
-from .manifest import CropTable, Manifest
+from .manifest import CropTable
+from .whole_manifest import Manifest
 
 __all__ = ["Reduction", "reduced_manifest", "reduction_of"]
 
