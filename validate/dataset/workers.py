@@ -174,7 +174,7 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
 
 
 def _run_on_worker(task: Task) -> list[dict[str, Any]]:
-    """Run a task on a worker of Dask, whose scheduler must not take part in the writing of a file."""
+    """Run a task on a worker of Dask; its scheduler takes no part in the writing of files."""
     import dask
 
     with dask.config.set(scheduler="threads"):
