@@ -6,6 +6,7 @@ and a box filter n times as wide. The manifest of a reduced capture describes th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from .manifest import CropTable
 from .whole_manifest import Manifest
 
-__all__ = ["Reduction", "reduced_manifest", "reduction_of"]
+__all__ = ["ReducedFrames", "Reduction", "reduced_manifest", "reduction_of"]
 
 #: Pixels of a frame above which a capture is reduced where its manifest says nothing: 4 megapixels.
 _LARGEST_FRAME = 4_000_000
@@ -192,6 +193,32 @@ def _extent(folder: Path, manifest: Manifest) -> NDArray[np.float64] | None:
         return None
     inside = (points >= 0).all(axis=1) & (points < [manifest.camera.width_px, manifest.camera.height_px]).all(axis=1)
     return points[inside] if np.count_nonzero(inside) > 1 else None
+
+
+class ReducedFrames:
+    """Frames that were read and reduced, by name: a large file is read once."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, NDArray[np.uint32]] = {}
+
+    def get(self, name: str, read: Callable[[], NDArray[np.uint32]]) -> NDArray[np.uint32]:
+        """Frame of a name.
+
+        Parameters
+        ----------
+        name
+            Name of the frame.
+        read
+            Reads and reduces it, at the first call for its name.
+
+        Returns
+        -------
+        NDArray
+            (height, width) sums of counts, DN.
+        """
+        if name not in self._frames:
+            self._frames[name] = read()
+        return self._frames[name]
 
 
 def reduced_manifest(manifest: Manifest, reduction: Reduction) -> Manifest:
