@@ -42,7 +42,7 @@ class Finding(FrozenMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
+class Difference(FrozenMappings):
     """Difference of two pictures, summed over wavelengths."""
 
     #: (y, x) baseline.
