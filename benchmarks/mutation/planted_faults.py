@@ -251,7 +251,7 @@ FAULTS = (
     Fault(
         "prior-row",
         "sign of the priors' rows of the linear model",
-        "validate/diagnose/linear_model.py",
+        "validate/diagnose/linear_model/model.py",
         "residual[count:] = priors @",
         "residual[count:] = -priors @",
         ("validate/diagnose/test_linear_model.py", "validate/diagnose"),

@@ -41,7 +41,7 @@ def _header(folder: Path, row: Any) -> FrameHeader | None:
 
 
 def _starts(facts: Sequence[FrameFacts | None]) -> list[float | None]:
-    """Start of each band, s since the first; None for all where the times are incomplete or equal."""
+    """Start of each band, s since the first; all None for incomplete or equal times."""
     times = [None if each is None else each.time for each in facts]
     moments = [time for time in times if isinstance(time, datetime)]
     if len(moments) < len(times) or len(set(moments)) < 2:
@@ -93,7 +93,7 @@ def _filled(row: Any, facts: FrameFacts, keys: Sequence[str], defaults: Mapping[
 
 
 def _with_camera(data: dict[str, Any], headers: Sequence[FrameHeader]) -> dict[str, Any]:
-    """The manifest with the camera, lens and mosaic on which all bands' files agree, where it has none."""
+    """The manifest with camera, lens and mosaic on which all bands' files agree."""
     facts, (height, width) = headers[0].facts, headers[0].shape
     others = [header.facts for header in headers[1:]]
     white = facts.white_level

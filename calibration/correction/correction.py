@@ -170,10 +170,10 @@ def read_flat(
 
 
 def _mean_of_all_places(above_dark: NDArray[np.float64], usable: NDArray[np.bool_]) -> float:
-    """Mean of a channel's fall-off over all pixels, over that of its own pixels.
+    """Mean of a channel's fall-off over all pixels, over that of the channel's pixels.
 
-    A channel's pixels do not lie evenly over the image where it does not end with a complete repeat of the mosaic, so
-    that the mean of a fall-off differs from channel to channel. A polynomial in the place gives the difference.
+    Where the image ends with an incomplete repeat of the mosaic, a channel's pixels do not lie evenly over it. The mean
+    of a fall-off then differs from channel to channel. A polynomial in the place gives the difference.
     """
     y, x = (np.linspace(-1.0, 1.0, size) for size in above_dark.shape)
     degree, pixels = _FALL_OFF_DEGREE, np.count_nonzero(usable)

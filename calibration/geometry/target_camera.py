@@ -122,10 +122,14 @@ def fit_camera_targets(
         if len(world) < 6:
             raise InputError(f"{source}: view {number}", f"{len(world)} points", "at least 6")
     labels = [f"view {number}" for number in range(1, len(views) + 1)] if names is None else names
-    discordant = discordant_views(views, labels, width_px, height_px, survey, source, model, lens)
+    discordant = discordant_views(
+        views, labels, width_px, height_px, survey=survey, source=source, model=model, lens=lens
+    )
 
     def joint(used: Sequence[TargetView]) -> TargetFit:
-        return _joint_fit(used, width_px, height_px, point_sigma_px, survey, source, model, lens)
+        return _joint_fit(
+            used, width_px, height_px, point_sigma_px, survey=survey, source=source, model=model, lens=lens
+        )
 
     if not discordant:
         return joint(views)
@@ -144,6 +148,7 @@ def _joint_fit(
     width_px: int,
     height_px: int,
     point_sigma_px: float | None,
+    *,
     survey: tuple[SurveyedPoints, CameraFit] | None,
     source: str,
     model: LensModel,

@@ -10,6 +10,7 @@ from .channel_levels import channel_levels, level_notes  # a name of its module 
 
 if TYPE_CHECKING:
     from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
+    from .named_camera_levels import channel_levels, level_notes
     from .radiometry import Radiometry, measure_constant
     from .registration import register
     from .sensor_equation import (

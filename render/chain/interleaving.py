@@ -17,7 +17,10 @@ __all__ = ["Interleaving", "UnseenChannel"]
 
 @dataclass(frozen=True, eq=False)
 class UnseenChannel:
-    """Pixels of a frame whose channel is in no band: they show the light of a band, times a factor."""
+    """Pixels of a frame whose channel is in no band.
+
+    They show the light of a band, times a factor.
+    """
 
     #: Index of a band that sees the same frame.
     band: int
@@ -54,7 +57,7 @@ class Interleaving:
         return self._interleaved(signal, [unseen.factor for unseen in self.unseen])
 
     def response(self, response: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Relative response of the pixels of the raw frames, each relative to the mean of its channel.
+        """Response of the pixels of the raw frames, relative to the mean of their channel.
 
         Parameters
         ----------
@@ -70,7 +73,7 @@ class Interleaving:
         return self._interleaved(response, [1.0 / mean if mean > 0 else 0.0 for mean in means])
 
     def _interleaved(self, values: NDArray[np.float64], factors: list[float]) -> NDArray[np.float64]:
-        """(band, y, x) frames of each band's values in its pixels; those of unseen channels times their factors."""
+        """(band, y, x) frames of the bands' values, each in its pixels."""
         values = np.broadcast_to(values, self.pixels.shape)
         frames = values.copy()
         for group in self.groups:

@@ -5,7 +5,7 @@ A field is a set of maps on the sensor or on surfaces, with coefficients in each
 
 from .acting import field_effect
 from .effect_file import effect_text, load_effect_file, write_effect_file
-from .exchange import exchanges
+from .exchange import IN_PLACE, PictureCopy, exchanges
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
@@ -13,9 +13,11 @@ from .levels import parts_of_levels
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = [
+    "IN_PLACE",
     "Acts",
     "FittedField",
     "ImageMaps",
+    "PictureCopy",
     "PointMap",
     "SurfaceMap",
     "WaveMap",

@@ -43,6 +43,8 @@ _STAGES: dict[Acts, Stage] = {
     "moments": "optics",
     "halo": "optics",
     "streak": "optics",
+    "trail": "optics",
+    "copy": "optics",
     "lamp": "scene",
     "reflectance": "transport",
     "irradiance": "transport",
@@ -150,7 +152,9 @@ def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> 
     if field.acts == "displacement":
         change = np.sum(np.moveaxis(fields, 1, 0) * _change_per_px(light), axis=0)
     else:
-        exchanged = np.array([exchanges(field.acts, image, field.radius, field.angle_deg) for image in light.signal])
+        exchanged = np.array(
+            [exchanges(field.acts, image, field.radius, field.angle_deg, field.place) for image in light.signal]
+        )
         change = np.sum(fields * exchanged, axis=1)
     return light.with_signal(light.signal + amplitude * change)
 

@@ -1,15 +1,18 @@
-"""Light that pixels exchange: with opposite neighbours, in wide Gaussians, or along a line.
+"""Light that pixels exchange: with neighbours, in wide Gaussians, along a line, in copies.
 
 An exchange moves light between pixels and adds none, except at the border, where the outermost pixels are repeated.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
+from scipy.signal import lfilter
 
-__all__ = ["exchanges", "number_of_exchanges", "with_moments", "with_streak"]
+__all__ = ["IN_PLACE", "PictureCopy", "exchanges", "number_of_exchanges", "with_moments", "with_streak"]
 
 #: Standard deviations of a halo's Gaussians, px: each twice the one before, so that sums fit any smooth halo.
 _HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
@@ -17,25 +20,89 @@ _HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 #: Standard deviations of a streak's Gaussians along its line, px.
 _STREAK_WIDTHS_PX = (4.0, 10.0, 25.0)
 
+#: Distances in which trails fall to 1 / e, px.
+_TRAIL_LENGTHS_PX = (0.7, 2.5, 8.0)
+
 #: Width of the repeated border, in standard deviations of a streak: 0.3 % of a Gaussian lies beyond.
 _STREAK_ENDS = 3.0
 
 
+@dataclass(frozen=True)
+class PictureCopy:
+    """Place of a copy of the picture: mirrored or turned about the middle, then shifted."""
+
+    #: Quarter turns clockwise, 0 to 3.
+    turns: int = 0
+    #: Whether left and right are exchanged before the turn.
+    mirrored: bool = False
+    #: Shift down and to the right, px.
+    shift_px: tuple[int, int] = (0, 0)
+
+    def turned(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The picture mirrored and turned, not shifted.
+
+        Parameters
+        ----------
+        signal
+            (y, x) the picture; it is square for odd numbers of turns.
+
+        Returns
+        -------
+        NDArray
+            (y, x) the turned picture.
+        """
+        return np.rot90(signal[:, ::-1] if self.mirrored else signal, -self.turns)
+
+    def of(self, signal: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """The copy, shifted to the place and to its eight neighbours.
+
+        Sums of the nine are copies at parts of a pixel, and copies that are somewhat out of focus.
+
+        Parameters
+        ----------
+        signal
+            (y, x) the picture, DN.
+
+        Returns
+        -------
+        list[NDArray]
+            (y, x) each, DN; 0 where the copy does not reach.
+        """
+        turned = self.turned(signal)
+        steps = [(self.shift_px[0] + i, self.shift_px[1] + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        return [_shifted(turned, step) for step in steps]
+
+
+#: The picture in its place.
+IN_PLACE = PictureCopy()
+
+
+def _shifted(picture: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
+    """A picture shifted down and to the right by whole pixels, 0 where it does not reach."""
+    return np.asarray(shift(picture, step, order=0, mode="constant"))
+
+
 def exchanges(
-    acts: str, signal: NDArray[np.float64], radius: int = 1, angle_deg: float = 0.0
+    acts: str,
+    signal: NDArray[np.float64],
+    radius: int = 1,
+    angle_deg: float = 0.0,
+    place: PictureCopy = IN_PLACE,
 ) -> list[NDArray[np.float64]]:
     """Changes of a picture by a unit of each exchange of a field.
 
     Parameters
     ----------
     acts
-        "neighbours", "moments", "halo" or "streak", see ``Acts``.
+        "neighbours", "moments", "halo", "streak", "trail" or "copy", see ``Acts``.
     signal
         (y, x) the picture, DN.
     radius
         Largest distance of neighbours along rows and columns, px.
     angle_deg
-        Angle of a streak from the rows downwards, degrees.
+        Angle of a streak or of a trail from the rows downwards, degrees; 0, 90, 180 or 270 for a trail.
+    place
+        Place of a copy.
 
     Returns
     -------
@@ -48,6 +115,10 @@ def exchanges(
         return list(with_moments(signal))
     if acts == "halo":
         return [_with_halo(signal, width) for width in _HALO_WIDTHS_PX]
+    if acts == "trail":
+        return [_with_trail(signal, angle_deg, length) for length in _TRAIL_LENGTHS_PX]
+    if acts == "copy":
+        return place.of(signal)
     return [with_streak(signal, angle_deg, width) for width in _STREAK_WIDTHS_PX]
 
 
@@ -71,6 +142,8 @@ def number_of_exchanges(acts: str, radius: int) -> int:
         "moments": 3,
         "halo": len(_HALO_WIDTHS_PX),
         "streak": len(_STREAK_WIDTHS_PX),
+        "trail": len(_TRAIL_LENGTHS_PX),
+        "copy": 9,
     }
     return several.get(acts, 1)
 
@@ -113,6 +186,18 @@ def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 def _with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:
     """(y, x) picture blurred by a round Gaussian, minus the picture."""
     return np.asarray(gaussian_filter(signal, width_px, mode="nearest") - signal)
+
+
+def _with_trail(signal: NDArray[np.float64], angle_deg: float, length_px: float) -> NDArray[np.float64]:
+    """(y, x) charge that comes out behind its pixel, exponentially less with distance, minus what stays behind.
+
+    ``angle_deg`` is the way along which trails lie: 0 to the right, 90 down, 180 to the left, 270 up.
+    """
+    turns = round(angle_deg / 90)
+    along = np.rot90(signal, turns)
+    kept = np.exp(-1 / length_px)
+    delayed = lfilter([0.0, 1 - kept], [1.0, -kept], along, axis=1)
+    return np.asarray(np.rot90(delayed - along, -turns))
 
 
 def with_streak(signal: NDArray[np.float64], angle_deg: float, width_px: float) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from cboxlab.utils.faults import combined, faults_of_validation
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .exchange import number_of_exchanges
+from .exchange import IN_PLACE, PictureCopy, number_of_exchanges
 from .image_maps import ImageMaps
 from .levels import LEVELS
 from .surface_maps import PointMap, SurfaceMap, WaveMap
@@ -24,10 +24,11 @@ __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"
 #:
 #: - offset: DN added to counts; levels: DN added to counts by the count above dark
 #: - gain: relative change of counts above dark
-#: - previous: parts of the counts above dark of the frames before, as listed in the fitted capture
+#: - previous: parts of the counts above dark of other bands' frames, as listed in the fitted capture
 #: - displacement: px to the right, then px down
 #: - neighbours: light exchanged with pixels on opposite sides; moments: the second moments of a small blur
 #: - halo: light exchanged in round Gaussians; streak: light exchanged in Gaussians along a line
+#: - trail: light that lags behind along rows or columns; copy: light that makes another picture, mirrored or turned
 #: - lamp: relative change of the lamp's radiance
 #: - reflectance: relative change of surfaces' reflectance
 #: - irradiance: irradiance over pi on surfaces, relative to the lamp's radiance
@@ -43,6 +44,8 @@ Acts = Literal[
     "moments",
     "halo",
     "streak",
+    "trail",
+    "copy",
     "lamp",
     "reflectance",
     "irradiance",
@@ -61,6 +64,8 @@ ON_SENSOR: tuple[Acts, ...] = (
     "moments",
     "halo",
     "streak",
+    "trail",
+    "copy",
 )
 
 #: Significant digits of numbers in records: a relative rounding of 1e-6, far below the noise of a fit.
@@ -83,12 +88,14 @@ class FittedField:
     image: ImageMaps | None = None
     #: Largest distance of "neighbours" along rows and columns, px.
     radius: int = 1
-    #: Angle of a "streak" from the rows downwards, degrees.
+    #: Angle of a "streak" or a "trail" from the rows downwards, degrees.
     angle_deg: float = 0.0
     #: Highest count above dark of "levels", DN.
     most_dn: float = 1.0
     #: (band, uses x maps) coefficients of the image maps, uses outermost; see ``number_of_uses``. None without maps.
     coefficients: NDArray[np.float64] | None = None
+    #: Place of a "copy".
+    place: PictureCopy = IN_PLACE
     #: Maps on surfaces; empty for a field on the sensor or on a lamp.
     surfaces: tuple[SurfaceMap, ...] = ()
     #: (band,) factor of the maps on surfaces, relative change of a lamp, or radiance of an object in front.
@@ -104,7 +111,7 @@ class _Strict(BaseModel):
 class _Image(_Strict):
     """Image maps of a record, see ``ImageMaps``."""
 
-    kind: Literal["rows", "columns", "cosines", "wave", "bells"]
+    kind: Literal["rows", "columns", "pixels", "cosines", "wave", "bells"]
     order: int = Field(0, ge=0, le=40)
     per_px: tuple[float, float] = (0.0, 0.0)
     curvature: float = 0.0
@@ -134,7 +141,10 @@ class _Field(_Strict):
     size: tuple[int, int]
     image: _Image | None = None
     radius: int = Field(1, ge=1, le=8)
-    angle_deg: float = Field(0.0, ge=0, lt=180)
+    angle_deg: float = Field(0.0, ge=0, lt=360)
+    turns: int = Field(0, ge=0, le=3)
+    mirrored: bool = False
+    shift_px: tuple[int, int] = (0, 0)
     most_dn: float = Field(1.0, gt=0)
     coefficients: list[list[float]] | None = None
     surfaces: list[_Surface] = Field(default_factory=list)
@@ -171,8 +181,11 @@ def field_record(field: FittedField) -> dict[str, Any]:
         record["image"] = _image_record(field.image)
         if field.acts == "neighbours":
             record["radius"] = field.radius
-        if field.acts == "streak":
+        if field.acts in ("streak", "trail"):
             record["angle_deg"] = field.angle_deg
+        if field.acts == "copy":
+            record["turns"], record["mirrored"] = field.place.turns, field.place.mirrored
+            record["shift_px"] = list(field.place.shift_px)
         if field.acts == "levels":
             record["most_dn"] = float(f"{field.most_dn:.{_DIGITS}g}")
         record["coefficients"] = [_rounded(row) for row in field.coefficients]
@@ -283,6 +296,7 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         entry.angle_deg,
         entry.most_dn,
         np.array(entry.coefficients),
+        PictureCopy(entry.turns, entry.mirrored, entry.shift_px),
     )
 
 

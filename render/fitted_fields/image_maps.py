@@ -1,4 +1,4 @@
-"""Maps over the picture, fixed on the sensor: rows, columns, smooth waves, one wave, bells.
+"""Maps over the picture, fixed on the sensor: rows, columns, pixels, smooth waves, bells.
 
 A wave follows the two-beam interference of a plate or wedge: cos(2 pi (f . x + c |x|^2)), f and c in waves per px and
 per px^2.
@@ -30,13 +30,14 @@ class ImageMaps:
     """A number k of maps over a picture.
 
     - "rows" and "columns": one map for each row or column, 1 in it and 0 elsewhere
+    - "pixels": one map for each pixel, 1 in it and 0 elsewhere
     - "cosines": products of cosines along rows and columns with up to ``order`` half waves together
     - "wave": cosine and sine of one wave, each times the cosines up to ``order``
     - "bells": Gaussians about ``centres``
     """
 
     #: Kind of the maps.
-    kind: Literal["rows", "columns", "cosines", "wave", "bells"]
+    kind: Literal["rows", "columns", "pixels", "cosines", "wave", "bells"]
     #: Most half waves of "cosines", and of the strength of a "wave".
     order: int = 0
     #: Frequency of a "wave" downwards and to the right, waves per px.
@@ -84,7 +85,8 @@ class ImageMaps:
         if self.kind == "bells":
             return len(self.centres)
         products = (self.order + 1) * (self.order + 2) // 2
-        return {"rows": shape[0], "columns": shape[1], "cosines": products, "wave": 2 * products}[self.kind]
+        counts = {"rows": shape[0], "columns": shape[1], "pixels": shape[0] * shape[1]}
+        return {**counts, "cosines": products, "wave": 2 * products}[self.kind]
 
     def matrix(self, shape: tuple[int, int]) -> NDArray[np.float64] | csr_matrix:
         """Values of the maps.
@@ -97,12 +99,14 @@ class ImageMaps:
         Returns
         -------
         NDArray or csr_matrix
-            (k, pixel) values, pixels row by row; sparse for rows, columns and bells.
+            (k, pixel) values, pixels row by row; sparse for rows, columns, pixels and bells.
         """
         if self.kind == "rows":
             return csr_matrix(kron(identity(shape[0]), np.ones((1, shape[1]))))
         if self.kind == "columns":
             return csr_matrix(kron(np.ones((1, shape[0])), identity(shape[1])))
+        if self.kind == "pixels":
+            return csr_matrix(identity(shape[0] * shape[1]))
         if self.kind == "cosines":
             return _cosines(shape, self.order)
         if self.kind == "wave":

@@ -197,8 +197,8 @@ def _frames_of_filters(planes: NDArray[np.float64], settings: CaptureSettings) -
     """(filter, y, x) signals on the sensor, from those of the bands (band, y, x)."""
     frames = []
     for name in settings.filters:
-        seen = [index for index, band in enumerate(settings.bands) if band.filter == name]
-        frames.append(interleaved(planes[seen], [settings.bands[index] for index in seen], settings.mosaic))
+        behind = [index for index, band in enumerate(settings.bands) if band.filter == name]
+        frames.append(interleaved(planes[behind], [settings.bands[index] for index in behind], settings.mosaic))
     return np.stack(frames)
 
 
@@ -282,8 +282,8 @@ def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequ
         for band in settings.bands:
             if shot.kind == "band" and band.filter == shot.filter:
                 column = f"spectra/filters.csv:{band.filter}"
-                seen: dict[str, object] = {"id": band.id, "channel": band.channel, "transmittance": column}
-                parts.append(toml_table("[[band]]", **seen, **entries, start_s=shot.start_s))
+                keys: dict[str, object] = {"id": band.id, "channel": band.channel, "transmittance": column}
+                parts.append(toml_table("[[band]]", **keys, **entries, start_s=shot.start_s))
             elif band.filter == shot.filter:
                 parts.append(toml_table(f"[[{shot.kind}]]", band=band.id, **entries))
     relative = settings.lamp_relative_uncertainty
@@ -293,7 +293,7 @@ def _manifest(camera: Camera, scene: str, settings: CaptureSettings, shots: Sequ
 
 
 def _mosaic_tables(mosaic: MosaicSensor | None) -> list[str]:
-    """Tables of the mosaic's pattern and of its channels' quantum efficiencies; none without a mosaic."""
+    """Tables of the mosaic and of its channels' quantum efficiencies; none without one."""
     if mosaic is None:
         return []
     columns = {letter: f"spectra/camera.csv:{letter}" for letter in mosaic.dyes}

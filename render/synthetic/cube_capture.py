@@ -60,8 +60,8 @@ def write_cube_capture(
 ) -> None:
     """Write repeated frames of a cube, flats of its white, and darks for every exposure.
 
-    A camera without mosaic takes one band per channel. One with mosaic takes frames of all channels, each of which
-    stands in one band a channel.
+    A camera without mosaic takes one band per channel. One with mosaic takes frames of all channels. These stand in one
+    band for each channel.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def write_cube_capture(
     pattern = None if camera.pattern is None else _pattern(camera)
     shape = frame_shape(cube)
     field = uniform_cube(scene_white(cube), shape)
-    taken: dict[str, str | None] = {name: name for name in camera.channels} if pattern is None else {_OPEN: None}
-    seeds = iter(np.random.SeedSequence(seed).generate_state(8 * len(taken) * REPEATS).tolist())
+    filters: dict[str, str | None] = {name: name for name in camera.channels} if pattern is None else {_OPEN: None}
+    seeds = iter(np.random.SeedSequence(seed).generate_state(8 * len(filters) * REPEATS).tolist())
     frames: dict[str, tuple[NDArray[np.uint16], float]] = {}
     tables, exposures, white = [], set(), scene_white(cube)
 
@@ -105,20 +105,20 @@ def write_cube_capture(
     optics = {"f_number": camera.f_number, "image_distance_mm": NOMINAL_FOCAL_MM}
     with replacing_folder(folder) as temporary:
         for kind, source in (("band", cube), ("flat", field)):
-            for band, channel in taken.items():
+            for band, channel in filters.items():
                 seconds = exposure_s if kind == "band" else None
                 seconds = seconds or _rounded(auto_exposure(source, camera, channel))
                 exposures.add(seconds)
                 name = band if kind == "band" else f"flat-{band}"
                 paths = photograph(source, name, channel, seconds)
-                for seen in camera.channels if channel is None else [None]:
-                    identifier = band if seen is None else _band_id(seen, camera)
+                for letter in camera.channels if channel is None else [None]:
+                    identifier = band if letter is None else _band_id(letter, camera)
                     entries: dict[str, object] = {"band": identifier}
                     if kind == "band":
                         column = f"spectra/channels.csv:{channel or 'one'}"
-                        entries = {"id": identifier, "channel": seen, "transmittance": column}
+                        entries = {"id": identifier, "channel": letter, "transmittance": column}
                     tables.append(toml_table(f"[[{kind}]]", **entries, frames=paths, exposure_s=seconds, **optics))
-        first_channel = next(iter(taken.values()))
+        first_channel = next(iter(filters.values()))
         curve = next(iter(camera.channels.values()))
         black = uniform_cube(Spectrum(curve.wavelength_nm, np.zeros(curve.values.size), "zero"), shape)
         for seconds in sorted(exposures):
@@ -135,7 +135,7 @@ def write_cube_capture(
 
 
 def _pattern(camera: SensorCamera) -> str:
-    """The mosaic in the spelling of the capture format; InputError for one that the format does not know."""
+    """The mosaic in the spelling of the capture format; InputError for another kind."""
     rows = camera.pattern or ()
     is_small = [len(row) for row in rows] == [2, 2]
     try:

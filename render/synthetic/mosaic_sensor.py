@@ -1,4 +1,4 @@
-"""A simulated sensor with a mosaic: its dyes, and the bands that its channels make of each filter."""
+"""A simulated sensor with a mosaic: its dyes and its bands."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ COAT = 0.4 * (0.5 + np.array([-0.3, -0.1, 0.1, 0.3])[:, None, None] * (COLUMNS -
 #: Cosines towards camera and lamp: different functions of the place on either surface.
 VIEW = np.where(FLOOR, 0.2 + 0.01 * (ROWS - 30), 0.95 - 0.3 * ((COLUMNS - 24) / 24) ** 2)
 INCIDENCE = np.where(FLOOR, 0.95 - 0.3 * ((COLUMNS - 24) / 24) ** 2, 0.25 + 0.02 * ROWS)
+EMISSION = np.where(FLOOR, 0.6 + 0.008 * COLUMNS, 0.3 + 0.01 * ROWS)
 SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
 
 
@@ -53,6 +54,8 @@ def small_excess(change, repeats=None, seed=3):
         patch_arriving=np.ones((4, BANDS)),
         patch_direct=np.full((4, BANDS), 0.8),
         patch_incidence=np.array([0.7, 0.9, 0.4, 0.6]),
+        emission=EMISSION.ravel(),
+        patch_emission=np.array([0.7, 0.9, 0.4, 0.6]),
         picture=SIGNAL / 1000,
         roughness=(0.1,),
         coats=COAT[None].astype(np.float32),

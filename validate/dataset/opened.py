@@ -245,7 +245,7 @@ def open_dataset(folder: str | Path) -> Dataset:
     """
     path = Path(folder)
     read_state(path)
-    hint = "The run has not ended: repeat `cbox dataset` to continue it."
+    hint = "The run has not ended. Repeat the command that began it."
     require_regular_file(path / INDEX, "the index of a data set", hint)
     with (path / INDEX).open(encoding="utf-8", newline="") as stream:
         rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))

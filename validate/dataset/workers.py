@@ -173,11 +173,19 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
         yield from _on_client(dask, client, tasks, idle)
 
 
+def _run_on_worker(task: Task) -> list[dict[str, Any]]:
+    """Run a task on a worker of Dask; its scheduler takes no part in the writing of files."""
+    import dask
+
+    with dask.config.set(scheduler="threads"):
+        return run_task(task)
+
+
 def _on_client(
     dask: Any, client: Any, tasks: Sequence[Task], idle: Callable[[], None]
 ) -> Iterator[list[dict[str, Any]]]:
     """Run tasks on the workers of a client; a worker that ends or joins changes nothing else."""
-    waiting = {client.submit(run_task, task, pure=False) for task in tasks}
+    waiting = {client.submit(_run_on_worker, task, pure=False) for task in tasks}
     try:
         while waiting:
             try:

@@ -8,21 +8,25 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .alternatives import Cause
+    from .base_flaws import Flaw
     from .diagnosis import Diagnosis, FurtherCaptureResult, Ranked, Step, diagnose
     from .effect_fit import fit_effect, fit_effects
     from .evidence import Limit
     from .further_captures import Separation
+    from .judgement import Verdict
     from .linear_model import nuisance_priors
     from .search import judged_by_priors
 
 __all__ = [
     "Cause",
     "Diagnosis",
+    "Flaw",
     "FurtherCaptureResult",
     "Limit",
     "Ranked",
     "Separation",
     "Step",
+    "Verdict",
     "diagnose",
     "fit_effect",
     "fit_effects",

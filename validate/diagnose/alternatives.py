@@ -27,6 +27,7 @@ __all__ = [
     "groups",
     "heldout_bands",
     "heldout_pixels",
+    "holds_beside_remainder",
     "is_edge_artefact",
     "likeliest_causes",
     "with_alternatives",
@@ -41,6 +42,13 @@ _MAX_ALTERNATIVES_FITTED = 3
 
 #: Minimum gain of an effect in samples held out, over its gain in the fitted ones; 1 is perfect. Set by judgement.
 _MIN_HELDOUT_GAIN_RATIO = 0.5
+
+#: The same where something remains that neither effects nor flaws of the base explain. Set by judgement.
+_MIN_HELDOUT_BESIDE_REMAINDER = 0.8
+
+#: Minimum share of the excess, flaws of the base taken off, that effects explain where something remains: less may be
+#: an imitation of what remains. Set by judgement.
+_MIN_EXPLAINED_PART = 0.5
 
 #: Minimum amplitude / standard deviation of a reported effect, shared band and face errors included.
 _MIN_AMPLITUDE_SIGMA = 3.0
@@ -239,6 +247,32 @@ def confirmed_where_held_out(
         return list(selected), list(assessed)
     confirmed = refitted_together(linearised, confirmed) if confirmed else []
     return confirmed, with_alternatives(linearised, confirmed, signatures)
+
+
+def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float) -> bool:
+    """Whether effects stay the answer although something else remains, which flaws of the base do not explain.
+
+    A cause that no effect describes is imitated by effects in part. Those explain less, and hold less where they were
+    not fitted.
+
+    Parameters
+    ----------
+    assessed
+        Selected effects with the results of their tests.
+    explained
+        Share of the excess that they explain together, flaws of the base taken off.
+
+    Returns
+    -------
+    bool
+        False for no effect.
+    """
+    held = [ratio for effect in assessed for ratio in (effect.heldout_pixels, effect.heldout_bands)]
+    return (
+        bool(assessed)
+        and explained > _MIN_EXPLAINED_PART
+        and not any(ratio < _MIN_HELDOUT_BESIDE_REMAINDER for ratio in held)
+    )
 
 
 def _amplitude_sigma(model: LinearModel, shape: NDArray, remainder: NDArray) -> float:

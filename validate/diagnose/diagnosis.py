@@ -14,9 +14,9 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, FreeScale, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, likeliest_causes
+from .alternatives import Cause, SelectedEffect, groups, holds_beside_remainder, likeliest_causes
+from .base_flaws import Flaw
 from .evidence import (
-    MIN_EXPLAINED_PART,
     SHAPE_ERROR,
     Limit,
     explained_part,
@@ -28,6 +28,7 @@ from .evidence import (
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
+from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, cost_in_power, selected_beside_flaws
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -52,9 +53,6 @@ _MIN_CHI2_FOR_FAMILY = 0.03
 
 #: Probability that nothing is missing, where no effect was accepted. Set by judgement.
 NOTHING_MISSING = 0.95
-
-#: Probability of an unknown cause where that is the whole answer. Set by judgement.
-_UNKNOWN_ALONE = 0.9
 
 #: Probability of an unknown cause where something remains next to effects. Set by judgement.
 _UNKNOWN_REMAINS = 0.3
@@ -155,6 +153,12 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
+    #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
+    flaws: tuple[Flaw, ...] = ()
+    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
+    flaws_cost: float = 1.0
+    #: Judgement of every effect beside the base's flaws, those that did not hold included.
+    verdicts: tuple[Verdict, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +177,28 @@ class _Answer:
     selected: tuple[str, ...] = ()
     #: Explanation of what remains; None where nothing does.
     explanation: Explanation | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Selection by size, and the effects that hold beside the flaws of the base."""
+
+    #: Selection by size alone.
+    by_size: Selection
+    #: The selection that counts.
+    search: Selection
+    #: Its effects and their alternatives, those that hold.
+    effects: list[Candidate]
+    #: The same with their alternatives.
+    assessed: list[SelectedEffect]
+    #: What the base is off by, with them.
+    beside: BesideFlaws
+    #: Judgement of every effect.
+    verdicts: tuple[Verdict, ...]
+    #: Factor by which flaws raise the size that an effect must have, see `cost_in_power`.
+    flaws_cost: float
+    #: Identifiers of effects that are no candidates, see `without_imitated`.
+    imitated: tuple[str, ...]
 
 
 def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
@@ -202,8 +228,9 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     prepared, model = validation.prepared, validation.model
     first = linearised_fit(prepared, validation.rendered, model.effects)
     start = first.model
-    by_size, search, imitated = _search(validation, first, progress)
-    linearised, effects, assessed = search.linearised, search.selected, search.assessed
+    judged = _search(validation, first, progress)
+    by_size, search, effects, assessed = judged.by_size, judged.search, judged.effects, judged.assessed
+    linearised = search.linearised
     further_fits = [_further_fit(validation, other, effects) for other in further]
     if effects and further_fits:
         as_judged = [replace(fit, linearised=search.judging(fit.linearised)) for fit in further_fits]
@@ -213,7 +240,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         linearised = first
     answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
     progress.stage("explaining what remains")
-    answer = _explained(first, answer, prepared.calibration.capture, progress)
+    answer = _explained(first, answer, judged.beside, prepared.calibration.capture, progress)
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
@@ -221,9 +248,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=_ranking(
-            by_size.singles, search, answer.assessed, start, answer.explanation is not None, answer.selected
-        ),
+        ranking=_ranking(by_size.singles, search, answer.assessed, start, answer.explanation, answer.selected),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -237,7 +262,10 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=_scale_notes(prepared.free_scale, imitated),
+        notes=_scale_notes(prepared.free_scale, judged.imitated),
+        flaws=judged.beside.reported,
+        flaws_cost=judged.flaws_cost,
+        verdicts=judged.verdicts,
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
@@ -254,28 +282,35 @@ def _scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str,
     return (sentence,)
 
 
-def _explained(first: LinearisedFit, answer: _Answer, capture: Capture, progress: Progress) -> _Answer:
+def _explained(
+    first: LinearisedFit, answer: _Answer, beside: BesideFlaws, capture: Capture, progress: Progress
+) -> _Answer:
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
     Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
-    given. first : the picture without effects.
+    given. What small flaws of the base explain is taken off beforehand. first : the picture without effects.
     """
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
-    remains = something_remains(model, residual, residual_with_rendered(answer.linearised, effects))
+    rendered = residual_with_rendered(answer.linearised, effects)
+    if beside.small:
+        change = beside.model.change_dn(beside.fitted)
+        residual, rendered = (vector - model.whiten_used(change) for vector in (residual, rendered))
+        start = replace(start, residual=start.residual - start.whiten_used(change))
+    remains = something_remains(model, residual, rendered)
     excess = residual_data_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     if explanation is not None:
-        enough = explained_part(model, residual) > MIN_EXPLAINED_PART
-        selected = (*selected, UNKNOWN) if selected and enough else (UNKNOWN,)
+        hold = holds_beside_remainder(answer.assessed, explained_part(start, residual))
+        selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
             explanation, selected = alone, (UNKNOWN,)
     if selected == (UNKNOWN,):
-        return _Answer(first, [], [], start.residual, selected, explanation)
+        return _Answer(first, [], [], first.model.residual, selected, explanation)
     return replace(answer, selected=selected, explanation=explanation)
 
 
@@ -289,20 +324,27 @@ def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[
     return tuple(steps)
 
 
-def _search(
-    validation: Validation, first: LinearisedFit, progress: Progress
-) -> tuple[Selection, Selection, tuple[str, ...]]:
-    """Effects selected by size, and in the end, and those no candidates; frees the signatures, much of the memory."""
+def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> _Judged:
+    """Effects selected by size, and those that hold in the end; frees the signatures, much of the memory."""
     start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
     signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
-    if not by_size.selected and not something_remains(start, start.residual, start.residual):
+    effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
+    if beside.evident or len(effects) < len(search.selected):
+        # the base is off: further effects, and all numbers, with what it may be off by in the covariance
+        again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
+        cost = cost_in_power(first.problem(()), signatures, again.beside)
+        named = {c.hypothesis.effect.id for c in again.selected}
+        verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in named))
+        search = replace(by_size, linearised=again.linearised)
+        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts, cost, imitated)
+    if not effects and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return by_size, search, imitated
+    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts, 1.0, imitated)
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:
@@ -353,7 +395,7 @@ def _ranking(
     search: Selection,
     assessed: Sequence[SelectedEffect],
     start: LinearModel,
-    remains: bool,
+    explanation: Explanation | None,
     selected: tuple[str, ...],
 ) -> tuple[Ranked, ...]:
     """Effects by probability: the selected ones, then their alternatives, then all others.
@@ -364,8 +406,9 @@ def _ranking(
     """
     singles = search.singles
     offset = start.chi2 - search.first.chi2
-    explained = _UNKNOWN_REMAINS if remains else _UNKNOWN_EXPLAINED
-    unknown = _UNKNOWN_ALONE if selected == (UNKNOWN,) else explained
+    unknown = _UNKNOWN_EXPLAINED if explanation is None else _UNKNOWN_REMAINS
+    if selected == (UNKNOWN,) and explanation is not None:
+        unknown = explanation.cause_probability
     entries = {c.hypothesis.effect.id: _ranked(c, 0.0, start.count, 0.0) for c in by_size}
     entries |= {c.hypothesis.effect.id: _ranked(c, offset, start.count, 0.0) for c in singles}
     if set(selected) - {UNKNOWN}:

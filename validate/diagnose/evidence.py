@@ -17,7 +17,6 @@ from .search import Candidate, Signature
 
 __all__ = [
     "INDISTINGUISHABLE_CHI2",
-    "MIN_EXPLAINED_PART",
     "MIN_EXPLAINED_PART_EACH",
     "MIN_GAIN_PER_SAMPLE",
     "SHAPE_ERROR",
@@ -64,6 +63,9 @@ _NINE_OF_TEN_SIGMA = 1.2816
 #: share of what the selected ones explain.
 SHAPE_ERROR = 0.01
 
+#: The same of an effect that is computed exactly: the warp to the fitted camera is wrong by up to 3 % of its change.
+_EXACT_SHAPE_ERROR = 0.001
+
 #: False-alarm probability for effects that camera or lamp imitate, judged by the penalty of the priors alone, and for
 #: effects whose numbers have a tolerance.
 _PRIOR_FALSE_ALARM = 3e-4
@@ -77,9 +79,6 @@ _REMAINS_MIN_EXCESS = 0.15
 
 #: Minimum share that a remainder has of the excess without effects: errors of their shapes may leave less.
 _REMAINS_MIN_SHARE = 0.03
-
-#: Minimum share of the excess over noise that effects explain together; less may be coincidence with its cause.
-MIN_EXPLAINED_PART = 0.9
 
 #: Minimum share of the excess over noise that effects explain on average; the search ends where it is less.
 MIN_EXPLAINED_PART_EACH = 0.25
@@ -189,7 +188,7 @@ def _nine_of_ten(least: float, spread: float) -> float:
 
 
 def first_significant(
-    candidates: Sequence[Candidate], residual: NDArray, model: LinearModel, rendered: NDArray
+    candidates: Sequence[Candidate], residual: NDArray, model: LinearModel, exact: NDArray, start: NDArray
 ) -> Candidate | None:
     """The best candidate with a significant gain.
 
@@ -203,7 +202,9 @@ def first_significant(
         (n + 11,) residual with the effects already selected.
     model
         Linear model in which the candidates were fitted.
-    rendered
+    exact
+        (n + 11,) residual with those selected effects that are computed exactly.
+    start
         (n + 11,) residual with those selected effects with which the picture is rendered again.
 
     Returns
@@ -211,28 +212,34 @@ def first_significant(
     Candidate or None
         None where no gain is significant.
     """
-    explained = square(rendered) - square(residual)
+    by_shapes = _gain_of_shape_errors(residual, exact, start)
     residual = model.project(residual)
-    return next((c for c in candidates if _significant(c, residual, model, explained)), None)
+    return next((c for c in candidates if _significant(c, residual, model, by_shapes)), None)
 
 
-def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, explained: float) -> bool:
+def _gain_of_shape_errors(residual: NDArray, exact: NDArray, start: NDArray) -> float:
+    """Chi2 that errors of the selected effects' shapes may let a further effect gain."""
+    approximate, computed = square(exact) - square(residual), square(start) - square(exact)
+    return max(SHAPE_ERROR * approximate, 0.0) + max(_EXACT_SHAPE_ERROR * computed, 0.0)
+
+
+def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, by_shapes: float) -> bool:
     """Whether a gain exceeds what errors of rendering and shapes make, or relieves the priors.
 
-    explained : chi2 by effects whose shapes have errors.
+    by_shapes : chi2 by errors of the selected effects' shapes.
     """
     gain = square(residual) - candidate.chi2
     if not beyond_tolerance(candidate):
         return False
     if model.errors is not None:
         certain = _MIN_AMPLITUDE_SIGMA_SQ * dispersion(model, candidate.predicted, residual)
-        return gain > max(certain, least_gain(candidate, model), SHAPE_ERROR * explained)
+        return gain > max(certain, least_gain(candidate, model), by_shapes)
     if candidate.hypothesis.effect.imitates_nuisance:
         relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2
         relieved = gain > 0 and relief > chi2_quantile(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free))
         if relieved or candidate.by_priors:
             return bool(relieved)
-    return gain > max(least_gain(candidate, model), SHAPE_ERROR * explained)
+    return gain > max(least_gain(candidate, model), by_shapes)
 
 
 def beyond_tolerance(candidate: Candidate) -> bool:
@@ -334,7 +341,7 @@ def least_gain_of(change: NDArray, model: LinearModel) -> float:
     return max(model.count * by_picture, _MIN_DARK_ERROR_SIGMA**2 * model.gain_of_dark_errors(change))
 
 
-def least_gain_of_any(model: LinearModel, residual: NDArray, rendered: NDArray) -> float:
+def least_gain_of_any(model: LinearModel, residual: NDArray, exact: NDArray, start: NDArray) -> float:
     """Chi2 below which no effect can be significant, unless it relieves the priors.
 
     Parameters
@@ -343,7 +350,7 @@ def least_gain_of_any(model: LinearModel, residual: NDArray, rendered: NDArray) 
         Linear model of the capture.
     residual
         (n + 11,) residual with the effects already selected.
-    rendered
+    exact, start
         (n + 11,) see `first_significant`.
 
     Returns
@@ -352,7 +359,7 @@ def least_gain_of_any(model: LinearModel, residual: NDArray, rendered: NDArray) 
         Chi2.
     """
     least = model.count * _MIN_GAIN_PER_SAMPLE_AT_EDGES if model.errors is None else largest_gain_of_errors(model)
-    return max(least, SHAPE_ERROR * (square(rendered) - square(residual)))
+    return max(least, _gain_of_shape_errors(residual, exact, start))
 
 
 def largest_gain_of_errors(model: LinearModel) -> float:

@@ -12,13 +12,13 @@ from cboxlab.rendering.chain import after_stage
 from cboxlab.rendering.device import mi
 from cboxlab.rendering.effects import catalogue
 from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection
-from cboxlab.rendering.radiosity import solve
+from cboxlab.rendering.radiosity import LampSampler, solve
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from .evidence import INDISTINGUISHABLE_CHI2, MIN_GAIN_PER_SAMPLE, SHAPE_ERROR, least_gain_of, price_of, square
-from .explain import NONE, Explanation
+from .explain import MIN_HELDOUT_GAIN, NONE, Explanation
 from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit
@@ -29,10 +29,6 @@ __all__ = ["explanation_to_report", "family_beats_effects", "is_significant_patt
 #: False-alarm probability of an explanation by noise alone, all families and their forms together: bound by evidence,
 #: not measured.
 _FALSE_ALARM = 0.005
-
-#: Minimum gain of a family in pixels held out from a trial fit, over that in the fitted ones. Pixels that scatter in
-#: deep shadow, as those of a simulated photograph may, have 0.2 at most; grains of nine pixels or more at least 0.4.
-_MIN_HELDOUT_GAIN_RATIO = 0.3
 
 #: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
 #: columns, as those of a ceiling, look like rows or columns and have none there.
@@ -133,7 +129,7 @@ def is_significant_pattern(
         False for no family, and for families that renderings' errors resemble.
     """
     family = explanation.family_record
-    if family is None or not explanation.sharp or explanation.heldout < _MIN_HELDOUT_GAIN_RATIO:
+    if family is None or not explanation.sharp or explanation.heldout < MIN_HELDOUT_GAIN:
         return False
     change = model.whiten(explanation.change)
     everywhere = family.acts_on == "sensor" and explanation.centre_px is None
@@ -189,6 +185,8 @@ def explanation_to_report(
         ),
         None,
     )
+    if sharp:
+        sharp = replace(sharp, odds=best.odds)
     if sharp and sharp.family == best.family:
         sharp = replace(sharp, told_apart=best.told_apart, rivals=(sharp.rivals[0], *best.rivals[1:]))
         remains = remains and sharp.share < _MIN_SHARE_OF_SHARP_FORM * best.share
@@ -339,6 +337,8 @@ def _transport(linearised: LinearisedFit) -> Transport:
         patch_arriving=first + exchange.form_factors @ radiance,
         patch_direct=first,
         patch_incidence=_cosine(patches.centre, patches.normal, lamps, exchange.direct),
+        emission=_emission(traced.position, traced.light.lamps, traced.direct),
+        patch_emission=_emission(patches.centre, traced.light.lamps, exchange.direct),
         picture=traced.pixels(reflectance[traced.material] * arriving),
         roughness=_COAT_ROUGHNESS,
         coats=np.array(
@@ -358,6 +358,20 @@ def _cosine(
     cosines = np.abs(np.einsum("kni,ni->kn", direction, normal)) / np.maximum(np.linalg.norm(direction, axis=2), 1e-9)
     weights = weight.T + np.float32(1e-9)
     return np.sum(weights * cosines, axis=0) / weights.sum(axis=0)
+
+
+def _emission(position: NDArray[Any], lamps: Sequence[LampSampler], weight: NDArray[Any]) -> NDArray[np.float64]:
+    """(n,) mean cosine, 0 to 1, between the lamps' normals and the directions from them to positions (n, 3).
+
+    weight : (n, lamp) of the mean; where all are 0, the lamps count alike.
+    """
+    cosines = []
+    for lamp in lamps:
+        direction = position - lamp.centre
+        normal = np.array([lamp.normal.x[0], lamp.normal.y[0], lamp.normal.z[0]])
+        cosines.append(np.abs(direction @ normal) / np.maximum(np.linalg.norm(direction, axis=1), 1e-9))
+    weights = weight.T + np.float32(1e-9)
+    return np.asarray(np.sum(weights * np.array(cosines), axis=0) / weights.sum(axis=0))
 
 
 def _coated(

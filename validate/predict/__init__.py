@@ -2,7 +2,7 @@
 
 from .external_picture import ExternalPicture, external_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
-from .picture_errors import PictureErrors, picture_errors
+from .picture_errors import PictureErrors, cells_and_columns, picture_errors
 from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor, effects_key
 from .rendering import CONVERGENCE, Picture, render_to_noise
@@ -18,6 +18,7 @@ __all__ = [
     "Predictor",
     "build_predictor",
     "cached_picture",
+    "cells_and_columns",
     "default_cache",
     "digest_of",
     "effects_key",

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PictureErrors", "picture_errors"]
+__all__ = ["PictureErrors", "cells_and_columns", "picture_errors"]
 
 #: Relative standard deviation of the error that a cell of a face shares in all bands. Pictures of one box by two
 #: independent simulators differ by 0.1 to 0.4 %, equally in all bands, over a tenth to a third of a face.
@@ -117,8 +117,29 @@ def picture_errors(
         return np.asarray(np.unique(of_samples, return_inverse=True)[1].reshape(-1))
 
     level = signal[used] / sigma
-    cell = parts_of_faces(_CELLS)
-    weight = _CELL_ERROR * level
+    region = parts_of_faces(_REGIONS)
+    large = np.flatnonzero(np.bincount(region) >= _MIN_REGION_PIXELS * len(used))
+    regions = (np.where(region == number, _REGION_ERROR * level, 0.0) for number in large)
+    return cells_and_columns(parts_of_faces(_CELLS), _CELL_ERROR * level, [*others, *regions])
+
+
+def cells_and_columns(cell: NDArray, weight: NDArray, columns: Sequence[NDArray]) -> PictureErrors:
+    """Errors of cells that do not overlap, and further errors.
+
+    Parameters
+    ----------
+    cell
+        (n,) number of each sample's cell, from 0.
+    weight
+        (n,) standard deviation of the cell's error at each sample, over sigma.
+    columns
+        One standard deviation of each further error: (n,) over sigma.
+
+    Returns
+    -------
+    PictureErrors
+        The errors, prepared for whitening.
+    """
     squares = np.bincount(cell, weight**2)
     # (1 + s)^(-1/2) - 1 along the cell's unit vector, s its square
     shrink = (1 - 1 / np.sqrt(1 + squares)) / np.maximum(squares, 1e-300)
@@ -129,13 +150,9 @@ def picture_errors(
         np.zeros((len(cell), 0), np.float32),
         np.zeros(0),
     )
-    region = parts_of_faces(_REGIONS)
-    large = np.flatnonzero(np.bincount(region) >= _MIN_REGION_PIXELS * len(used))
-    common = np.empty((len(cell), len(others) + len(large)), np.float32)
-    for column, other in zip(common.T, others, strict=False):
+    common = np.empty((len(cell), len(columns)), np.float32)
+    for column, other in zip(common.T, columns, strict=True):
         column[:] = cells.whitened(other)
-    for column, number in zip(common.T[len(others) :], large, strict=True):
-        column[:] = cells.whitened(np.where(region == number, _REGION_ERROR * level, 0.0))
     blocks = _blocks(len(cell))
     none = np.zeros((common.shape[1], common.shape[1]))
     values, vectors = np.linalg.eigh(sum((common[some].T.astype(float) @ common[some] for some in blocks), none))

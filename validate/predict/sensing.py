@@ -109,7 +109,7 @@ def _interleaving(calibration: Calibration, sources: Sequence[_Band]) -> Interle
 
 
 def _channel_ratio(calibration: Calibration, band: BandTable, letter: str, source: _Band) -> float:
-    """Signal of a channel over that of the band's channel, for the lamp, or for the flat's source without one."""
+    """Signal of a channel over that of the band's channel, for the lamp or else the flat's source."""
     capture, channels = calibration.capture, calibration.channels
     lamp = capture.manifest.lamp
     light = source.flat_radiance if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)

@@ -13,9 +13,10 @@ from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.utils.files import replacing
 
 from ..compare import HEADLINE
-from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step
+from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step, Verdict
+from ..diagnose.explain import advice
 from .blocks import with_error
-from .explanation import explanation_record, explanation_sentence
+from .explanation import explanation_record, explanation_sentence, laboratory_sentences
 from .metrics import PathStep
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "error_sentence",
     "evidence_sentences",
     "finding_sentences",
+    "flaw_sentences",
     "further_sentences",
     "limit_text",
     "path_steps",
@@ -35,6 +37,15 @@ __all__ = [
     "write_diagnosis",
 ]
 
+
+#: Descriptions of the kinds of flaws of a base.
+_FLAWS = {
+    "creases": "corners, which are softer or darker than in the model",
+    "edges": "edges, as of walls and blocks that lean or differ in size",
+    "shading": "whole faces, which are lit or painted unevenly",
+    "field": "slow changes over the picture, alike in all bands",
+    "pixels": "single pixels, alike in all bands, as with old flats",
+}
 
 #: Limits of detection in the sentence of the terminal; diagnosis.json and the report have all of them.
 _NUM_LIMITS = 3
@@ -79,7 +90,15 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "certainty": _finite(diagnosis.certainty),
         "limits": [asdict(limit) for limit in diagnosis.limits],
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
+        **({"base_flaws": [asdict(flaw) for flaw in diagnosis.flaws]} if diagnosis.flaws else {}),
+        **({"flaws_cost": diagnosis.flaws_cost} if diagnosis.flaws else {}),
+        **({"beside_flaws": [_verdict_record(verdict) for verdict in diagnosis.verdicts]} if diagnosis.flaws else {}),
     }
+
+
+def _verdict_record(verdict: Verdict) -> dict[str, Any]:
+    """Judgement of one effect beside the base's flaws; a number that is not finite is None."""
+    return {key: value if isinstance(value, bool) else _finite(value) for key, value in asdict(verdict).items()}
 
 
 def _finite(value: str | float) -> str | float | None:
@@ -175,6 +194,35 @@ def result_sentence(diagnosis: Diagnosis) -> str:
     return f"The model lacks {causes}{rest}."
 
 
+def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Flaws of the base itself, what they cost, and effects that do not hold beside them.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        Sentences; empty where the base shows no flaw.
+    """
+    if not diagnosis.flaws:
+        return []
+    kinds = "; ".join(f"by {flaw.chi2_per_dof:.2f} at {_FLAWS[flaw.kind]}" for flaw in diagnosis.flaws)
+    sentences = [
+        f"The base itself is off (χ² per sample): {kinds}.",
+        f"With these flaws free, an effect must be {diagnosis.flaws_cost:.1f} times as large to be seen.",
+    ]
+    sentences += [
+        f"{verdict.effect} fits, but not beside these flaws: with them its size is {verdict.certainty:.1f} standard "
+        f"deviations, {100 * verdict.stability:.0f} % of its size without."
+        for verdict in diagnosis.verdicts
+        if not verdict.holds
+    ]
+    return sentences
+
+
 def separation_sentence(s: Separation) -> str:
     """Sentences on two effects that a capture cannot distinguish, and on the capture that would.
 
@@ -246,6 +294,14 @@ def unexplained_sentences(diagnosis: Diagnosis) -> list[str]:
     return [] if diagnosis.explanation is None else [explanation_sentence(diagnosis.explanation)]
 
 
+def _laboratory_lines(diagnosis: Diagnosis) -> list[str]:
+    """Place, causes and experiment of what remains; empty where nothing does."""
+    if diagnosis.explanation is None:
+        return []
+    experiment = advice(diagnosis.explanation).experiment
+    return [*laboratory_sentences(diagnosis.explanation), f"To settle it: {experiment}"]
+
+
 def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
     """Evidence for the effects found, from the survey and from data held out of the fits.
 
@@ -301,12 +357,15 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
     external = [] if diagnosis.render is None else diagnosis.render.sentences
     if diagnosis.adequate:
         further = further_sentences(diagnosis)
-        return [result_sentence(diagnosis), *limit_sentences(diagnosis), *external, *further, *diagnosis.notes]
+        flaws = flaw_sentences(diagnosis)
+        return [result_sentence(diagnosis), *flaws, *limit_sentences(diagnosis), *external, *further, *diagnosis.notes]
     return [
         result_sentence(diagnosis),
         *external,
+        *flaw_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
+        *_laboratory_lines(diagnosis),
         *(f"To confirm {effect.id}: {effect.effect.confirm}" for effect in diagnosis.path[-1].effects),
         *further_sentences(diagnosis),
         *(separation_sentence(s) for s in diagnosis.separations),

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
-from ..diagnose.explain import NONE, Explanation
+from ..diagnose.explain import NONE, Explanation, advice, appearance
 from .blocks import Cell, ReportSection, Table, number, significant
 from .plots import map_row, residual_scale
 
-__all__ = ["explanation_record", "explanation_sections", "explanation_sentence"]
+__all__ = ["explanation_record", "explanation_sections", "explanation_sentence", "laboratory_sentences"]
 
 #: Most bands shown as maps: those with the strongest change.
 _MAX_MAPS = 4
@@ -40,6 +41,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
             "runner_up": None,
             "field": None,
         }
+    words = advice(explanation)
     centre = explanation.centre_px
     return {
         "family": explanation.family,
@@ -49,11 +51,18 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         "share": float(explanation.share),
         "runner_up": explanation.runner_up,
         "told_apart": bool(explanation.told_apart),
+        "probability": _rounded(explanation.probability),
+        "odds": {outcome: _rounded(value) for outcome, value in explanation.odds.items()},
         "form": explanation.form,
         "relative_change": {
             band: float(value) for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
         },
         "heldout": float(explanation.heldout),
+        "registration": {name: round(float(share), 3) for name, share in asdict(explanation.registration).items()},
+        "fixed": words.fixed,
+        "appearance": appearance(explanation.registration),
+        "everyday_causes": list(words.causes),
+        "experiment": words.experiment,
         "field": None if explanation.field is None else field_record(explanation.field),
         "families": [
             {
@@ -66,6 +75,11 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
             for r in explanation.rivals
         ],
     }
+
+
+def _rounded(probability: float) -> float | None:
+    """A probability for JSON; None for NaN."""
+    return None if np.isnan(probability) else round(float(probability), 4)
 
 
 def explanation_sentence(explanation: Explanation) -> str:
@@ -83,7 +97,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     """
     family = explanation.family_record
     if family is None:
-        return "No family of fields explains what remains."
+        return f"No family of fields explains what remains{_believed(explanation)}."
     where = f" on {explanation.surface}" if explanation.surface else ""
     if explanation.centre_px is not None:
         where += f" about pixel ({explanation.centre_px[0]:.0f}, {explanation.centre_px[1]:.0f})"
@@ -91,7 +105,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     bands = "all bands" if every else ", ".join(explanation.bands)
     text = (
         f"What remains looks like {family.title} ({explanation.family}: {explanation.form}){where}, "
-        f"in {bands}. It explains {100 * explanation.share:.0f} % of the excess."
+        f"in {bands}{_believed(explanation)}. It explains {100 * explanation.share:.0f} % of the excess."
     )
     if explanation.runner_up is None:
         return text
@@ -99,6 +113,31 @@ def explanation_sentence(explanation: Explanation) -> str:
     if explanation.told_apart:
         return f"{text} The next family is {other.family}, with {100 * other.share:.0f} %."
     return f"{text} This capture cannot distinguish it from {other.family} ({100 * other.share:.0f} %)."
+
+
+def _believed(explanation: Explanation) -> str:
+    """Probability of the family in words; empty where not judged."""
+    return "" if np.isnan(explanation.probability) else f" (probability {explanation.probability:.2f})"
+
+
+def laboratory_sentences(explanation: Explanation) -> tuple[str, ...]:
+    """Place, sign and scaling of what remains, and its everyday causes.
+
+    Parameters
+    ----------
+    explanation
+        The explanation.
+
+    Returns
+    -------
+    tuple
+        Two sentences; the experiment that settles it is a step of the report.
+    """
+    words = advice(explanation)
+    first, *middle, last = words.causes
+    causes = f"{', '.join([first, *middle])} or {last}"
+    seen = appearance(explanation.registration)
+    return (f"It is fixed {words.fixed}; {seen}.", f"Everyday causes of such a pattern are {causes}.")
 
 
 def explanation_sections(explanation: Explanation | None) -> list[ReportSection]:
@@ -133,7 +172,8 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
         "than the closest fit without penalty, for the errors of shapes.",
     )
     if explanation.family_record is None:
-        return [ReportSection("What no effect explains", [explanation_sentence(explanation)], [table])]
+        sentences = [explanation_sentence(explanation), *laboratory_sentences(explanation)]
+        return [ReportSection("What no effect explains", sentences, [table])]
     strength = np.nansum((explanation.change / explanation.sigma) ** 2, axis=(1, 2))
     bands = sorted(np.argsort(strength)[::-1][:_MAX_MAPS])
     explained = {explanation.all_bands[b]: (explanation.change / explanation.sigma)[b] for b in bands}
@@ -142,7 +182,7 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
     return [
         ReportSection(
             "What no effect explains",
-            [explanation_sentence(explanation)],
+            [explanation_sentence(explanation), *laboratory_sentences(explanation)],
             [
                 map_row(explained, scale, "Change that the family explains, over the noise of a pixel."),
                 map_row(rest, scale, "Photograph minus rendering with this change, with the same colour scale."),

@@ -7,16 +7,17 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from cboxlab.rendering.effects import catalogue
 from numpy.typing import NDArray
 
 from ..compare import HEADLINE, Comparison
 from ..diagnose import Cause, Diagnosis
+from ..diagnose.explain import advice
 from .bands import NamedBand
 from .blocks import Cell, Headline, ReportSection, Story, Table, number, significant
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
+    flaw_sentences,
     limit_text,
     ranked_values,
     result_sentence,
@@ -148,6 +149,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
     meaning = [f"{e.id}: {e.effect.short_title}." for e in diagnosis.path[-1].effects]
     details = [
         *meaning,
+        *flaw_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *verdict(c, bands).details[3:],
@@ -333,11 +335,8 @@ def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
         steps.append(f"Confirm {effect.id} in the laboratory. {effect.effect.confirm}")
         steps.append(f"Add it to the model: {effect.id} {values}. The file model.toml next to this report has it.")
     steps += [separation_sentence(s) for s in diagnosis.separations]
-    if diagnosis.selected[-1] not in catalogue():
-        steps.append(
-            "Look at the remaining difference in σ in the viewer above, band by band. A pattern that follows a "
-            "surface, a band or the order of the exposures indicates where to search. You can also write an effect."
-        )
+    if diagnosis.explanation is not None:
+        steps.append(advice(diagnosis.explanation).experiment)
     if diagnosis.path[-1].effects and not diagnosis.separations:
         first = diagnosis.causes[0].effect
         steps += [

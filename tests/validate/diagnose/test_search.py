@@ -42,11 +42,11 @@ def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     moved, offset = np.zeros(1035), np.zeros(1035)
     moved[-11], offset[:3] = 9.0, 1.0
     lucky, pose = candidate("dark-offset", offset), candidate("camera-pose", moved)
-    assert first_significant([lucky, pose], residual, SQUARE, residual) is pose
-    assert first_significant([lucky, candidate("camera-pose", offset)], residual, SQUARE, residual) is None
+    assert first_significant([lucky, pose], residual, SQUARE, residual, residual) is pose
+    assert first_significant([lucky, candidate("camera-pose", offset)], residual, SQUARE, residual, residual) is None
     # from 10 to 9.5 is no more than chance does: 9.75 of chi2 for six numbers
     moved[-11] = 0.5
-    assert first_significant([candidate("camera-pose", moved)], residual, SQUARE, residual) is None
+    assert first_significant([candidate("camera-pose", moved)], residual, SQUARE, residual, residual) is None
 
 
 def test_a_gain_must_exceed_the_errors_of_shapes_that_are_not_rendered_again():
@@ -55,8 +55,20 @@ def test_a_gain_must_exceed_the_errors_of_shapes_that_are_not_rendered_again():
     residual, rendered = np.zeros(1035), np.zeros(1035)
     residual[0], rendered[1] = 10.0, np.sqrt(1e5 + 100)
     offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
-    assert first_significant([offset], residual, SQUARE, rendered) is None
-    assert first_significant([offset], residual, SQUARE, residual) is offset
+    assert first_significant([offset], residual, SQUARE, rendered, rendered) is None
+    assert first_significant([offset], residual, SQUARE, residual, residual) is offset
+
+
+def test_what_is_computed_exactly_hides_a_tenth_of_what_approximate_effects_hide():
+    """Of 5 10^4 explained exactly a thousandth may be the warp's error, 50 of chi2; a hundredth would hide the gain."""
+    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    residual, start = np.zeros(1035), np.zeros(1035)
+    residual[0], start[1] = 10.0, np.sqrt(5e4 + 100)
+    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
+    assert first_significant([offset], residual, SQUARE, residual, start) is offset
+    assert first_significant([offset], residual, SQUARE, start, start) is None
+    start[1] = np.sqrt(2e5 + 100)
+    assert first_significant([offset], residual, SQUARE, residual, start) is None
 
 
 def test_a_gain_must_exceed_what_errors_of_dark_levels_make():
@@ -67,7 +79,7 @@ def test_a_gain_must_exceed_what_errors_of_dark_levels_make():
     offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
     for average, found in ((12.0, None), (10.0, offset)):
         model = SimpleNamespace(**{**vars(SQUARE), "gain_of_dark_errors": lambda _, size=average: size})
-        assert first_significant([offset], residual, model, residual) is found
+        assert first_significant([offset], residual, model, residual, residual) is found
 
 
 def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
@@ -77,7 +89,7 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
     sides = np.append(np.tile([0.1, -0.1], 512), np.zeros(11))
     for change, smooth, gains in ((level, 1.0, False), (sides, 0.0, True)):
         assert smooth_part(SQUARE, change) == pytest.approx(smooth)
-        found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change)
+        found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change)
         assert (found is not None) is gains
 
 
@@ -89,11 +101,11 @@ def test_no_effect_is_significant_that_gains_less_than_any_must(errors, explaine
     model = SimpleNamespace(**{**vars(SQUARE), "errors": errors, "patch": np.arange(1024) % 64})
     ends, rendered = np.zeros(11), np.append(np.zeros(1034), explained**0.5)
     sides = np.append(np.tile([1.0, -1.0], 512), ends) / 32
-    least = least_gain_of_any(model, np.zeros(1035), rendered)
+    least = least_gain_of_any(model, np.zeros(1035), rendered, rendered)
     assert least == pytest.approx(max(1024 * (0.004 if errors is None else 0.0005), 0.01 * explained))
     for part, significant in ((0.99, False), (1.02, errors is None or explained > 0)):
         change = (part * least) ** 0.5 * sides
-        found = first_significant([Candidate(effect, {}, {}, 0.0, change)], change, model, rendered)
+        found = first_significant([Candidate(effect, {}, {}, 0.0, change)], change, model, rendered, rendered)
         assert (found is not None) is significant
 
 
@@ -144,7 +156,7 @@ def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
     change = np.append(np.tile([0.3, -0.3], 512), np.zeros(11))
     for away, counts in ((0.13, False), (0.17, True)):
         moved = Candidate(known, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
-        assert (first_significant([moved], change, SQUARE, change) is moved) is counts
+        assert (first_significant([moved], change, SQUARE, change, change) is moved) is counts
 
 
 def test_each_free_number_costs_half_of_what_tells_two_effects_apart():

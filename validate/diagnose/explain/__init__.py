@@ -1,14 +1,22 @@
 """Competition of the families of explanations for a residual."""
 
-from .competition import explain, explain_masked_families
-from .explanation import NONE, Explanation, Rival
+from .competition import MIN_HELDOUT_GAIN, explain, explain_masked_families
+from .explanation import NONE, SOUND, Explanation, Rival
+from .laboratory import advice, appearance
 from .noise import noise_level
+from .registration import Registration, registration
 
 __all__ = [
+    "MIN_HELDOUT_GAIN",
     "NONE",
+    "SOUND",
     "Explanation",
+    "Registration",
     "Rival",
+    "advice",
+    "appearance",
     "explain",
     "explain_masked_families",
     "noise_level",
+    "registration",
 ]

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import FittedField
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..field_fit import Family
+from .registration import Registration
 
-__all__ = ["NONE", "Explanation", "Rival"]
+__all__ = ["NONE", "SOUND", "Explanation", "Rival"]
 
 #: Family of an explanation where nothing is left to explain, or no family explains it.
 NONE = "none"
+
+#: Outcome that nothing but flaws of the picture differs.
+SOUND = "sound"
 
 
 @dataclass(frozen=True)
@@ -30,10 +36,12 @@ class Rival:
     share: float
     #: 2 ln evidence with prior odds and allowance for shape errors; differences between rivals count.
     score: float
+    #: Gain in samples held out over that in fitted ones, see ``FieldFit.predicts``.
+    predicts: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
+class Explanation(FrozenMappings):
     """Most likely cause of a residual, with its rivals."""
 
     #: Identifier of the family; ``NONE`` where no family explains the residual.
@@ -78,12 +86,26 @@ class Explanation:
     field: FittedField | None
     #: Record of the family; None where no family explains the residual.
     family_record: Family | None
+    #: Where the residual is fixed, and how it scales.
+    registration: Registration
+    #: Probability of each family, of "none" and of "sound", see `odds`; empty for patterns that are fitted separately.
+    odds: Mapping[str, float]
+
+    @property
+    def probability(self) -> float:
+        """Probability of the family, or that it is none of them; NaN where not judged."""
+        return self.odds.get(self.family, float("nan"))
+
+    @property
+    def cause_probability(self) -> float:
+        """Probability that what remains has a cause beside flaws of the picture; NaN where not judged."""
+        return 1 - self.odds[SOUND] if SOUND in self.odds else float("nan")
 
     @property
     def levels(self) -> bool:
         """Whether it is one number in each band, without any shape in the image."""
         has_levels = self.family_record is not None and self.family_record.levels
-        return has_levels and self.field is not None and self.field.acts != "previous"
+        return has_levels and self.field is not None and self.field.acts not in ("previous", "radiance")
 
     @property
     def smear(self) -> bool:

@@ -1,14 +1,15 @@
-"""Patterns fixed on the sensor: rows, columns, smooth patterns, waves and spots."""
+"""Patterns fixed on the sensor: rows, columns, pixels, smooth patterns, waves, spots."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import Acts, ImageMaps
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_matrix
 
 from ..field_fit import (
@@ -22,6 +23,7 @@ from ..field_fit import (
     each_band,
     equations_in_all_bands,
     fixed_spectrum,
+    pixel_fit,
     scaled,
     strongest_waves,
 )
@@ -30,6 +32,24 @@ __all__ = ["SensorPatterns"]
 
 #: Highest order of the cosines of a smooth pattern: resolves a tenth of the image.
 _SMOOTH_ORDER = 10
+
+#: Largest correlation of pixels with a neighbour in a pattern of single pixels. Independent pixels have 0 or less, dark
+#: corners and edges that a picture misses 0.3 or more along their line.
+_MAX_NEIGHBOURS_CORRELATION = 0.15
+
+#: Largest part of such a pattern in a square of the sensor. Pixels that scatter in one place, as a render's noise
+#: does in deep shadow, are no pattern of the sensor.
+_MAX_PART_IN_A_SQUARE = 0.4
+
+#: Side of the square over that of the sensor.
+_SQUARE = 0.25
+
+
+def _largest_part(gain: NDArray[np.float64]) -> float:
+    """Part of a gain (y, x) in the square that has most, a quarter of the sensor wide."""
+    side = max(round(max(gain.shape) * _SQUARE), 1)
+    most = uniform_filter(gain, side, mode="constant").max() * side**2
+    return float(most / max(gain.sum(), 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +68,8 @@ class SensorPatterns:
     by_exposure: NDArray[np.float64]
     #: The form of such a pattern in words.
     exposure_form: str
+    #: Variance of a pixel's number by noise that all bands share.
+    common_variance: float = 0.0
 
     @property
     def data(self) -> ResidualData:
@@ -65,6 +87,33 @@ class SensorPatterns:
         yield from self._by_maps("rows", ImageMaps("rows"), sharp=True)
         yield from self._by_maps("columns", ImageMaps("columns"), sharp=True)
         yield from self._by_maps("a smooth pattern", ImageMaps("cosines", order=_SMOOTH_ORDER))
+
+    def single_pixels(self) -> Iterator[FittedExplanation]:
+        """Patterns of single pixels, alike in all bands or by the exposure time.
+
+        Yields
+        ------
+        FittedExplanation
+            None where neighbours are alike: then it is no pattern of single pixels.
+        """
+        spectra = (
+            ("alike in all bands", np.ones(len(self.data.bands)), self.common_variance),
+            (self.exposure_form, self.by_exposure, 0.0),
+        )
+        for form, spectrum, variance in spectra:
+            scale = np.abs(spectrum).max()
+            operator = self.operator * (spectrum / scale if scale > 0 else spectrum)[:, None, None]
+            fit, correlation = pixel_fit(self.data, operator, variance)
+            gain = (fit.coefficients[0] ** 2).reshape(self.data.shape) * np.sum(
+                (operator * self.data.weight) ** 2, axis=0
+            )
+            if correlation > _MAX_NEIGHBOURS_CORRELATION or _largest_part(gain) > _MAX_PART_IN_A_SQUARE:
+                continue
+            fit = replace(fit, coefficients=fit.coefficients * (spectrum / max(scale, 1e-300))[:, None])
+            maps = ImageMaps("pixels")
+            yield FittedExplanation(
+                self.family, f"single pixels, {form}", fit, self._columns(maps), self.acts, maps, sharp=True
+            )
 
     def waves(self, of_one_band: Callable[[Wave, int], FittedExplanation] | None = None) -> Iterator[FittedExplanation]:
         """Straight waves and rings.

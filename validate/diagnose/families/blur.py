@@ -1,4 +1,4 @@
-"""Blur of the image: round, along a line, uneven over the image, halo, streaks."""
+"""Light astray in the image: blurs, smears, halo, streaks, charge that trails, copies."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from cboxlab.rendering.fitted_fields import Acts, ImageMaps, exchanges
 from numpy.typing import NDArray
 
 from ..field_fit import (
+    Advice,
     Columns,
     Family,
     FieldFit,
@@ -22,6 +23,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
+from ._copies import copies
 from ._spectra import forms_by_spectrum
 
 __all__ = ["FAMILY"]
@@ -38,6 +40,9 @@ _ROUND_LEAVES = 0.01
 
 #: Directions of streaks that are tried, degrees from the rows, downwards.
 _STREAKS_DEG = tuple(range(0, 180, 15))
+
+#: Ways along which charge may trail, in words, by degrees from the rows, downwards.
+_TRAILS = {0: "to the right", 90: "down", 180: "to the left", 270: "up"}
 
 #: Directions in words, at 0, 45, 90 and 135 degrees from the rows, downwards.
 _LINES = ("the rows", "the falling diagonal", "the columns", "the rising diagonal")
@@ -58,6 +63,8 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         FAMILY, "a wide halo", equations_in_all_bands(data, halo), halo, "halo", ImageMaps("cosines")
     )
     yield max((_streak(data, angle) for angle in _STREAKS_DEG), key=lambda explanation: explanation.evidence)
+    yield from (_trail(data, angle) for angle in _TRAILS)
+    yield from copies(data, FAMILY)
 
 
 def _streak(data: ResidualData, angle_deg: float) -> FittedExplanation:
@@ -73,6 +80,17 @@ def _streak(data: ResidualData, angle_deg: float) -> FittedExplanation:
         ImageMaps("cosines"),
         num_choices=len(_STREAKS_DEG),
         angle_deg=angle_deg,
+    )
+
+
+def _trail(data: ResidualData, angle_deg: int) -> FittedExplanation:
+    """Charge that stays behind in the register and is read with pixels that follow."""
+    columns = _even_exchange(data, "trail", angle_deg)
+    fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
+    form = f"trails {_TRAILS[angle_deg]}"
+    choices, maps = len(_TRAILS), ImageMaps("cosines")
+    return FittedExplanation(
+        FAMILY, form, fit, columns, "trail", maps, sharp=True, num_choices=choices, angle_deg=angle_deg
     )
 
 
@@ -198,6 +216,58 @@ def _even_exchange(data: ResidualData, acts: Acts, angle_deg: float = 0.0) -> Co
     return columns
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "copy of the picture",
+        "in the light's way before the sensor",
+        ("a pane or filter that reflects twice", "a ghost between lens and sensor", "a double exposure"),
+        "Turn or take away the filter or pane and photograph again: a copy that moves or goes was made there.",
+    ),
+    Advice(
+        "trails",
+        "in the register of the sensor",
+        ("charge left behind in a cold register", "a read-out that is too fast", "radiation damage"),
+        "Photograph a bright edge on a dark ground with a slower read-out: trails of a register get shorter.",
+    ),
+    Advice(
+        "along a",
+        "while the shutter is open",
+        ("a camera that shakes", "a moving table", "a filter wheel that still turns"),
+        "Photograph again with the shutter released by time, on a heavy tripod.",
+    ),
+    Advice(
+        "streaks",
+        "on the lens",
+        ("a wiped lens", "a scratched filter", "the blades of the diaphragm"),
+        "Clean the lens, turn it if it turns, and photograph a small lamp: its streaks show the direction.",
+    ),
+    Advice(
+        "halo",
+        "on or in the lens",
+        ("dew or grease on the lens", "haze inside the lens", "a scattering filter"),
+        "Clean the lens and photograph a small lamp before black cloth: its halo shows what remains.",
+    ),
+    Advice(
+        "one band",
+        "in one filter",
+        ("a filter of another thickness", "a tilted filter", "a lens that is not achromatic"),
+        "Focus again with this filter in place and photograph the band again.",
+    ),
+    Advice(
+        "unevenly",
+        "between lens and sensor",
+        ("a tilted sensor", "a curved field of the lens", "a decentred lens"),
+        "Photograph a flat test chart and compare the sharpness of its corners.",
+    ),
+    Advice(
+        "",
+        "in the lens",
+        ("a lens out of focus", "an aperture that is too small or too wide", "a camera that shakes"),
+        "Focus again, photograph an edge, and compare its width with this capture's.",
+    ),
+)
+
 FAMILY = Family(
     id="blur",
     title="a blur",
@@ -205,4 +275,5 @@ FAMILY = Family(
     generate=_generate,
     order=40,
     masked=(MaskedPattern(rank=1, generate=smears), MaskedPattern(rank=2, generate=uneven_blurs)),
+    advice=_ADVICE,
 )

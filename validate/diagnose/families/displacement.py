@@ -11,6 +11,7 @@ from cboxlab.rendering.fitted_fields import ImageMaps
 from numpy.typing import NDArray
 
 from ..field_fit import (
+    Advice,
     Columns,
     Family,
     FitInput,
@@ -66,6 +67,32 @@ def _columns(data: ResidualData, basis: NDArray[Any]) -> Columns:
     return lambda band: np.concatenate([way[band].ravel() * basis for way in data.moved]).astype(np.float32)
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "one band",
+        "in one filter",
+        ("a filter that is a wedge", "a tilted filter", "a camera moved between two bands"),
+        "Turn the filter in its holder and photograph again: a shift that turns is in the filter.",
+    ),
+    Advice(
+        "in each band",
+        "in the filters, or between the frames",
+        (
+            "filters of different wedge or tilt",
+            "a camera that sinks while bands are taken",
+            "colour errors of the lens",
+        ),
+        "Take the first band again at the end: a shift between the two is the camera's.",
+    ),
+    Advice(
+        "",
+        "in the lens or the camera's mount",
+        ("a distortion that the model lacks", "a moved camera", "points that were surveyed wrong"),
+        "Measure twenty more points near the borders, and calibrate the camera again.",
+    ),
+)
+
 FAMILY = Family(
     id="displacement",
     title="a displacement of the picture",
@@ -73,4 +100,5 @@ FAMILY = Family(
     generate=_generate,
     order=30,
     masked=(MaskedPattern(rank=3, generate=displacements_of_bands),),
+    advice=_ADVICE,
 )

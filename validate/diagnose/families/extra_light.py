@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 
 from ..field_fit import (
     PENALTY_ODD,
+    Advice,
     Columns,
     Family,
     FitInput,
@@ -58,6 +59,22 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
     return -PENALTY_ODD if spot.brighter and spot.neutral else 0.0
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "one place",
+        "in the scene, on one place",
+        ("a gap through which daylight falls", "a pilot lamp", "a reflex from something shiny"),
+        "Photograph with the box's lamp off, with the same exposure: what stays is other light.",
+    ),
+    Advice(
+        "",
+        "in the scene",
+        ("light of the room or a window", "a second lamp", "a light wall or shirt beside the camera"),
+        "Photograph with the box's lamp off, with the same exposure: what stays is other light.",
+    ),
+)
+
 FAMILY = Family(
     id="extra-light",
     title="light from another source",
@@ -66,4 +83,5 @@ FAMILY = Family(
     order=90,
     additive=True,
     spot_log_odds=_spot_log_odds,
+    advice=_ADVICE,
 )

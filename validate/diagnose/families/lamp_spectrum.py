@@ -1,4 +1,4 @@
-"""Another spectrum of the lamp: smooth over the wavelength, in lines, or free in each band."""
+"""Another spectrum of the lamp: over the wavelength, in lines, in each band, by the angle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import comb
 
 import numpy as np
 
-from ..field_fit import Family, FieldFit, FitInput, FittedExplanation, equations_in_all_bands
+from ..field_fit import Advice, Family, FieldFit, FitInput, FittedExplanation, equations_in_all_bands, free_spectrum
 from ._levels import EVEN, fit_levels, relative_levels
 
 __all__ = ["FAMILY"]
@@ -39,7 +39,54 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
             lines = fit_levels(n, np.eye(bands)[:, list(some)], 0.0)
             yield levels("a line" if size == 1 else "lines", lines, comb(bands, size))
     yield levels("free in each band", fit_levels(n, np.eye(bands), 0.0))
+    yield _by_angle(fit_input)
 
+
+def _by_angle(fit_input: FitInput) -> FittedExplanation:
+    """Light that leaves the lamp at other angles, in each band otherwise, as behind a cover that scatters."""
+    data, maps = fit_input.data, fit_input.surface_maps
+    fit = free_spectrum(equations_in_all_bands(data, maps.lamp_lobe))
+    _, even = maps.even_maps()
+    return FittedExplanation(
+        FAMILY,
+        "by the angle at which light leaves it",
+        fit,
+        maps.lamp_lobe,
+        "radiance",
+        tuple(maps.waves[i] for i in even),
+        mirrored_dn=data.signal,
+    )
+
+
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "by the angle",
+        "in the lamp's cover",
+        (
+            "a cover that scatters by the wavelength",
+            "a lamp seen through its glass at an angle",
+            "a reflector with a colour",
+        ),
+        "Measure the lamp's spectrum from below and from the side.",
+    ),
+    Advice(
+        "line",
+        "in the lamp, or in the filter of that band",
+        ("a gas line that the table lacks", "an exposure or filter entered wrong for a band", "a filter that aged"),
+        "Measure the lamp's spectrum again, with a slit of 2 nm or less.",
+    ),
+    Advice(
+        "",
+        "in the lamp",
+        (
+            "a lamp table of another voltage or age",
+            "a spectroradiometer without new calibration",
+            "filters that aged alike",
+        ),
+        "Measure the lamp's spectrum again right before the next capture.",
+    ),
+)
 
 FAMILY = Family(
     id="lamp-spectrum",
@@ -50,4 +97,5 @@ FAMILY = Family(
     localised=False,
     levels=True,
     spectral=True,
+    advice=_ADVICE,
 )

@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 
 from ..field_fit import (
     PENALTY_UNLIKELY,
+    Advice,
     Columns,
     Family,
     FitInput,
@@ -85,6 +86,20 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
     return 0.0 if (spot.deep or spot.line) and not spot.light else -PENALTY_UNLIKELY
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "",
+        "in the scene, before the surfaces",
+        (
+            "a tool or a cloth left in the box",
+            "a thread or cable in the opening",
+            "something that hangs into the picture",
+        ),
+        "Look into the box from the camera's place, take the thing away, and photograph again.",
+    ),
+)
+
 FAMILY = Family(
     id="object",
     title="an object that the model lacks",
@@ -93,4 +108,5 @@ FAMILY = Family(
     order=110,
     opaque=True,
     spot_log_odds=_spot_log_odds,
+    advice=_ADVICE,
 )

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..field_fit import (
+    Advice,
     Columns,
     Family,
     FitInput,
@@ -64,6 +65,22 @@ def _together(maps: SmoothSurfaceMaps, some: Sequence[int]) -> Columns:
     return lambda band: maps.reflectance(band, some).sum(axis=0, keepdims=True)
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "all paints",
+        "in all paints",
+        ("paints that yellowed", "a spectrophotometer without new calibration", "samples of another batch"),
+        "Measure the reflectance of every surface in the box itself.",
+    ),
+    Advice(
+        "",
+        "on the surfaces of one paint",
+        ("paint that faded or yellowed", "another batch of paint", "a sample that is not what was painted"),
+        "Measure the reflectance of this surface in the box itself.",
+    ),
+)
+
 FAMILY = Family(
     id="paint-spectrum",
     title="a paint of another spectrum",
@@ -72,4 +89,5 @@ FAMILY = Family(
     order=70,
     localised=False,
     spectral=True,
+    advice=_ADVICE,
 )

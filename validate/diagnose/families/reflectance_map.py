@@ -14,6 +14,7 @@ from scipy.sparse import csr_matrix
 from ..field_fit import (
     PENALTY_ODD,
     PENALTY_UNLIKELY,
+    Advice,
     Columns,
     Family,
     FitInput,
@@ -92,6 +93,34 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
     return odds - PENALTY_UNLIKELY if spot.in_one_band else odds
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "paint",
+        "on a surface of the box",
+        ("another paint that was splashed", "a coat worn thin", "a spot painted over"),
+        "Photograph again from another place: what stays on the surface is there. Then look at it closely.",
+    ),
+    Advice(
+        "bump",
+        "on a surface of the box",
+        ("a bump or dent", "a stain", "a warped board"),
+        "Light the place from the side with a torch: a bump has a shadow, a stain has none.",
+    ),
+    Advice(
+        "stain",
+        "on a surface of the box",
+        ("a stain or fingerprint", "dust or soot", "a damp place"),
+        "Wipe the place or paint it over, and photograph again.",
+    ),
+    Advice(
+        "",
+        "on a surface of the box",
+        ("paint rolled unevenly", "a surface that yellowed on one side", "dust that settled"),
+        "Measure the reflectance at five places of this surface.",
+    ),
+)
+
 FAMILY = Family(
     id="reflectance-map",
     title="a stain or another uneven reflectance",
@@ -100,4 +129,5 @@ FAMILY = Family(
     order=80,
     spectral=True,
     spot_log_odds=_spot_log_odds,
+    advice=_ADVICE,
 )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..field_fit import (
+    Advice,
     Family,
     FitInput,
     FittedExplanation,
@@ -146,6 +147,34 @@ def _coats(data: ResidualData) -> Iterator[tuple[NDArray[np.float32], str]]:
         yield dn[:, None, None] * coat, f"roughness {alpha:g}"
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "not Lambertian",
+        "in a paint, by the angle",
+        ("a paint with a sheen", "rough or fibrous paint", "dust on horizontal faces"),
+        "Photograph a painted card at five angles to the lamp.",
+    ),
+    Advice(
+        "place",
+        "on a surface, by the angle",
+        ("tape or film", "a drop of varnish or grease", "a polished place"),
+        "Photograph again from another place: a mirrored patch moves over the surface, a stain stays.",
+    ),
+    Advice(
+        "spot",
+        "on a surface, by the angle",
+        ("a bright reflex of the lamp", "a drop of varnish", "a picture of the lamp in a pane"),
+        "Photograph again from another place: a reflex moves over the surface, a stain stays.",
+    ),
+    Advice(
+        "",
+        "on a surface, by the angle",
+        ("a paint with a sheen", "a varnish or film", "a polished surface"),
+        "Photograph again from another place: a sheen moves over the surface, a stain stays.",
+    ),
+)
+
 FAMILY = Family(
     id="reflection-lobe",
     title="a reflection that depends on the angle",
@@ -153,4 +182,5 @@ FAMILY = Family(
     generate=_generate,
     order=100,
     additive=True,
+    advice=_ADVICE,
 )

@@ -13,6 +13,7 @@ from ..field_fit import (
     PENALTY_IMPOSSIBLE,
     PENALTY_ODD,
     PENALTY_UNLIKELY,
+    Advice,
     Family,
     FitInput,
     FittedExplanation,
@@ -42,6 +43,7 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         exposure_form="as of a shutter's opening",
     )
     yield from patterns.over_the_sensor()
+    yield from patterns.single_pixels()
     yield from patterns.waves(lambda wave, num_choices: _interference(data, wave, num_choices))
     yield from patterns.spots()
 
@@ -69,6 +71,64 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
     return odds if spot.rounder_in_the_image else odds - PENALTY_ODD
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "single pixels",
+        "in pixels of the sensor",
+        ("flats of another day", "ice or dew on a cooled sensor", "fine dust on the sensor"),
+        "Take new flats right after the scene, and calibrate with them.",
+    ),
+    Advice(
+        "rows",
+        "in the rows of the sensor",
+        ("amplifiers that drifted since the flats", "an uneven shutter", "a changed read-out setting"),
+        "Take new flats right after the scene, and calibrate with them.",
+    ),
+    Advice(
+        "columns",
+        "in the columns of the sensor",
+        ("amplifiers that drifted since the flats", "trapped charge", "a changed read-out setting"),
+        "Take new flats right after the scene, and calibrate with them.",
+    ),
+    Advice(
+        "shutter",
+        "in the shutter",
+        ("a shutter that opens slowly", "a sticking blade", "a wrong stated exposure"),
+        "Photograph the scene again with twice the exposure: the pattern of a shutter halves.",
+    ),
+    Advice(
+        "a wave",
+        "in a filter or in a window before the sensor",
+        ("interference in a filter", "interference in the sensor's window", "a wedge of air behind a filter"),
+        "Turn the filter in its holder and photograph again: fringes that turn are in the filter.",
+    ),
+    Advice(
+        "rings",
+        "in a filter or in a window before the sensor",
+        ("interference in a filter", "interference in the sensor's window", "a diffraction ring of a dust grain"),
+        "Turn the filter in its holder and photograph again: rings that turn are in the filter.",
+    ),
+    Advice(
+        "a spot in one band",
+        "on a filter",
+        ("dust on a filter", "a fingerprint on a filter", "a scratch in its coating"),
+        "Turn the filter in its holder and photograph again: a spot that turns is on the filter.",
+    ),
+    Advice(
+        "a spot",
+        "on the sensor or its window",
+        ("dust on the sensor's window", "a fibre on the sensor", "a drop that dried"),
+        "Turn the camera a little and photograph again: a spot that keeps its pixel is on the sensor.",
+    ),
+    Advice(
+        "",
+        "on the sensor or in the lens",
+        ("flats taken at another aperture or focus", "a film on the window", "a hood that shades the corners"),
+        "Take new flats at the aperture and focus of the scene.",
+    ),
+)
+
 FAMILY = Family(
     id="sensor-gain",
     title="a gain fixed on the sensor",
@@ -76,4 +136,5 @@ FAMILY = Family(
     generate=_generate,
     order=20,
     spot_log_odds=_spot_log_odds,
+    advice=_ADVICE,
 )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..field_fit import (
+    Advice,
     Family,
     FieldFit,
     FitInput,
@@ -95,6 +96,34 @@ def repeats_excess(data: ResidualData) -> float:
     return chi2 - free if free and chi2 > _MIN_REPEATS_CHI2 * free else 0.0
 
 
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "stays in the next",
+        "in the sensor, from frame to frame",
+        ("charge that a sensor releases late", "a filter wheel that is late", "frames read before they were cleared"),
+        "Take a dark frame right after a bright one: an image in it settles it.",
+    ),
+    Advice(
+        "frame to frame",
+        "in time: each frame has its level",
+        ("a lamp that flickers", "a shutter that is not repeatable", "a supply without regulation"),
+        "Take ten frames of one band in a row, and compare their mean counts.",
+    ),
+    Advice(
+        "drift",
+        "in time",
+        ("a lamp that warms up", "a lamp that ages", "a sensor whose temperature drifts"),
+        "Let the lamp burn for an hour, then take the first band at the beginning and at the end.",
+    ),
+    Advice(
+        "",
+        "in time",
+        ("a step of the supply's voltage", "a lamp that arcs", "somebody who crossed the light's way"),
+        "Take the bands again in the reverse order: a step in time stays with the frame's number, not with the band.",
+    ),
+)
+
 FAMILY = Family(
     id="time-order",
     title="a change between frames in the order of time",
@@ -103,4 +132,5 @@ FAMILY = Family(
     order=50,
     localised=False,
     levels=True,
+    advice=_ADVICE,
 )

@@ -1,6 +1,6 @@
 """Linear fields fitted to a residual, and the record of a family of explanations."""
 
-from .family import ActsOn, Family, FitInput, MaskedPattern
+from .family import ActsOn, Advice, Family, FitInput, MaskedPattern
 from .field import (
     FieldFit,
     NormalEquations,
@@ -11,6 +11,7 @@ from .field import (
     fixed_spectrum,
     free_spectrum,
     normal_equations,
+    pixel_fit,
     solve,
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
@@ -32,6 +33,7 @@ __all__ = [
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",
     "ActsOn",
+    "Advice",
     "Columns",
     "Family",
     "FieldFit",
@@ -59,6 +61,7 @@ __all__ = [
     "hot_spot_of_one_band",
     "lamp_dn",
     "normal_equations",
+    "pixel_fit",
     "scaled",
     "solve",
     "strongest_waves",

@@ -18,7 +18,7 @@ from .spot_regions import bells_on, hot_spot, hot_spot_of_one_band
 from .surface_maps import SmoothSurfaceMaps, smooth_surface_maps
 from .surface_spot import SurfaceSpot, surface_spot
 
-__all__ = ["ActsOn", "Family", "FitInput", "MaskedPattern"]
+__all__ = ["ActsOn", "Advice", "Family", "FitInput", "MaskedPattern"]
 
 #: Part of the chain on which a family acts: pixels of the sensor, the image on it, levels of frames, lamp, or scene.
 ActsOn = Literal["sensor", "image", "frames", "lamp", "scene"]
@@ -77,6 +77,20 @@ class MaskedPattern:
     generate: Callable[[ResidualData], Iterator[FittedExplanation]]
 
 
+@dataclass(frozen=True)
+class Advice:
+    """Words for the laboratory about a cause."""
+
+    #: Part of a form's words to which it applies; empty for every form.
+    form: str
+    #: Place where such a cause is fixed, after "is fixed", as "on the sensor".
+    fixed: str
+    #: Two or three everyday causes, noun phrases.
+    causes: tuple[str, ...]
+    #: The one experiment that settles it, a sentence or two.
+    experiment: str
+
+
 def _no_prior(spot: SpotAppearance) -> float:
     """Equal prior odds for every appearance."""
     return 0.0
@@ -111,3 +125,5 @@ class Family:
     spot_log_odds: Callable[[SpotAppearance], float] = _no_prior
     #: Patterns that are also fitted separately.
     masked: tuple[MaskedPattern, ...] = ()
+    #: Words for the laboratory; the first entry whose form is part of the fitted form applies.
+    advice: tuple[Advice, ...] = ()

@@ -12,11 +12,12 @@ which the evidence is largest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_matrix
 
 from .residual_data import ResidualData
@@ -31,6 +32,7 @@ __all__ = [
     "fixed_spectrum",
     "free_spectrum",
     "normal_equations",
+    "pixel_fit",
     "solve",
 ]
 
@@ -54,6 +56,15 @@ _MAX_ROUNDS = 6
 
 #: Change of a spectrum, relative to its largest number, that ends the alternating fit: evidence changes by its square.
 _MAX_SPECTRUM_CHANGE = 1e-3
+
+#: Fewest bands of a map of which every other one is held out: two are fitted and one is tested, or more.
+_MIN_BANDS_TO_HOLD_OUT = 3
+
+#: Parts of the pixels that may deviate: all of an old flat, few that are hot.
+_DEVIATING_PARTS = (1.0, 0.3, 0.1, 0.03, 0.01)
+
+#: Side of the squares whose means are taken off before neighbours are compared, px: smooth patterns are not of pixels.
+_LOCAL_MEAN_PX = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +151,16 @@ class FieldFit:
     freedom: float
     #: (band,) sum of squares of the change over sigma.
     size: NDArray[np.float64]
+    #: The same for bands held out from a trial fit of a map that all bands share; NaN for other fits.
+    heldout_bands: float = float("nan")
+
+    @property
+    def predicts(self) -> float:
+        """Gain per gain of a trial fit, the larger of pixels and bands held out.
+
+        A small spot is not predicted from the pixels around it, but from the same pixels in other bands.
+        """
+        return float(np.fmax(self.heldout, self.heldout_bands))
 
 
 def solve(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float, float]:
@@ -218,7 +239,21 @@ def fixed_spectrum(n: NormalEquations, spectrum: NDArray[Any]) -> FieldFit:
     x, evidence, freedom, width = solve(h, b)
     coefficients = s[:, None] * x
     trial = cross_validate(np.einsum("b,bjk->jk", s**2, n.trial_a), s @ n.trial_b, width)
-    return fit_result(n, coefficients, s[:, None] * trial, evidence, freedom)
+    fit = fit_result(n, coefficients, s[:, None] * trial, evidence, freedom)
+    return replace(fit, heldout_bands=_held_out_bands(n, s, width))
+
+
+def _held_out_bands(n: NormalEquations, s: NDArray[Any], width: float) -> float:
+    """Gain per gain of trial fits of a map to every other band, in the bands between; NaN for too few bands."""
+    visible = np.flatnonzero(s)
+    if len(visible) < _MIN_BANDS_TO_HOLD_OUT:
+        return float("nan")
+    a, b = s[:, None, None] ** 2 * n.a, s[:, None] * n.b
+    gains = np.zeros(2)
+    for some, others in ((visible[::2], visible[1::2]), (visible[1::2], visible[::2])):
+        trial = cross_validate(a[some].sum(axis=0), b[some].sum(axis=0), width)
+        gains += [_gain(a[part].sum(axis=0), b[part].sum(axis=0), trial) for part in (some, others)]
+    return float(gains[1] / gains[0]) if gains[0] > 0 else 0.0
 
 
 def _combined(a: NDArray[Any], c: NDArray[Any], s: NDArray[Any]) -> NDArray[Any]:
@@ -326,7 +361,125 @@ def _in_turn(n: NormalEquations, start: NDArray[Any]) -> FieldFit:
     trial = cross_validate(np.einsum("b,bjk->jk", s**2, n.trial_a), s @ n.trial_b, width)
     free = len(s) - 1
     penalty = free * np.log(max(_gain(_combined(n.a, n.c, s), s @ n.b, x), 2.0))
-    return fit_result(n, s[:, None] * x, s[:, None] * trial, evidence - penalty, freedom + free)
+    fit = fit_result(n, s[:, None] * x, s[:, None] * trial, evidence - penalty, freedom + free)
+    return replace(fit, heldout_bands=_held_out_bands(n, s, width))
+
+
+def pixel_fit(
+    data: ResidualData, operator: NDArray[np.float64], common_variance: float = 0.0
+) -> tuple[FieldFit, float]:
+    """Fit of one number for each pixel, alike in all bands, that its neighbours do not predict.
+
+    Each number is the pixel's own less the mean of its eight neighbours. Camera, lamp and shared errors are smooth
+    against single pixels and are not adjusted. No pixel predicts another: bands are held out, not pixels.
+
+    Parameters
+    ----------
+    data
+        Residual to be explained.
+    operator
+        (band, y, x) change of the signal by a number of 1 in every pixel, DN.
+    common_variance
+        Variance of the numbers by noise that all bands share, as that of their darks.
+
+    Returns
+    -------
+    tuple
+        The fit, with coefficients (band, pixel), and the largest correlation of the numbers with those of a neighbour.
+    """
+    size = (operator * data.weight) ** 2
+    product = operator * data.weight * data.marginal_residual
+    numbers = _single_pixels(product, size)
+    h, b = size.sum(axis=0).ravel(), (size.sum(axis=0) * numbers).ravel()
+    beside = 1 + common_variance * h
+    h, b = h / beside, b / beside
+    prior = _likeliest_prior(h, b)
+    x, part = _pixels_under_prior(h, b, prior)
+    gains = np.zeros(2)
+    for some, others in ((slice(None, None, 2), slice(1, None, 2)), (slice(1, None, 2), slice(None, None, 2))):
+        of_some = size[some].sum(axis=0)
+        trial, _ = _pixels_under_prior(
+            of_some.ravel(), (of_some * _single_pixels(product[some], size[some])).ravel(), prior
+        )
+        for index, bands in enumerate((some, others)):
+            of_part = size[bands].sum(axis=0)
+            own = (_single_pixels(product[bands], size[bands]) * of_part).ravel()
+            gains[index] += float(np.sum(2 * trial * own - trial**2 * of_part.ravel()))
+    heldout = float(gains[1] / gains[0]) if gains[0] > 0 else 0.0
+    coefficients = np.tile(x, (len(operator), 1))
+    of_bands = np.sum(size.reshape(len(size), -1) * x**2, axis=1)
+    freedom = float(np.sum(part * prior.width * h / (1 + prior.width * h)))
+    gain = float(np.sum(beside * (2 * x * b - x**2 * h)))
+    fit = FieldFit(coefficients, gain, prior.evidence, heldout, freedom, of_bands, heldout)
+    return fit, _neighbours_correlation(product, size)
+
+
+@dataclass(frozen=True)
+class _PixelPrior:
+    """Prior of pixels of which a part deviates, by normal numbers."""
+
+    #: Squared width of the deviations.
+    width: float
+    #: Part of the pixels that deviate.
+    part: float
+    #: 2 ln of the evidence over that of noise alone.
+    evidence: float
+
+
+def _likeliest_prior(h: NDArray[np.float64], b: NDArray[np.float64]) -> _PixelPrior:
+    """Width and part with the largest evidence, for information h and products b (pixel,)."""
+    scale = 1 / max(float(h.max(initial=0.0)), 1e-300)
+    trials = []
+    for width in scale * _RELATIVE_WIDTHS[::2]:
+        odds = 0.5 * (width * b**2 / (1 + width * h) - np.log1p(width * h))
+        for part in _DEVIATING_PARTS:
+            evidence = odds if part == 1 else np.logaddexp(np.log1p(-part), np.log(part) + odds)
+            trials.append(_PixelPrior(float(width), part, 2 * float(evidence.sum())))
+    return max(trials, key=lambda prior: prior.evidence)
+
+
+def _pixels_under_prior(
+    h: NDArray[np.float64], b: NDArray[np.float64], prior: _PixelPrior
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(pixel,) mean numbers under a prior, and probabilities that a pixel deviates."""
+    odds = 0.5 * (prior.width * b**2 / (1 + prior.width * h) - np.log1p(prior.width * h))
+    if prior.part < 1:
+        odds = odds + np.log(prior.part) - np.log1p(-prior.part)
+        deviates = 1 / (1 + np.exp(-np.clip(odds, -500, 500)))
+    else:
+        deviates = np.ones(len(h))
+    return deviates * prior.width * b / (1 + prior.width * h), deviates
+
+
+def _mean_numbers(product: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x) number of each pixel by least squares over the bands."""
+    total = size.sum(axis=0)
+    return np.asarray(np.where(total > 0, product.sum(axis=0) / np.where(total > 0, total, 1.0), 0.0))
+
+
+def _single_pixels(product: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x) number of each pixel less the weighted mean of its eight neighbours."""
+    own, used = _mean_numbers(product, size), (size.sum(axis=0) > 0).astype(float)
+    around = uniform_filter(used, 3, mode="constant") * 9 - used
+    mean = (uniform_filter(own * used, 3, mode="constant") * 9 - own * used) / np.maximum(around, 1.0)
+    return np.asarray(np.where((used > 0) & (around >= 1), own - mean, 0.0))
+
+
+def _neighbours_correlation(product: NDArray[np.float64], size: NDArray[np.float64]) -> float:
+    """Largest correlation of the pixels' numbers with those of neighbours, of four directions, noise included.
+
+    It is that of differences to the local mean, 0 or less where pixels have nothing to do with each other.
+    """
+    own = _mean_numbers(product, size) * np.sqrt(size.sum(axis=0))
+    high = own - uniform_filter(own, _LOCAL_MEAN_PX, mode="nearest")
+    power = float(np.sum(high**2))
+    pairs = (
+        (high[1:], high[:-1]),
+        (high[:, 1:], high[:, :-1]),
+        (high[1:, 1:], high[:-1, :-1]),
+        (high[1:, :-1], high[:-1, 1:]),
+    )
+    return max(float(np.sum(one * other)) for one, other in pairs) / max(power, 1e-300)
 
 
 def fit_result(n: NormalEquations, x: NDArray[Any], trial: NDArray[Any], evidence: float, freedom: float) -> FieldFit:

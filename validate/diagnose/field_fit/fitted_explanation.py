@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from cboxlab.rendering.fitted_fields import Acts, ImageMaps, WaveMap
+from cboxlab.rendering.fitted_fields import IN_PLACE, Acts, ImageMaps, PictureCopy, WaveMap
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
@@ -49,8 +49,10 @@ class FittedExplanation:
     num_choices: int = 1
     #: Radius of an exchange of light with neighbours, px.
     radius: int = 1
-    #: Direction of a streak from the rows, downwards, degrees.
+    #: Direction of a streak or of a trail from the rows, downwards, degrees.
     angle_deg: float = 0.0
+    #: Place of a copy of the picture.
+    place: PictureCopy = IN_PLACE
     #: Highest count above dark of a field by levels, DN.
     most_dn: float = 1.0
     #: (band,) signal of an object in front, DN; None for other fields.

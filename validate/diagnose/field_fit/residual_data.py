@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -56,6 +56,10 @@ class Transport:
     patch_direct: NDArray[np.float64]
     #: (p,) cosine between a patch's normal and the direction to the lamps.
     patch_incidence: NDArray[np.float64]
+    #: (f,) cosine between the lamps' normal and the direction from them to a fragment, mean over the lamps.
+    emission: NDArray[np.float64]
+    #: (p,) the same of patches.
+    patch_emission: NDArray[np.float64]
     #: (band, y, x) radiance of the rendering.
     picture: NDArray[np.float64]
     #: (roughness, band, y, x) radiance that a specular coat of refractive index 1.5 on all surfaces would add.
@@ -164,6 +168,28 @@ class ResidualData:
         vector = change * self.weight
         columns = self.nuisances[..., : self.num_free_nuisances]
         return np.where(self.used, vector - columns @ np.einsum("byxm,byx->m", columns, vector), 0.0)
+
+    def with_change(self, change: NDArray[np.float64]) -> ResidualData:
+        """The residual of a photograph that is changed; camera, lamp and shared errors are adjusted.
+
+        Parameters
+        ----------
+        change
+            (band, y, x) change of the measured signal, DN.
+
+        Returns
+        -------
+        ResidualData
+            With another residual; noise and rendering are the same.
+        """
+        projected = self.whitened(change)
+        shared = self.nuisances[..., self.num_free_nuisances :]
+        marginal = projected - shared @ np.einsum("byxm,byx->m", shared, projected)
+        return replace(
+            self,
+            residual=(self.residual + projected).astype(np.float32),
+            marginal_residual=self.marginal_residual + np.where(self.used, marginal, 0.0),
+        )
 
     @cached_property
     def held_out(self) -> NDArray[np.bool_]:

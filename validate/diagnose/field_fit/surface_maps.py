@@ -33,6 +33,9 @@ _FLAT_EXTENT = 0.01
 #: Part of the median radiance below which a pixel says nothing of the scale between DN and radiance.
 _DARK_RADIANCE = 0.05
 
+#: Least cosine of the angle of emission of which the logarithm is taken.
+_GRAZING = 0.03
+
 _Change = Literal["reflectance", "light", "incidence"]
 
 
@@ -167,6 +170,26 @@ class SmoothSurfaceMaps(FrozenMappings):
         changes = [*by_view, by_both, *by_incidence]
         return np.array([self.dn[band] * self._image(rho * change) for change in changes], np.float32)
 
+    def lamp_lobe(self, band: int) -> NDArray[np.float32]:
+        """Change of the signal by light that leaves the lamps at other angles.
+
+        Parameters
+        ----------
+        band
+            Index of the band.
+
+        Returns
+        -------
+        NDArray
+            (4, pixel) change of the signal, DN: lamps brighter by 1, by the cosine of the angle of emission, by its
+            square and by its logarithm. The light is reflected further.
+        """
+        t = self._transport
+        rho, direct = t.reflectance[t.material, band], t.direct[:, band]
+        further = (self._coarse @ self._onward["emission"][band])[self._nearest]
+        changes = _lamp_lobes(t.emission) * direct + further.T
+        return np.array([self.dn[band] * self._image(rho * change) for change in changes], np.float32)
+
     def visible(self, some: Sequence[int]) -> NDArray[np.float32]:
         """Maps as the camera sees them, without further reflections.
 
@@ -263,7 +286,12 @@ def _reflected_further(
     ``patches`` (p, k) are maps of changes of reflectance, or of light. ``incidence`` (p, q) are maps by the angle of
     incidence, of changes of the reflectance for direct light.
     """
-    maps = {"reflectance": patches, "light": patches, "incidence": incidence}
+    maps = {
+        "reflectance": patches,
+        "light": patches,
+        "incidence": incidence,
+        "emission": _lamp_lobes(t.patch_emission).T,
+    }
     radiance = {name: np.empty((bands, *each.shape), np.float32) for name, each in maps.items()}
     for band in range(bands):
         rho = t.reflectance[t.patch_material, band]
@@ -272,11 +300,17 @@ def _reflected_further(
             "reflectance": t.patch_arriving[:, band],
             "light": np.ones(len(rho)),
             "incidence": t.patch_direct[:, band],
+            "emission": t.patch_direct[:, band],
         }
         for name, arriving in light.items():
             source = (maps[name] * (rho * arriving)[:, None]).astype(np.float32)
             radiance[name][band] = lu_solve(factors, source)
     return radiance
+
+
+def _lamp_lobes(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, n) shapes of a lamp's lobe at cosines (n,) of the angle of emission."""
+    return np.array([np.ones(len(cosine)), cosine, cosine**2, np.log(np.maximum(cosine, _GRAZING))])
 
 
 def _at_angles(cosine: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -288,7 +288,8 @@ def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhe
     hair[2] = -0.04 * SIGNAL[2] * np.clip(1.5 - abs(COLUMNS - bend), 0, 1) * (abs(ROWS - 14) < 10)
     flaw = SIGNAL * (0.08 * _spot(5, 42, 1.0) - 0.08 * _spot(9, 42, 1.0))
     found = explain(small_excess(hair + flaw))
-    assert (found.family, found.form, found.bands) == ("sensor-gain", "a spot in one band", ("b2",))
+    assert (found.family, found.bands) == ("sensor-gain", ("b2",))
+    assert found.form.startswith("a spot in one band")
     assert np.hypot(found.centre_px[0] - 31, found.centre_px[1] - 14) < 3
     densest = [np.sum((change / SIGMA) ** 2, axis=0).max() for change in (flaw, hair)]
     assert densest[0] > 2 * densest[1]

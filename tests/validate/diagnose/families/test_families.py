@@ -28,6 +28,7 @@ ORDER = [
     "blur",
     "time-order",
     "lamp-spectrum",
+    "filter-curve",
     "paint-spectrum",
     "reflectance-map",
     "extra-light",

@@ -1,4 +1,4 @@
-"""Levels of a named camera's channels, which its table of sensitivities lacks, from the references."""
+"""Levels of a named camera's channels, from the references."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def channel_levels(capture: Capture, radiometry: Radiometry, channels: Mapping[s
     """
     columns = _channel_columns(capture)
     constants: dict[str, list[float]] = {letter: [] for letter in columns}
-    for one in radiometry.by_band:
-        letter = "" if channels is None else channels[one.band][:1]
+    for measured in radiometry.by_band:
+        letter = "" if channels is None else channels[measured.band][:1]
         if letter in constants:
-            constants[letter].append(one.constant)
+            constants[letter].append(measured.constant)
     if not columns or not all(constants.values()):
         return {}
     levels = {letter: float(np.median(values)) for letter, values in constants.items()}

@@ -16,8 +16,8 @@ from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
-from ..compare import NuisanceFit, Nuisances
-from ..predict import PictureErrors
+from ...compare import NuisanceFit, Nuisances
+from ...predict import PictureErrors
 
 __all__ = [
     "BandErrors",

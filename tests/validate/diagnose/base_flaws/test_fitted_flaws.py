@@ -1,0 +1,105 @@
+"""Flaws of a base: their evidence and an effect's amplitude beside them are those of the whole covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.base_flaws import FlawColumns, build_flaw_model
+from cboxlab.validation.diagnose.base_flaws.fitted_flaws import FlawModel
+from cboxlab.validation.predict import PictureErrors
+
+BANDS, SIDE = 5, 16
+SIGNAL = np.full((BANDS, SIDE, SIDE), 100.0)
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A linear model without nuisances; noise of 1 % of the signal."""
+
+    errors: PictureErrors | None = None
+    count: int = SIGNAL.size
+
+    @property
+    def used(self):
+        return np.ones(SIGNAL.shape, bool)
+
+    @property
+    def sigma(self):
+        return np.ones(SIGNAL.size)
+
+    @property
+    def shared_errors(self):
+        return np.zeros((SIGNAL.size, 0), np.float32)
+
+    def project(self, vector):
+        return vector
+
+    def whiten_used(self, change):
+        pixels = change / self.sigma
+        return pixels if self.errors is None else self.errors.whitened(pixels)
+
+    def counting(self, errors):
+        return replace(self, errors=errors)
+
+
+def columns(draw, number=6):
+    """Two kinds of smooth columns of about the size of the noise."""
+    rows = np.arange(SIDE) / SIDE
+    waves = [np.cos(np.pi * (k + 1) * rows + draw.uniform(0, 6)) for k in range(number)]
+    change = [np.broadcast_to(wave[:, None], SIGNAL.shape).ravel() for wave in waves]
+    return FlawColumns(np.array(["shading:0", "field"] * (number // 2)), np.array(change, np.float32))
+
+
+def covariance(model: FlawModel, width):
+    prior = np.array([width[str(kind)] for kind in model.kind])
+    return np.eye(SIGNAL.size) + (model.columns * prior**2) @ model.columns.T
+
+
+def test_scores_are_those_of_the_whole_covariance():
+    draw = np.random.default_rng(5)
+    given = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + 0.5 * given.change[0] + 0.3 * given.change[1]
+    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    whitened = model.whitened(residual)
+    fitted = model.fit(whitened)
+    whole = covariance(model, fitted.width)
+    expected = whitened @ np.linalg.solve(whole, whitened) + np.linalg.slogdet(whole)[1]
+    assert fitted.score == pytest.approx(expected, rel=1e-5)
+    for factor in (0.7, 1.4):
+        moved = replace(fitted, width={kind: factor * width for kind, width in fitted.width.items()})
+        assert model.score(moved, whitened) > fitted.score
+
+
+def test_an_amplitude_beside_flaws_is_that_of_generalised_least_squares():
+    draw = np.random.default_rng(6)
+    given = columns(draw)
+    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + given.change[2][:, None]
+    residual = draw.standard_normal(SIGNAL.size) + 2 * shape[:, 0]
+    model = build_flaw_model(Plain(), given, SIGNAL, draw.standard_normal(SIGNAL.size))
+    fitted = model.fit(model.whitened(residual - 2 * shape[:, 0]))
+    expected = np.linalg.solve(covariance(model, fitted.width), shape)
+    assert model.weighted(fitted, shape) == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("error", [0.0, 0.004])
+def test_deviations_of_single_pixels_are_those_that_bands_have_in_common(error):
+    """Four standard errors over 256 pixels: of 1.3 from five bands of noise 1, over an expected square of 0.4^2."""
+    draw = np.random.default_rng(7)
+    alike = np.broadcast_to(error * 100 * draw.standard_normal((SIDE, SIDE)), SIGNAL.shape).ravel()
+    residual = draw.standard_normal(SIGNAL.size) + alike
+    model = build_flaw_model(Plain(), columns(draw), SIGNAL, residual)
+    scatter = np.sqrt(2 / SIDE**2) * (100 * error) ** 2 + np.sqrt(2 / (BANDS * (BANDS - 1))) / SIDE
+    assert abs((100 * model.pixel_error) ** 2 - (100 * error) ** 2) < 4 * scatter
+
+
+def test_a_flaw_that_is_everywhere_is_seen_where_it_was_not_fitted():
+    draw = np.random.default_rng(8)
+    given = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + given.change[0]
+    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    whitened = model.whitened(residual)
+    first, *_ = (flaw for flaw in model.flaws(model.fit(whitened), whitened) if flaw.kind != "pixels")
+    assert first.kind == "shading" and first.heldout > 0.7
+    assert first.chi2_per_dof == pytest.approx(np.mean(given.change[0] ** 2), rel=0.2)

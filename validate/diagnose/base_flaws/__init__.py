@@ -1,0 +1,6 @@
+"""Small flaws of the base: what may be a little off in a sound box, lens or flat, as fields with priors."""
+
+from .columns import FlawColumns, flaw_columns
+from .fitted_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model
+
+__all__ = ["FittedFlaws", "Flaw", "FlawColumns", "FlawModel", "build_flaw_model", "flaw_columns"]

@@ -1,0 +1,296 @@
+"""Sizes of the base's flaws in a residual, and whether an effect is needed beside them.
+
+Columns of a kind have one width s of their normal prior, in standard deviations of its tolerance. With D the squared
+widths, G the products of the columns and b theirs with the residual r,
+
+    -2 ln(evidence) = r^T r - b^T (D^-1 + G)^-1 b + ln det(1 + D G),
+
+and each width is where the evidence is largest (MacKay, "Bayesian Interpolation", Neural Computation 4(3), 1992),
+within the kind's bound. Deviations of single pixels, alike in all bands, whiten columns and residual beforehand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+from cboxlab.utils.frozen import FrozenMappings
+from numpy.typing import NDArray
+
+from ...predict import PictureErrors, cells_and_columns
+from .columns import FlawColumns
+
+__all__ = ["FittedFlaws", "Flaw", "FlawModel", "build_flaw_model"]
+
+#: Errors that bands and faces share: their width stays as it is.
+_SHARED = "shared"
+
+#: Deviations of single pixels, alike in all bands.
+_PIXELS = "pixels"
+
+#: Largest width of a kind, in its tolerance: a flaw is small, or it is a cause.
+_MAX_WIDTH = 3.0
+
+#: Smallest width, in its tolerance.
+_MIN_WIDTH = 0.01
+
+#: Largest relative deviation of single pixels.
+_MAX_PIXEL_ERROR = 0.005
+
+#: Rounds of the widths' fit.
+_ROUNDS = 12
+
+#: Side of the blocks of pixels that are held out in turn, px.
+_HELDOUT_BLOCK_PX = 8
+
+
+class Whitening(Protocol):
+    """Interface of a capture's linear model, as flaws need it."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def used(self) -> NDArray[np.bool_]: ...
+    @property
+    def sigma(self) -> NDArray[np.float64]: ...
+    @property
+    def shared_errors(self) -> NDArray[np.float32]: ...
+    @property
+    def errors(self) -> PictureErrors | None: ...
+    def project(self, vector: NDArray[np.float64], /) -> NDArray[np.float64]: ...
+    def whiten_used(self, change: NDArray, /) -> NDArray[np.float64]: ...
+    def counting(self, errors: PictureErrors, /) -> Self: ...
+
+
+W = TypeVar("W", bound=Whitening)
+
+
+@dataclass(frozen=True, eq=False)
+class Flaw:
+    """A kind of flaw that a residual shows."""
+
+    #: Kind: creases, edges, shading, field or pixels.
+    kind: str
+    #: Chi2 per sample that it makes.
+    chi2_per_dof: float
+    #: Width of its prior, in tolerances; relative to the signal for pixels.
+    width: float
+    #: Gain in pixels held out from its fit, over that in the fitted ones.
+    heldout: float
+
+
+@dataclass(frozen=True, eq=False)
+class FittedFlaws(FrozenMappings):
+    """Widths of all kinds that fit a residual."""
+
+    #: By kind, the width.
+    width: Mapping[str, float]
+    #: -2 ln(evidence) of the residual.
+    score: float
+    #: (k,) multiples of the columns.
+    amount: NDArray[np.float64]
+    #: (k, k) covariance of the amounts.
+    covariance: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FlawModel(Generic[W]):
+    """Columns of flaws in a capture's linear model."""
+
+    #: The capture's linear model, single pixels' deviations in its covariance.
+    model: W
+    #: Relative standard deviation of single pixels.
+    pixel_error: float
+    #: (k,) kind of each column.
+    kind: NDArray[np.str_]
+    #: (n + 11, k) whitened, projected columns.
+    columns: NDArray[np.float32]
+    #: (k, n) the same as given, DN.
+    change: NDArray[np.float32]
+    #: (band, y, x) predicted signal, DN.
+    signal: NDArray[np.float64]
+
+    @cached_property
+    def products(self) -> NDArray[np.float64]:
+        """(k, k) products of the columns."""
+        return np.asarray(self.columns.T @ self.columns, float)
+
+    def whitened(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A residual (n + 11,) of the plain model, in this one."""
+        count = self.model.count
+        if self.model.errors is None:
+            return residual
+        pixels = self.model.errors.whitened(residual[:count])
+        return self.model.project(np.append(pixels, residual[count:]))
+
+    def _aim(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(self.columns.T @ residual.astype(np.float32), float)
+
+    def fit(self, residual: NDArray[np.float64]) -> FittedFlaws:
+        """Widths at which the evidence of a whitened residual (n + 11,) is largest."""
+        aim, square = self._aim(residual), float(residual @ residual)
+        kinds = [str(kind) for kind in np.unique(self.kind) if kind != _SHARED]
+        width = dict.fromkeys(kinds, 0.3) | {_SHARED: 1.0}
+        for _ in range(_ROUNDS):
+            amount, covariance = self._posterior(width, aim)
+            for kind in kinds:
+                own = self.kind == kind
+                free = own.sum() - np.trace(covariance[np.ix_(own, own)]) / width[kind] ** 2
+                fitted = np.sqrt(float(amount[own] @ amount[own]) / max(float(free), 1e-3))
+                width[kind] = float(np.clip(fitted, _MIN_WIDTH, _MAX_WIDTH))
+        amount, covariance = self._posterior(width, aim)
+        return FittedFlaws(width, self._score(width, aim, square), amount, covariance)
+
+    def without(self, fitted: FittedFlaws) -> FittedFlaws:
+        """The same with all flaws but shared errors as small as may be."""
+        width = {kind: size if kind == _SHARED else _MIN_WIDTH for kind, size in fitted.width.items()}
+        return replace(fitted, width=width)
+
+    def score(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> float:
+        """-2 ln(evidence) of a whitened residual (n + 11,) with widths of another fit."""
+        return self._score(fitted.width, self._aim(residual), float(residual @ residual))
+
+    def _prior(self, width: Mapping[str, float]) -> NDArray[np.float64]:
+        return np.array([width[str(kind)] for kind in self.kind])
+
+    def _posterior(
+        self, width: Mapping[str, float], aim: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        covariance: NDArray = np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2))
+        return covariance @ aim, covariance
+
+    def _score(self, width: Mapping[str, float], aim: NDArray[np.float64], square: float) -> float:
+        prior = self._prior(width)
+        inside = np.eye(len(prior)) + prior[:, None] * self.products * prior
+        volume = np.linalg.slogdet(inside)[1]
+        return float(square - (prior * aim) @ np.linalg.solve(inside, prior * aim) + volume)
+
+    def weighted(self, fitted: FittedFlaws, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Whitened columns (n + 11, p) times the inverse covariance of the residual beside flaws."""
+        along = self.columns.T @ columns.astype(np.float32)
+        return np.asarray(columns - self.columns @ (fitted.covariance @ along).astype(np.float32))
+
+    def part(self, fitted: FittedFlaws, kind: str = "") -> NDArray[np.float64]:
+        """(n + 11,) change by the fitted flaws of one kind or all but shared errors, in the whitened model."""
+        own = self._own(kind) if kind else self.kind != _SHARED
+        return np.asarray(self.columns[:, own] @ fitted.amount[own].astype(np.float32), float)
+
+    def _own(self, kind: str) -> NDArray[np.bool_]:
+        """(k,) columns of a kind, in all its forms."""
+        return np.array([str(each).partition(":")[0] == kind for each in self.kind])
+
+    def change_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
+        """(n,) change of the used samples by all fitted flaws, DN."""
+        own = self.kind != _SHARED
+        return np.asarray(fitted.amount[own].astype(np.float32) @ self.change[own], float)
+
+    def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
+        """A linear model without errors in its covariance, with the flaws and shared errors in it."""
+        columns = [
+            width * change / plain.sigma for width, change in zip(self._prior(fitted.width), self.change, strict=True)
+        ]
+        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns))
+
+    def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
+        """Size of every kind in a whitened residual (n + 11,), the largest first."""
+        count, found = self.model.count, []
+        for kind in dict.fromkeys(str(each).partition(":")[0] for each in self.kind):
+            if kind == _SHARED:
+                continue
+            part, own = self.part(fitted, kind), self._own(kind)
+            width = float(self._prior(fitted.width)[own].max())
+            found.append(Flaw(kind, float(part @ part) / count, width, self._heldout(fitted, residual, kind)))
+        if self.pixel_error > 0 and self.model.errors is not None:
+            cells = self.model.errors
+            weight = float(cells.weight @ cells.weight)
+            found.append(Flaw(_PIXELS, weight / count, self.pixel_error, 1.0))
+        return sorted(found, key=lambda flaw: -flaw.chi2_per_dof)
+
+    def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
+        """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
+        own, count = self._own(kind), self.model.count
+        rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
+        rows, columns = np.indices(self.model.used.shape[1:])
+        board = (rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2 == 1
+        white = np.broadcast_to(board, self.model.used.shape)[self.model.used]
+        gains = np.zeros(2)
+        for inside in (white, ~white):
+            one = self.columns[:count, own][inside]
+            ridge = np.diag(1 / self._prior(fitted.width)[own] ** 2)
+            amount = np.linalg.solve(one.T.astype(float) @ one + ridge, one.T @ rest[inside])
+            for place, part in enumerate((inside, ~inside)):
+                change = self.columns[:count, own][part] @ amount
+                gains[place] += float(2 * change @ rest[part] - change @ change)
+        return float(gains[1] / max(gains[0], 1e-30))
+
+
+def build_flaw_model(
+    model: W, given: FlawColumns, signal: NDArray[np.float64], residual: NDArray[np.float64]
+) -> FlawModel[W]:
+    """Columns of flaws in a linear model, deviations of single pixels estimated and whitened.
+
+    Parameters
+    ----------
+    model
+        Linear model of the capture, without errors in its covariance.
+    given
+        Columns.
+    signal
+        (band, y, x) predicted signal, DN.
+    residual
+        (n + 11,) residual with the effects that are in question.
+
+    Returns
+    -------
+    FlawModel
+        In the covariance with single pixels' deviations.
+    """
+    plain = _with_columns(model, 0.0, given, signal)
+    left = residual - plain.part(fitted := plain.fit(residual)) - plain.part(fitted, _SHARED)
+    error = _pixel_error(model, signal, left)
+    if error == 0:
+        return plain
+    return _with_columns(model, error, given, signal)
+
+
+def _with_columns(plain: Whitening, error: float, given: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
+    """Columns whitened and projected, with the errors that bands and faces share."""
+    model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
+    shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
+    change = np.vstack([given.change, shared])
+    columns = np.array([model.whiten_used(one.astype(float)) for one in change], np.float32)
+    kind = np.append(given.kind, np.full(len(shared), _SHARED))
+    return FlawModel(model, error, kind, columns.T.copy(), change, signal)
+
+
+def _pixel_index(model: Whitening) -> NDArray[np.int64]:
+    """(n,) pixel of each used sample."""
+    return np.broadcast_to(np.arange(model.used[0].size).reshape(model.used[0].shape), model.used.shape)[model.used]
+
+
+def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
+    """Relative deviation of single pixels that all bands have in common, beyond that of neighbours."""
+    level = signal[model.used] / model.sigma
+    pixel, size = _pixel_index(model), model.used[0].size
+    r = residual[: model.count]
+    weight = np.bincount(pixel, level**2, size)
+    each = np.bincount(pixel, level * r, size)
+    alone = np.bincount(pixel, (level * r) ** 2, size)
+    fourth = np.bincount(pixel, level**4, size)
+    common = float(np.sum(each**2 - alone)) / max(float(np.sum(weight**2 - fourth)), 1e-300)
+    shape = model.used.shape[1:]
+    e, w = each.reshape(shape), weight.reshape(shape)
+    beside = sum(float(np.sum(a * b)) for a, b in ((e[1:], e[:-1]), (e[:, 1:], e[:, :-1])))
+    weights = sum(float(np.sum(a * b)) for a, b in ((w[1:], w[:-1]), (w[:, 1:], w[:, :-1])))
+    return float(np.sqrt(np.clip(common - max(beside / max(weights, 1e-300), 0.0), 0.0, _MAX_PIXEL_ERROR**2)))
+
+
+def _pixel_errors(
+    model: Whitening, signal: NDArray[np.float64], error: float, columns: Sequence[NDArray] = ()
+) -> PictureErrors:
+    """Deviations of single pixels as a covariance, with further errors (n,) over sigma."""
+    cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
+    return cells_and_columns(cell, error * signal[model.used] / model.sigma, columns)

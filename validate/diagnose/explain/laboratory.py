@@ -1,0 +1,126 @@
+"""Words for the laboratory: where a cause is fixed, everyday causes, the experiment that settles it."""
+
+from __future__ import annotations
+
+from ..field_fit import Advice
+from .explanation import Explanation
+from .registration import Registration
+
+__all__ = ["advice", "appearance"]
+
+#: Share of the excess that a kind of pattern explains at the least to be named where no family holds.
+_MIN_SHARE = 0.2
+
+#: Part of the excess below or above which counts are missing, or too many.
+_ONE_SIGN = 0.25
+
+#: Share of the best scaling that a second one reaches at the most to be told from it.
+_SCALES_ALIKE = 0.97
+
+#: Advice where no family holds, by the attribute of `Registration` that explains most.
+_WITHOUT_FAMILY = {
+    "in_rows": Advice(
+        "",
+        "along the rows of the sensor",
+        ("a fault of the read-out", "a frame whose transfer broke off", "a shutter that opens unevenly"),
+        "Photograph again with the camera turned by 90 degrees: what stays in the rows is the sensor's.",
+    ),
+    "in_columns": Advice(
+        "",
+        "along the columns of the sensor",
+        ("a fault of the column amplifiers", "trapped charge", "a frame whose transfer broke off"),
+        "Photograph again with the camera turned by 90 degrees: what stays in the columns is the sensor's.",
+    ),
+    "in_pixels": Advice(
+        "",
+        "in single pixels",
+        ("pixels that changed since darks and flats", "ice or dust on the sensor", "a lossy file format"),
+        "Take darks and flats again right after the scene: what goes with them was in the pixels.",
+    ),
+    "in_bands": Advice(
+        "",
+        "in single bands, all over the picture",
+        ("a filter or exposure entered wrong", "a lamp that changed", "a table of another filter"),
+        "Take the first band again at the end, and measure the lamp and the filter of the band that is off.",
+    ),
+    "on_surfaces": Advice(
+        "",
+        "on surfaces of the box",
+        ("a surface that was painted or moved", "light from outside", "a paint with a sheen"),
+        "Photograph again from another place: what stays on its surface is in the box.",
+    ),
+    "at_edges": Advice(
+        "",
+        "at edges of the picture's surfaces",
+        ("a block or wall away from its survey", "soft or filled corners", "a camera or filter that moved"),
+        "Measure the corners of the blocks again, and photograph again from another place.",
+    ),
+    "in_places": Advice(
+        "",
+        "in a few places",
+        ("a thing that was left in the box", "dirt on the sensor or a filter", "a reflex of the lamp"),
+        "Turn the camera a little and photograph again: what keeps its pixel is in the camera.",
+    ),
+}
+
+#: Advice where no kind of pattern explains enough.
+_SCATTERED = Advice(
+    "",
+    "nowhere: it is scattered over pixels and bands",
+    ("noise larger than the instrument's table says", "a lossy file format", "cosmic rays"),
+    "Take eight frames of one band in a row: what differs from frame to frame is noise.",
+)
+
+
+def advice(explanation: Explanation) -> Advice:
+    """Everyday causes of what remains, and the experiment that settles it.
+
+    Parameters
+    ----------
+    explanation
+        The explanation of what remains.
+
+    Returns
+    -------
+    Advice
+        The family's for its form; by the registration where no family holds, or where it has none.
+    """
+    family = explanation.family_record
+    if family is not None:
+        for entry in family.advice:
+            if entry.form in explanation.form:
+                return entry
+    shares = {name: getattr(explanation.registration, name) for name in _WITHOUT_FAMILY}
+    largest = max(shares, key=lambda name: shares[name])
+    return _WITHOUT_FAMILY[largest] if shares[largest] >= _MIN_SHARE else _SCATTERED
+
+
+def appearance(registration: Registration) -> str:
+    """Sign and scaling of a residual in words.
+
+    Parameters
+    ----------
+    registration
+        The residual's registration.
+
+    Returns
+    -------
+    str
+        A clause, as "counts are missing, in proportion to the signal".
+    """
+    sign = "counts are missing in some places and too many in others"
+    if registration.missing > 1 - _ONE_SIGN:
+        sign = "counts are missing"
+    elif registration.missing < _ONE_SIGN:
+        sign = "there are counts too many"
+    scalings = {
+        "in proportion to the signal": registration.by_signal,
+        "alike in all bands, whatever the signal": registration.by_count,
+        "in proportion to the exposure time": registration.by_exposure,
+    }
+    first, second = sorted(scalings, key=lambda name: -scalings[name])[:2]
+    if scalings[first] < _MIN_SHARE:
+        return f"{sign}, in each band otherwise"
+    if scalings[second] > _SCALES_ALIKE * scalings[first]:
+        return f"{sign}, {first} or {second}"
+    return f"{sign}, {first}"

@@ -1,0 +1,115 @@
+"""Probabilities of families, of none of them, and of no cause, learnt from simulated causes.
+
+A conditional logit (McFadden 1974): each family has a utility that is linear in what its best form shows, "none" one in
+what the best of all shows, and "sound" one in the size of the excess. The weights are data, see `learnt_odds`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .explanation import NONE, SOUND, Rival
+from .registration import Registration
+
+__all__ = ["FEATURES", "features", "learnt_odds", "probabilities"]
+
+#: Names of the features; those of "none" and "sound" are 0 for families, and those of families for both.
+FEATURES = (
+    "how far a family's score lies behind the best, log(1 + difference)",
+    "share of the excess that a family explains",
+    "gain in samples held out over that where fitted, of a family",
+    "none: constant",
+    "none: largest share",
+    "none: largest gain in samples held out",
+    "none: share of single pixels",
+    "none: part at edges",
+    "sound: constant",
+    "sound: log of the excess per sample",
+    "sound: largest share",
+    "sound: largest gain in samples held out",
+    "sound: part at edges",
+)
+
+#: Limits of the gain in samples held out: beyond them it says no more.
+_PREDICTS = (-1.0, 1.2)
+
+#: Smallest excess per sample that counts, chi2: below the allowances of the pictures.
+_LEAST_EXCESS = 0.005
+
+#: Smallest probability of an outcome: simulations do not know rarer mistakes.
+_LEAST_PROBABILITY = 0.005
+
+_TABLE = Path(__file__).parent / "data" / "odds.json"
+
+
+def features(rivals: Sequence[Rival], registration: Registration) -> tuple[tuple[str, ...], NDArray[np.float64]]:
+    """Outcomes and their features.
+
+    Parameters
+    ----------
+    rivals
+        Best form of each family.
+    registration
+        Registration of the residual.
+
+    Returns
+    -------
+    tuple
+        Outcomes, families first, and (outcome, feature) their features in the sequence of ``FEATURES``.
+    """
+    members = [rival for rival in rivals if rival.family != NONE]
+    top = max(rival.score for rival in members)
+    holds = np.clip([rival.predicts for rival in members], *_PREDICTS)
+    shares = np.array([rival.share for rival in members])
+    table = np.zeros((len(members) + 2, len(FEATURES)))
+    table[:-2, 0] = np.log1p([top - rival.score for rival in members])
+    table[:-2, 1], table[:-2, 2] = shares, holds
+    best = shares * (holds > 0)
+    table[-2, 3:8] = 1, best.max(), holds[np.argmax(best)], registration.in_pixels, registration.at_edges
+    excess = np.log(max(registration.per_sample, _LEAST_EXCESS))
+    table[-1, 8:13] = 1, excess, best.max(), holds[np.argmax(best)], registration.at_edges
+    return (*(rival.family for rival in members), NONE, SOUND), table
+
+
+@lru_cache(maxsize=1)
+def learnt_odds() -> Mapping[str, Any]:
+    """Table of the weights, with the date and the numbers of simulated captures.
+
+    Returns
+    -------
+    Mapping
+        ``weights`` by feature, ``offsets`` by outcome, ``date``, ``captures``.
+    """
+    table: Mapping[str, Any] = json.loads(_TABLE.read_text(encoding="utf-8"))
+    return table
+
+
+def probabilities(rivals: Sequence[Rival], registration: Registration) -> dict[str, float]:
+    """Probability of each outcome.
+
+    Parameters
+    ----------
+    rivals
+        Best form of each family.
+    registration
+        Registration of the residual.
+
+    Returns
+    -------
+    dict
+        By family, "none" and "sound"; the sum is 1. Families of other packages have no offset of their own.
+    """
+    outcomes, table = features(rivals, registration)
+    learnt = learnt_odds()
+    weights = np.array([learnt["weights"][name] for name in FEATURES])
+    utility = table @ weights + [learnt["offsets"].get(outcome, 0.0) for outcome in outcomes]
+    share = np.exp(utility - utility.max())
+    share = np.maximum(share / share.sum(), _LEAST_PROBABILITY)
+    return dict(zip(outcomes, (share / share.sum()).tolist(), strict=True))

@@ -1,0 +1,108 @@
+"""Another transmittance of a filter: light of other bands is in one band."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from cboxlab.rendering.fitted_fields import ImageMaps
+from numpy.typing import NDArray
+
+from ..field_fit import (
+    Advice,
+    Columns,
+    Family,
+    FieldFit,
+    FitInput,
+    FittedExplanation,
+    NormalEquations,
+    equations_in_all_bands,
+    fit_result,
+    fixed_spectrum,
+    solve,
+)
+
+__all__ = ["FAMILY"]
+
+#: Fewest bands of which one may hold light of others.
+_MIN_BANDS = 3
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    """Leaks, shifted and wrong tables, the next filter's light: sums of the bands' pictures in one band.
+
+    The pictures of the bands stand for the light at their wavelengths. The own picture is a filter that is darker or
+    brighter; it is free beside the others, since flats and references may or may not see the same filter.
+    """
+    data = fit_input.data
+    bands = len(data.bands)
+    if bands < _MIN_BANDS:
+        return
+    signal = data.signal.reshape(bands, -1)
+    level = np.median(signal, axis=1)
+    pictures = signal / np.maximum(level, 1e-9)[:, None]
+
+    def mixed(band: int) -> NDArray[Any]:
+        return (level[band] * pictures).astype(np.float32)
+
+    def frames(_: int) -> NDArray[Any]:
+        return signal.astype(np.float32)
+
+    n = equations_in_all_bands(data, mixed)
+    parts = level[:, None] / np.maximum(level, 1e-9)
+    for band in range(bands):
+        own = np.eye(bands)[band]
+        yield _explanation(f"other light in {data.bands[band]}", fixed_spectrum(n, own), frames, parts, bands)
+        others = [(_from_one(n, band, source), source) for source in range(bands) if source != band]
+        fit, source = max(others, key=lambda pair: pair[0].evidence)
+        form = f"light of {data.bands[source]} in {data.bands[band]}"
+        yield _explanation(form, fit, frames, parts, bands * (bands - 1))
+
+
+def _explanation(
+    form: str, fit: FieldFit, frames: Columns, parts: NDArray[np.float64], num_choices: int
+) -> FittedExplanation:
+    """Form with coefficients of the frames' counts instead of those of pictures of one level."""
+    fit = replace(fit, coefficients=fit.coefficients * parts)
+    return FittedExplanation(
+        FAMILY, form, fit, frames, "previous", ImageMaps("cosines"), sharp=True, num_choices=num_choices
+    )
+
+
+def _from_one(n: NormalEquations, band: int, source: int) -> FieldFit:
+    """Fit of the light of one other band, next to another level of the band itself."""
+    some = [band, source]
+    h = n.a[band][np.ix_(some, some)] - n.c[band][:, some].T @ n.c[band][:, some]
+    x, evidence, freedom, width = solve(h, n.b[band][some])
+    trial_h, trial_b = n.trial_a[band][np.ix_(some, some)], n.trial_b[band][some]
+    trial = np.linalg.solve(trial_h + np.eye(2) / width, trial_b)
+    coefficients, of_trial = np.zeros(n.b.shape), np.zeros(n.b.shape)
+    coefficients[band, some], of_trial[band, some] = x, trial
+    return fit_result(n, coefficients, of_trial, evidence, freedom)
+
+
+#: Words for the laboratory.
+_ADVICE = (
+    Advice(
+        "",
+        "in one filter",
+        (
+            "a filter that leaks far from its band",
+            "a wheel that stops between two filters",
+            "the table of another filter",
+        ),
+        "Measure the filter's transmittance from 350 to 1000 nm, in the camera's light path.",
+    ),
+)
+
+FAMILY = Family(
+    id="filter-curve",
+    title="a filter of another transmittance",
+    acts_on="lamp",
+    generate=_generate,
+    order=65,
+    localised=False,
+    advice=_ADVICE,
+)

@@ -1,0 +1,11 @@
+"""Hypotheses: an effect of the catalogue with its choices made and its numbers free."""
+
+from .hypothesis import (
+    Hypothesis,
+    hypotheses,
+)
+
+__all__ = [
+    "Hypothesis",
+    "hypotheses",
+]

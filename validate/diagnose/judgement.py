@@ -1,0 +1,386 @@
+"""Effects judged one by one beside what the base may be off by: evidence, certainty and stability of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cboxlab.rendering.chain import after_stage
+from numpy.typing import NDArray
+
+from ..compare import Validation
+from .alternatives import SelectedEffect, confirmed_where_held_out, with_alternatives
+from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
+from .evidence import beyond_tolerance, price_of, square
+from .linear_model import LinearModel
+from .linearised_fit import LinearisedFit, refitted_together, residual_with
+from .search import Candidate, Problem, Signature, columns_of, screen
+from .stepwise import MAX_EFFECTS, refitted
+
+__all__ = [
+    "BesideFlaws",
+    "SelectedBesideFlaws",
+    "Verdict",
+    "confirmed_beside_flaws",
+    "cost_in_power",
+    "selected_beside_flaws",
+]
+
+#: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
+_MIN_FLAW_EVIDENCE = 50.0
+
+#: Minimum 2 ln evidence of an effect beside flaws over flaws alone.
+_MIN_EVIDENCE = 25.0
+
+#: Minimum amplitude of an effect beside flaws, in its standard deviations.
+_MIN_CERTAINTY = 5.0
+
+#: Largest relative change of an amplitude by fitting flaws with it, if three standard deviations do not allow more.
+_MAX_INSTABILITY = 0.4
+
+#: Standard deviations by which an amplitude may change.
+_UNSTABLE_SIGMA = 3.0
+
+#: Chi2 per sample by which a base may be off; more is a cause to be found.
+_MAX_FLAWED = 0.6
+
+#: Minimum chi2 per sample of a flaw that is reported.
+_MIN_FLAW = 0.01
+
+#: Number of effects with which the widths of flaws are fitted again, best ones at the widths before.
+_MAX_REFITTED = 4
+
+#: Rounds of the fit of amplitude and widths in turn.
+_ROUNDS = 2
+
+#: Number of hypotheses that stand for all where the cost in power is computed.
+_NUM_SAMPLED = 25
+
+#: Reflectance by which light is divided, at least.
+_DARK = 0.01
+
+#: Minimum gain of a flaw in pixels held out, over that in the fitted ones.
+_MIN_HELDOUT = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Judgement of one effect beside the flaws of the base."""
+
+    #: Identifier of the effect.
+    effect: str
+    #: 2 ln evidence of effect and flaws over flaws alone, the price of the effect's numbers paid.
+    evidence: float
+    #: Amplitude with flaws fitted as well, in its standard deviations.
+    certainty: float
+    #: The same amplitude over that without flaws.
+    stability: float
+    #: Whether it holds.
+    holds: bool
+
+
+@dataclass(frozen=True, eq=False)
+class BesideFlaws:
+    """What the base may be off by, in a residual with effects."""
+
+    #: Columns of the flaws in the capture's linear model.
+    model: FlawModel[LinearModel]
+    #: Their widths and amounts.
+    fitted: FittedFlaws
+    #: 2 ln evidence of the flaws over none.
+    evidence: float
+    #: (n + 11,) whitened residual with the effects.
+    residual: NDArray[np.float64]
+    #: Every kind's size, the largest first.
+    flaws: tuple[Flaw, ...]
+
+    @property
+    def score(self) -> float:
+        """-2 ln(evidence) of the residual beside the flaws."""
+        return self.fitted.score
+
+    @property
+    def evident(self) -> bool:
+        """Whether the base is off by more than chance."""
+        return self.evidence > _MIN_FLAW_EVIDENCE
+
+    @property
+    def small(self) -> bool:
+        """Whether flaws of the sizes expected explain it, also where they were not fitted."""
+        size = sum(flaw.chi2_per_dof for flaw in self.flaws)
+        return self.evident and size < _MAX_FLAWED
+
+    @property
+    def reported(self) -> tuple[Flaw, ...]:
+        """Flaws worth a sentence, the largest first."""
+        if not self.evident:
+            return ()
+        return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > _MIN_HELDOUT)
+
+
+def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
+    """Columns of the base's flaws in a capture's picture.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    residual
+        (n + 11,) residual with the effects in question.
+
+    Returns
+    -------
+    FlawModel
+        With the deviations of single pixels estimated.
+    """
+    signal, predictor = linearised.scale * linearised.rendered.signal, linearised.predictor
+    transport, included = predictor.transport, predictor.included
+    scene = after_stage(predictor.scene, included, "scene")
+    of_fragments = scene.reflectances(predictor.effective_nm)[transport.material]
+    reflectance = transport.pixels(of_fragments) / np.maximum(transport.covered, 1e-9)
+    once = predictor.with_settings(replace(predictor.settings, max_bounces=1))
+    direct, whole = (each.patch_picture(included) for each in (once, predictor))
+    part = np.clip(1 - direct / np.maximum(whole, 1e-30), 0.0, 1.0)
+    indirect = np.where(reflectance > 0, part * signal / np.maximum(reflectance, _DARK), 0.0)
+    columns = flaw_columns(
+        signal,
+        linearised.rendered.image.coverage,
+        linearised.model.used,
+        predictor.warp,
+        transport,
+        indirect,
+        reflectance,
+    )
+    return build_flaw_model(linearised.model, columns, signal, residual)
+
+
+def _fitted_to(model: FlawModel[LinearModel], residual: NDArray[np.float64]) -> BesideFlaws:
+    """What the base may be off by, fitted to a residual.
+
+    Parameters
+    ----------
+    model
+        Columns of the flaws.
+    residual
+        (n + 11,) residual of the plain model.
+
+    Returns
+    -------
+    BesideFlaws
+        Widths, amounts and sizes.
+    """
+    whitened = model.whitened(residual)
+    fitted = model.fit(whitened)
+    return BesideFlaws(
+        model,
+        fitted,
+        model.score(model.without(fitted), whitened) - fitted.score,
+        whitened,
+        tuple(model.flaws(fitted, whitened)),
+    )
+
+
+def confirmed_beside_flaws(
+    linearised: LinearisedFit, selected: Sequence[Candidate]
+) -> tuple[list[Candidate], BesideFlaws, tuple[Verdict, ...]]:
+    """Effects that hold beside the flaws of the base; the weakest of those that do not leaves first.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    selected
+        Effects fitted together.
+
+    Returns
+    -------
+    kept : list of Candidate
+        The effects that hold, fitted together again where one left.
+    beside : BesideFlaws
+        What the base is off by with them.
+    verdicts : tuple of Verdict
+        Of every effect, those that left included.
+    """
+    kept, left = list(selected), list[Verdict]()
+    while True:
+        residual = residual_with(linearised, kept)
+        beside = _fitted_to(_flaw_model(linearised, residual), residual)
+        verdicts = [_verdict(linearised, kept, index, beside, residual) for index in range(len(kept))]
+        failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
+        if not failing:
+            return kept, beside, (*verdicts, *left)
+        worst = min(failing, key=lambda index: verdicts[index].evidence)
+        left.append(verdicts[worst])
+        del kept[worst]
+        kept = refitted_together(linearised, kept) if kept else []
+
+
+def _verdict(
+    linearised: LinearisedFit,
+    selected: Sequence[Candidate],
+    index: int,
+    beside: BesideFlaws,
+    residual: NDArray[np.float64],
+) -> Verdict:
+    candidate, model = selected[index], beside.model
+    others = [c for i, c in enumerate(selected) if i != index]
+    others = refitted_together(linearised, others) if others else []
+    without = residual_with(linearised, others)
+    name = candidate.hypothesis.effect.id
+    if candidate.by_priors:
+        return Verdict(name, square(without) - square(residual), np.inf, 1.0, True)
+    whitened = model.whitened(without)
+    alone = model.fit(whitened)
+    shape = (whitened - beside.residual)[:, None]
+    (amplitude,), fitted = _amount_beside(model, shape, whitened, np.ones(1))
+    sigma = float(np.sum(model.weighted(fitted, shape) * shape)) ** -0.5
+    evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
+    certainty = amplitude / sigma
+    steady = abs(amplitude - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma)
+    holds = evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady
+    return Verdict(name, evidence, certainty, amplitude, holds)
+
+
+@dataclass(frozen=True, eq=False)
+class SelectedBesideFlaws:
+    """Effects that hold beside the flaws of the base, their numbers fitted with the flaws free."""
+
+    #: The picture with the effects, without errors in its covariance.
+    linearised: LinearisedFit
+    #: The effects.
+    selected: list[Candidate]
+    #: The same with their alternatives and tests.
+    assessed: list[SelectedEffect]
+    #: What the base is off by, with them.
+    beside: BesideFlaws
+    #: Judgement of every effect, those that left included.
+    verdicts: tuple[Verdict, ...]
+
+
+def selected_beside_flaws(
+    validation: Validation, linearised: LinearisedFit, held: Sequence[Candidate], signatures: Sequence[Signature]
+) -> SelectedBesideFlaws:
+    """Add effects to those that hold, as long as the evidence beside the flaws of the base grows.
+
+    Parameters
+    ----------
+    validation
+        Validation of the capture.
+    linearised
+        Its linearised fit, with those effects.
+    held
+        Effects that hold already.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    SelectedBesideFlaws
+        The effects that hold in the end.
+    """
+    selected, beside = list(held), _beside(linearised, held)
+    while len(selected) < MAX_EFFECTS:
+        present = {c.hypothesis.effect.id for c in selected}
+        rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
+        best = _best_beside(linearised.problem(selected), rest, beside, residual_with(linearised, selected))
+        if best is None:
+            break
+        linearised = refitted(validation, linearised, [*selected, best])
+        selected = refitted_together(_judged(linearised, beside), [*selected, best])
+        beside = _beside(linearised, selected)
+    selected, beside, verdicts = confirmed_beside_flaws(linearised, selected)
+    if selected:
+        selected = refitted_together(_judged(linearised, beside), selected)
+        assessed = with_alternatives(linearised, selected, signatures)
+        selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
+        names = {c.hypothesis.effect.id for c in selected}
+        verdicts = tuple(replace(verdict, holds=verdict.effect in names) for verdict in verdicts)
+        return SelectedBesideFlaws(linearised, selected, assessed, beside, verdicts)
+    return SelectedBesideFlaws(linearised, [], [], beside, verdicts)
+
+
+def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
+    """What the base is off by, with effects in place."""
+    residual = residual_with(linearised, selected)
+    return _fitted_to(_flaw_model(linearised, residual), residual)
+
+
+def _judged(linearised: LinearisedFit, beside: BesideFlaws) -> LinearisedFit:
+    """The same fit with the flaws in its covariance."""
+    return replace(linearised, model=beside.model.counted_in(linearised.model, beside.fitted))
+
+
+def _best_beside(
+    problem: Problem, signatures: Sequence[Signature], beside: BesideFlaws, residual: NDArray[np.float64]
+) -> Candidate | None:
+    """The effect with the largest evidence beside flaws, to first order; None where none is needed.
+
+    The widths of the flaws are fitted again with each of the best few in place, so that flaws no longer stand for it.
+    """
+    model, whitened = beside.model, beside.model.whitened(residual)
+    gains = []
+    for signature in signatures:
+        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        for weighted in (columns, model.weighted(beside.fitted, columns)):
+            amount = _amount(weighted, columns, whitened)
+            gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, columns, amount))
+    first = sorted(gains[::2], key=lambda one: -one[0])[:_MAX_REFITTED]
+    second = sorted(gains[1::2], key=lambda one: -one[0])[:_MAX_REFITTED]
+    best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
+    for _, signature, columns, start in (*first, *second):
+        amount, fitted = _amount_beside(model, columns, whitened, start)
+        evidence = beside.score - fitted.score - price_of(len(amount))
+        candidate = _started(screen(problem, signature, residual), signature, amount)
+        if evidence > best[0] and beyond_tolerance(candidate):
+            best = evidence, candidate
+    return best[1]
+
+
+def cost_in_power(problem: Problem, signatures: Sequence[Signature], beside: BesideFlaws) -> float:
+    """Factor by which flaws raise the size that an effect must have to be seen.
+
+    Parameters
+    ----------
+    problem
+        The capture without effects.
+    signatures
+        Signatures of the hypotheses, of which a few stand for all.
+    beside
+        What the base is off by.
+
+    Returns
+    -------
+    float
+        Median over effects of standard deviations with flaws free over those without, at least 1.
+    """
+    model, ratios = beside.model, [1.0]
+    usable = [signature for signature in signatures if not signature.by_priors]
+    for signature in usable[:: max(len(usable) // _NUM_SAMPLED, 1)]:
+        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        plain, left = (float(np.sum(each * columns)) for each in (columns, model.weighted(beside.fitted, columns)))
+        ratios.append(float(np.sqrt(plain / max(left, 1e-12 * plain))) if plain > 0 else 1.0)
+    return max(float(np.median(ratios)), 1.0)
+
+
+def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[np.float64]:
+    """Multiples of columns in a whitened residual, by generalised least squares."""
+    return np.asarray(np.linalg.lstsq(weighted.T @ columns, weighted.T @ whitened, rcond=1e-9)[0])
+
+
+def _amount_beside(
+    model: FlawModel[LinearModel], columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], FittedFlaws]:
+    """Multiples of an effect's columns and the flaws' widths, fitted in turn from a start of the multiples."""
+    amount, fitted = start, model.fit(whitened - columns @ start)
+    for _ in range(_ROUNDS):
+        amount = _amount(model.weighted(fitted, columns), columns, whitened)
+        fitted = model.fit(whitened - columns @ amount)
+    return amount, fitted
+
+
+def _started(candidate: Candidate, signature: Signature, amount: NDArray[np.float64]) -> Candidate:
+    """A screened candidate at multiples of its steps, clipped to the bounds of its numbers."""
+    if not signature.hypothesis.free:
+        return candidate
+    return replace(candidate, numbers=signature.numbers(np.clip(amount, *signature.bounds.T)))
