@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 from cboxlab.utils.lazy import lazy_names
 
-from .channel_levels import channel_levels, level_notes  # a name of its module cannot be imported later
-
 if TYPE_CHECKING:
     from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
     from .named_camera_levels import channel_levels, level_notes

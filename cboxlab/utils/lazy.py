@@ -9,15 +9,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-__all__ = ["imports_for_types", "lazy_names"]
+__all__ = ["lazy_names"]
 
 
 def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Functions ``__getattr__`` and ``__dir__`` of a package (PEP 562).
 
     The imports stand in the package under ``if TYPE_CHECKING``, where type checkers and editors read them, and this
-    function too. A command then loads only the modules that it uses. A name that is also that of a module of the
-    package is imported at once instead: the module would hide it.
+    function too. A command then loads only the modules that it uses. No name may be that of a module of the package.
 
     Parameters
     ----------
@@ -32,7 +31,7 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
         ``__dir__`` of the package: its names, including those not imported yet.
     """
     module = sys.modules[package]
-    homes = imports_for_types(Path(str(module.__file__)).read_text(encoding="utf-8"))
+    homes = _imports_for_types(Path(str(module.__file__)).read_text(encoding="utf-8"))
 
     def load(name: str) -> Any:
         if name not in homes:
@@ -47,19 +46,8 @@ def lazy_names(package: str) -> tuple[Callable[[str], Any], Callable[[], list[st
     return load, names
 
 
-def imports_for_types(source: str) -> dict[str, str]:
-    """Module of each name that a source imports under ``if TYPE_CHECKING``.
-
-    Parameters
-    ----------
-    source
-        Text of a module.
-
-    Returns
-    -------
-    dict
-        Module as written, with its leading dots, by name.
-    """
+def _imports_for_types(source: str) -> dict[str, str]:
+    """Module of each name that a source imports under ``if TYPE_CHECKING``."""
     blocks = [
         node.body
         for node in ast.parse(source).body
