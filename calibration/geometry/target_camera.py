@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .camera_fit import LARGEST_UNCERTAINTY, CameraFit
@@ -26,7 +27,7 @@ __all__ = ["TargetFit", "fit_camera_targets"]
 
 
 @dataclass(frozen=True, eq=False)
-class TargetFit:
+class TargetFit(FrozenMappings):
     """Intrinsics and poses fitted to views of flat targets, by `fit_camera_targets`."""
 
     #: One camera per view in use, each with its (10, 10) covariance; they share the intrinsics and the lens.
