@@ -1,7 +1,7 @@
 """Large pictures reduced to a window around the box and sums over square blocks of pixels.
 
-A sum over n x n pixels is the count of a sensor with n times the pixel pitch, the same gain, n times the read noise,
-and a box filter n times as wide. The manifest of a reduced capture describes this sensor.
+A sum over n x n pixels is the count of a sensor with n times the pixel pitch and the same gain. Its read noise is n
+times as large and its box filter n times as wide. The manifest of a reduced capture describes this sensor.
 """
 
 from __future__ import annotations
