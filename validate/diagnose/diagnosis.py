@@ -157,7 +157,7 @@ class Diagnosis:
     flaws: tuple[Flaw, ...] = ()
     #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
     flaws_cost: float = 1.0
-    #: Judgement of every effect beside the base's flaws, those that did not hold included.
+    #: Judgement of every effect next to the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
 
 
@@ -181,7 +181,7 @@ class _Answer:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """Selection by size, and the effects that hold beside the flaws of the base."""
+    """Selection by size, and the effects that hold next to the flaws of the base."""
 
     #: Selection by size alone.
     by_size: Selection
