@@ -85,17 +85,18 @@ def named_changes(
     explanations = [*from_pictures(evidence, comparison.common.baseline), *from_view(evidence)]
     pictures = _pictures(comparison, evidence, variants)
     explanations += _of_causes(evidence, pictures, costly=False)
+    scatter = _unexplained_scatter(comparison)
     unknown = [_nothing(evidence), *_over_picture(evidence)]
     if variants is not None:
         explanations += from_scene(evidence, variants)
         progress.part(0.6)
         if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
             explanations += coats(evidence, variants)
-            if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence) > 0:
+            left = min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS)
+            if scatter is None and left > _target(evidence) > 0:
                 explanations += _of_causes(evidence, pictures, costly=True)
         fit, free = smooth_over_surfaces(evidence, variants)
         unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
-    scatter = _unexplained_scatter(comparison)
     if scatter is not None:
         unknown[0] = Explanation(UNKNOWN, {"description": scatter}, unknown[0].fit, 0)
     return _weighed(evidence, explanations, unknown, _SCATTERED_CAP if scatter else 1.0)

@@ -31,6 +31,10 @@ _LEAST_SMOOTHNESS = 0.1
 _SMOOTHNESS_SIGMAS = 4.0
 #: Correlation between pixels at a distance below which noise reaches no further.
 _LITTLE_CORRELATION = 0.05
+#: Relative difference of pictures from which it is no correlated noise: denoised ones agree better.
+_MOST_APART = 0.1
+#: The same over the stated errors: errors of batches contain correlated noise.
+_MOST_SPREAD = 1.5
 #: Largest part of the correlation that the means of small regions remove and that is made up for.
 _MOST_REMOVED = 0.5
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
@@ -382,7 +386,7 @@ def noise_of(
     noise = Noise(*computed, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = noise.over(all_bands)
     sums = difference.sum(axis=-1), total, level.sum(axis=-1)
-    clustering, ratio = _clustering(*sums, smooth, computed[1], stepped, paired)
+    clustering, ratio = _clustering(*sums, smooth, computed[1], paired, stepped, estimated)
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 
@@ -419,7 +423,14 @@ def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth:
 
 
 def _clustering(
-    total: NDArray, variance: NDArray, level: NDArray, smooth: NDArray, degrees: float, stepped: bool, paired: bool
+    total: NDArray,
+    variance: NDArray,
+    level: NDArray,
+    smooth: NDArray,
+    degrees: float,
+    paired: bool,
+    stepped: bool,
+    estimated: bool,
 ) -> tuple[float, float]:
     """Scatter of block means over independent pixels', and of pixels over the variance.
 
@@ -438,7 +449,9 @@ def _clustering(
     spread = max(1.0, 1.4826 * float(np.median(np.abs(quotient[smooth] - middle))))
     clipped = np.clip((quotient - middle) / spread, -6, 6)
     ratio = _of_blocks(clipped, smooth)
-    if not stepped:
+    relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
+    apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
+    if not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
         ratio = max(ratio, _of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
