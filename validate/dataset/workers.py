@@ -21,6 +21,9 @@ __all__ = ["in_processes", "on_local_cluster", "on_scheduler"]
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
 
+#: Time that the first worker of a scheduler has to join, s: a busy machine takes half a minute to start one.
+_WORKER_S = 60.0
+
 #: Variables that limit the threads of linear algebra in a new process.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -136,7 +139,7 @@ def on_scheduler(tasks: Sequence[Task], address: str, idle: Callable[[], None]) 
         raise InputError("scheduler", f"no answer from {address} ({error})", "a Dask scheduler") from None
     with client:
         try:
-            client.wait_for_workers(1, timeout=TIMEOUT_S)
+            client.wait_for_workers(1, timeout=_WORKER_S)
         except TimeoutError:
             hint = f"Start one with `dask worker {address}`."
             raise InputError("scheduler", f"no worker at {address}", "at least one worker", hint) from None
