@@ -21,10 +21,10 @@ from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
 from .outcome import UNKNOWN, NamedChange
 from .patterns import FIXED_TEXTURE, textures
-from .pooled import SHARES, difference_of
+from .pooled import SHARES
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
-from .verdict import Comparison
+from .verdict import Comparison, difference_of
 from .view_explanations import from_view
 
 __all__ = ["named_changes", "pattern_alone"]
