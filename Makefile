@@ -1,14 +1,17 @@
 # make demo   install into .venv where needed, then show the whole chain on the bundled capture
 # make test   the same installation, then style, types and tests
 # make lint   style and types alone
+# make oldest, make newest   tests with the oldest or the newest allowed dependencies, in an environment of their own;
+#                            TESTS="tests/utils tests/scenes" runs some of them
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 TYPECHECK := build/typecheck
+TESTS ?= tests
 
-.PHONY: demo test lint
+.PHONY: demo test lint oldest newest
 
 demo: $(INSTALLED)
 	$(BIN)/cbox demo
@@ -26,6 +29,16 @@ lint: $(INSTALLED)
 	@ln -s $(CURDIR)/render $(TYPECHECK)/cboxlab/rendering
 	@ln -s $(CURDIR)/validate $(TYPECHECK)/cboxlab/validation
 	MYPYPATH=$(TYPECHECK) $(BIN)/mypy --namespace-packages --explicit-package-bases $(TYPECHECK)/cboxlab
+
+oldest: RESOLUTION := lowest-direct
+newest: RESOLUTION := highest
+
+oldest newest:
+	$(PYTHON) -m venv build/uv
+	build/uv/bin/python -m pip install --quiet --disable-pip-version-check uv
+	build/uv/bin/uv venv --quiet --clear --python $(PYTHON) build/$@
+	build/uv/bin/uv pip install --quiet --python build/$@ --resolution $(RESOLUTION) -e '.[dev]'
+	OMP_NUM_THREADS=1 build/$@/bin/python -m pytest $(TESTS)
 
 $(INSTALLED): pyproject.toml .ci/prepare
 	.ci/prepare $(PYTHON)

@@ -14,7 +14,7 @@ from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
-from cboxlab.utils.frozen import FrozenDict
+from cboxlab.utils.frozen import FrozenDict, FrozenMappings
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -38,7 +38,7 @@ from .manifest import (
     split_channel,
 )
 from .manifest_faults import raise_faults, read_manifest
-from .reduction import Reduction, reduced_manifest, reduction_of
+from .reduction import ReducedFrames, Reduction, reduced_manifest, reduction_of
 from .whole_manifest import Manifest
 
 __all__ = ["Capture", "FrameTable", "load_capture"]
@@ -54,7 +54,7 @@ class FrameTable(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Capture:
+class Capture(FrozenMappings):
     """One folder in the capture format, checked by ``load_capture``. Immutable."""
 
     #: Folder of the capture.
@@ -68,8 +68,8 @@ class Capture:
     channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
     #: Window and blocks of the stored frames that are the pixels in use; None where the stored pixels are.
     reduction: Reduction | None = None
-    #: Reduced frames that were read, by name.
-    reduced_frames: dict[str, NDArray[np.uint32]] = field(default_factory=dict, repr=False)
+    #: Reduced frames that were read; copies of the capture share them.
+    reduced_frames: ReducedFrames = field(default_factory=ReducedFrames, repr=False)
 
     @property
     def band_ids(self) -> tuple[str, ...]:
@@ -153,9 +153,8 @@ class Capture:
             For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
         """
         if self.reduction is not None and not self.is_merged:
-            if path not in self.reduced_frames:
-                self.reduced_frames[path] = self.reduction.counts(self.stored_frame(path))
-            return self.reduced_frames[path]
+            reduction = self.reduction
+            return self.reduced_frames.get(path, lambda: reduction.counts(self.stored_frame(path)))
         file, number = split_name(self.folder, path)
         if self.is_merged:
             picture = range(number or 0, (number or 0) + 1)

@@ -16,8 +16,7 @@ from PIL import Image, UnidentifiedImageError
 from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
-from .lens_checks import lens_faults
-from .manifest import CameraTable, NoiseTable, channel_letters, example_of, is_channel
+from .manifest import CameraTable, NoiseTable, TargetTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
 from .whole_manifest import Manifest
 
@@ -26,6 +25,12 @@ __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
 
 #: Keys of the tables that name frames.
 TABLES_OF_FRAMES = ("band", "dark", "flat", "reference", "bracket", "target")
+
+#: Numbers of coefficients of a polynomial, and of a fisheye.
+_COEFFICIENTS = {None: 5, "fisheye": 4}
+
+#: Largest deviation of a unit vector's length from 1, and of the cosine between two from 0: 0.06 degrees.
+_AXIS_TOLERANCE = 1e-3
 
 
 def _frame_lists(manifest: Manifest) -> Iterator[tuple[str, tuple[str, ...]]]:
@@ -91,7 +96,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
             )
     yield from _mosaic_faults(path, manifest)
     yield from _level_faults(path, manifest)
-    yield from lens_faults(path, manifest)
+    yield from _lens_faults(path, manifest)
     yield from _reduction_faults(path, manifest)
     yield from _noise_faults(path, manifest)
     camera = manifest.camera
@@ -121,6 +126,49 @@ def _noise_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
     if noise.kind != "poisson" and stated:
         hint = f'Leave it out, or state kind = "poisson", not "{noise.kind}".'
         yield InputError(f"{path}: noise.{stated[0]}", "a key of kind = 'poisson'", "no such key", hint)
+
+
+def _lens_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
+    """Contradictions among the keys of [lens], and in the place of boards."""
+    lens = manifest.lens
+    if lens.fy_px is not None and lens.fx_px is None:
+        yield InputError(f"{path}: lens.fy_px", "no fx_px with it", "both, or fx_px alone for square pixels")
+    count = _COEFFICIENTS[lens.model]
+    if lens.distortion is not None and len(lens.distortion) != count:
+        order = "k1, k2, k3, k4 of a fisheye" if lens.model == "fisheye" else "k1, k2, p1, p2, k3"
+        yield InputError(
+            f"{path}: lens.distortion",
+            f"{len(lens.distortion)} numbers",
+            f"{count}: {order}",
+            "Write 0.0 for a term that the lens does not have.",
+        )
+    for index, target in enumerate(manifest.target):
+        yield from _place_faults(f"{path}: target[{index}]", target)
+
+
+def _place_faults(where: str, target: TargetTable) -> Iterator[InputError]:
+    """Missing or wrong keys of a board's place."""
+    keys = {"origin_mm": target.origin_mm, "right": target.right, "down": target.down}
+    present = [key for key, value in keys.items() if value is not None]
+    if not present:
+        return
+    if target.right is None or target.down is None or target.origin_mm is None:
+        missing = [key for key in keys if key not in present]
+        yield InputError(where, f"{', '.join(present)} without {', '.join(missing)}", "all three, or none")
+        return
+    for key, axis in (("right", target.right), ("down", target.down)):
+        length = float(np.linalg.norm(axis))
+        if abs(length - 1) > _AXIS_TOLERANCE:
+            yield InputError(f"{where}.{key}", f"a vector of length {length:.4g}", "a unit vector in the box's axes")
+            return
+    angle = float(np.degrees(np.arccos(np.clip(np.dot(target.right, target.down), -1, 1))))
+    if abs(np.dot(target.right, target.down)) > _AXIS_TOLERANCE:
+        yield InputError(
+            f"{where}.down",
+            f"an angle of {angle:.2f} degrees to right",
+            "90 degrees",
+            "Rows cross columns at right angles.",
+        )
 
 
 def _reduction_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:

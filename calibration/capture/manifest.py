@@ -224,8 +224,6 @@ Name = Annotated[str, Field(min_length=1)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
 Window = Annotated[tuple[int, int, int, int], BeforeValidator(_tuple)]
 Coefficients = Annotated[tuple[float, ...], BeforeValidator(_tuple)]
-
-
 QuantumEfficiency = Annotated[
     Annotated[ColumnReference, Tag("<text>")]
     | Annotated[tuple[ColumnReference, ColumnReference, ColumnReference], BeforeValidator(_tuple), Tag("<list>")]
@@ -233,8 +231,6 @@ QuantumEfficiency = Annotated[
     Discriminator(_kind_or_table),
     BeforeValidator(_of_camera),
 ]
-
-
 BlackLevel = Annotated[
     Annotated[NotNegative, Tag("<number>")] | Annotated[dict[Name, NotNegative], Tag("<table>")],
     Discriminator(_number_or_table),
@@ -280,14 +276,13 @@ class CameraTable(_Table):
     )
     read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
     binning: Count | None = _key(
-        "side of the square blocks whose counts are summed to one pixel; where left out, frames of more than 4 "
-        "megapixels have about 256 pixels across the surveyed points; pixels behind a [mosaic] are not summed",
+        "side of the square blocks whose counts are summed; where left out, frames above 4 megapixels have about 256 "
+        "sums across the surveyed points; not behind a [mosaic]",
         "8",
         None,
     )
     window_px: Window | None = _key(
-        "first column, first row, columns and rows of the part of the frames in use; where left out, the surveyed "
-        "points with half their extent around them in frames of more than 4 megapixels",
+        "first column, first row, columns and rows in use; as binning, half their extent around the surveyed points",
         "[1200, 300, 3600, 3400]",
         None,
     )

@@ -1,11 +1,12 @@
 """Large pictures reduced to a window around the box and sums over square blocks of pixels.
 
-A sum over n x n pixels is the count of a sensor with n times the pixel pitch, the same gain, n times the read noise,
-and a box filter n times as wide. The manifest of a reduced capture describes this sensor.
+A sum over n x n pixels is the count of a sensor with n times the pixel pitch and the same gain. Its read noise is n
+times as large and its box filter n times as wide. The manifest of a reduced capture describes this sensor.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from .manifest import CropTable
 from .whole_manifest import Manifest
 
-__all__ = ["Reduction", "reduced_manifest", "reduction_of"]
+__all__ = ["ReducedFrames", "Reduction", "reduced_manifest", "reduction_of"]
 
 #: Pixels of a frame above which a capture is reduced where its manifest says nothing: 4 megapixels.
 _LARGEST_FRAME = 4_000_000
@@ -50,6 +51,8 @@ class Reduction:
     height: int
     #: Side of a block, px.
     side_px: int
+    #: Stored count from which a pixel is saturated, DN.
+    saturated_dn: float
 
     @property
     def reduced_bits(self) -> int:
@@ -85,7 +88,7 @@ class Reduction:
         rows = window.reshape(height, n, n * width)
         sums = rows.sum(axis=1, dtype=np.uint32).reshape(height, width, n).sum(axis=2, dtype=np.uint32)
         largest = rows.max(axis=1).reshape(height, width, n).max(axis=2)
-        return np.where(largest >= 2**self.bit_depth - 1, np.uint32(2**self.reduced_bits - 1), sums)
+        return np.where(largest >= self.saturated_dn, np.uint32(2**self.reduced_bits - 1), sums)
 
     def labels(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Labels of the blocks.
@@ -173,6 +176,7 @@ def reduction_of(folder: Path, manifest: Manifest) -> Reduction | None:
         width=int(blocks[0]),
         height=int(blocks[1]),
         side_px=side,
+        saturated_dn=2**camera.bit_depth - 1 if camera.white_level_dn is None else camera.white_level_dn,
     )
 
 
@@ -189,6 +193,32 @@ def _extent(folder: Path, manifest: Manifest) -> NDArray[np.float64] | None:
         return None
     inside = (points >= 0).all(axis=1) & (points < [manifest.camera.width_px, manifest.camera.height_px]).all(axis=1)
     return points[inside] if np.count_nonzero(inside) > 1 else None
+
+
+class ReducedFrames:
+    """Frames that were read and reduced, by name: a large file is read once."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, NDArray[np.uint32]] = {}
+
+    def get(self, name: str, read: Callable[[], NDArray[np.uint32]]) -> NDArray[np.uint32]:
+        """Frame of a name.
+
+        Parameters
+        ----------
+        name
+            Name of the frame.
+        read
+            Reads and reduces it, at the first call for its name.
+
+        Returns
+        -------
+        NDArray
+            (height, width) sums of counts, DN.
+        """
+        if name not in self._frames:
+            self._frames[name] = read()
+        return self._frames[name]
 
 
 def reduced_manifest(manifest: Manifest, reduction: Reduction) -> Manifest:
@@ -217,7 +247,10 @@ def reduced_manifest(manifest: Manifest, reduction: Reduction) -> Manifest:
         "pixel_pitch_um": scaled(camera.pixel_pitch_um, n),
         "bit_depth": reduction.reduced_bits if n > 1 else camera.bit_depth,
         "read_noise_e": scaled(camera.read_noise_e, n),
+        "white_level_dn": None,
     }
+    if isinstance(camera.black_level_dn, float):
+        of_camera["black_level_dn"] = camera.black_level_dn * n**2
     crop = manifest.crop
     u0, v0 = (0, 0) if crop is None else (crop.u0_px, crop.v0_px)
     width, height = (camera.width_px, camera.height_px) if crop is None else (crop.full_width_px, crop.full_height_px)

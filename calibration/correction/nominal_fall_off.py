@@ -1,7 +1,7 @@
 """Nominal flat field of a lens, by the cosine-fourth law of its field angles.
 
-A real lens falls off further, by its mounts and its pupil. The comparison with a model fits that as two terms in the
-square of the distance from the axis; see ``fall_off_terms``. The sensitivities of single pixels are not known; their
+A real lens falls off further, by its mounts and its pupil. The comparison with a model fits that in a few terms, see
+``fall_off_terms``. The sensitivities of single pixels are not known; their
 scatter is estimated from the pictures.
 """
 
@@ -87,7 +87,9 @@ def with_pixel_scatter(flat: FlatField, relative_sigma: float) -> FlatField:
 
 
 def fall_off_terms(axis: LensAxis, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Two shapes of a fall-off beyond the cosine-fourth law.
+    """Shapes of a fall-off beyond the cosine-fourth law.
+
+    The tilts stand for an axis that the survey places a pixel off, and for a decentred lens.
 
     Parameters
     ----------
@@ -99,8 +101,11 @@ def fall_off_terms(axis: LensAxis, shape: tuple[int, int]) -> NDArray[np.float64
     Returns
     -------
     NDArray
-        (2, y, x) second and fourth power of the distance from the axis, 1 in the farthest corner.
+        (4, y, x) second and fourth power of the distance from the axis, and tilts along x and y; the distance is 1 in
+        the farthest corner.
     """
-    square = axis.radius_px(shape) ** 2
-    square /= square.max()
-    return np.stack([square, square**2])
+    v, u = np.indices(shape)
+    radius = axis.radius_px(shape)
+    reach = radius.max()
+    square = (radius / reach) ** 2
+    return np.stack([square, square**2, (u - axis.u_px) / reach, (v - axis.v_px) / reach])

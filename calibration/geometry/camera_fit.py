@@ -15,6 +15,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.distributions import chi2_quantile, chi2_tail, fisher_quantile
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
@@ -32,7 +33,7 @@ LARGEST_UNCERTAINTY = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class CameraFit:
+class CameraFit(FrozenMappings):
     """Camera fitted to surveyed points, by `fit_camera`."""
 
     #: Fitted camera with its (10, 10) covariance in the order of PARAMETER_NAMES.

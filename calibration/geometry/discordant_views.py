@@ -278,6 +278,7 @@ def discordant_views(
     names: Sequence[str],
     width_px: int,
     height_px: int,
+    *,
     survey: tuple[SurveyedPoints, CameraFit] | None,
     source: str,
     model: LensModel = ONE_TERM,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .camera_fit import LARGEST_UNCERTAINTY, CameraFit
@@ -26,7 +27,7 @@ __all__ = ["TargetFit", "fit_camera_targets"]
 
 
 @dataclass(frozen=True, eq=False)
-class TargetFit:
+class TargetFit(FrozenMappings):
     """Intrinsics and poses fitted to views of flat targets, by `fit_camera_targets`."""
 
     #: One camera per view in use, each with its (10, 10) covariance; they share the intrinsics and the lens.
@@ -122,10 +123,14 @@ def fit_camera_targets(
         if len(world) < 6:
             raise InputError(f"{source}: view {number}", f"{len(world)} points", "at least 6")
     labels = [f"view {number}" for number in range(1, len(views) + 1)] if names is None else names
-    discordant = discordant_views(views, labels, width_px, height_px, survey, source, model, lens)
+    discordant = discordant_views(
+        views, labels, width_px, height_px, survey=survey, source=source, model=model, lens=lens
+    )
 
     def joint(used: Sequence[TargetView]) -> TargetFit:
-        return _joint_fit(used, width_px, height_px, point_sigma_px, survey, source, model, lens)
+        return _joint_fit(
+            used, width_px, height_px, point_sigma_px, survey=survey, source=source, model=model, lens=lens
+        )
 
     if not discordant:
         return joint(views)
@@ -144,6 +149,7 @@ def _joint_fit(
     width_px: int,
     height_px: int,
     point_sigma_px: float | None,
+    *,
     survey: tuple[SurveyedPoints, CameraFit] | None,
     source: str,
     model: LensModel,

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from ..correction import NoiseModel
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_darks"]
+__all__ = ["check_bias_drift", "check_darks"]
 
 #: Suspicious deviation of a frame from the trend, in standard deviations of noise.
 LARGEST_SIGMAS = 7.0
@@ -46,6 +47,16 @@ EXPOSURE_FACTOR = 1.3
 
 #: Relative standard deviation of the charge from frame to frame, in addition to noise.
 CHARGE_SCATTER = 0.02
+
+
+#: Probability with which the scatter of steady frames passes for a drift.
+DRIFT_FALSE_ALARM = 1e-6
+
+#: Smallest drift over the dark frames that is named, DN: less moves no dark level by more than its rounding.
+SMALLEST_DRIFT_DN = 0.2
+
+#: Fewest degrees of freedom of the scatter of the frames about the drift.
+FEWEST_DRIFT_DEGREES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,3 +222,45 @@ def _contradictions(
         apart = LARGEST_SIGMAS * np.hypot(noise[k], noise)
         wrong[k] = np.sum(longer & (charge[k] - charge > apart)) + np.sum(shorter & (charge - charge[k] > apart))
     return wrong
+
+
+def check_bias_drift(stacks: Sequence[Stack], readout_s: float) -> Iterator[Suspicion]:
+    """Detect dark levels that rise or fall from frame to frame.
+
+    A table of one exposure has one level. Its frames follow each other by the exposure and the readout, so that their
+    levels about their mean show the drift alone.
+
+    Parameters
+    ----------
+    stacks
+        All frames.
+    readout_s
+        Time between the end of a frame and the start of the next, s.
+
+    Yields
+    ------
+    Suspicion
+        At most one.
+    """
+    darks = [stack for stack in stacks if stack.kind == "dark" and len(stack.frames) > 1]
+    if not darks:
+        return
+    times = [np.arange(len(stack.frames)) * (stack.exposure_s + readout_s) for stack in darks]
+    levels = [np.array([_level(frame) for frame in stack.frames]) for stack in darks]
+    time = np.concatenate([each - each.mean() for each in times])
+    level = np.concatenate([each - each.mean() for each in levels])
+    degrees = time.size - len(darks) - 1
+    if degrees < FEWEST_DRIFT_DEGREES:
+        return
+    lever = float(time @ time)
+    slope = float(time @ level) / lever
+    scatter = float(np.sum((level - slope * time) ** 2)) / degrees
+    pull = abs(slope) / np.sqrt(scatter / lever) if scatter > 0 else 0.0
+    span = max(float(np.ptp(each)) for each in times)
+    if 2 * student.sf(pull, degrees) < DRIFT_FALSE_ALARM and abs(slope) * span > SMALLEST_DRIFT_DN:
+        yield Suspicion(
+            "the bias drifts from frame to frame (a sensor that warms up or cools down)",
+            "dark.frames",
+            f"The level of the dark frames changes by {60 * slope:+.2g} +- {60 * np.sqrt(scatter / lever):.1g} DN a "
+            f"minute, {slope * span:+.2g} DN within one table. Frames taken at other times have another dark level.",
+        )

@@ -8,21 +8,21 @@ from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
-from .brackets import check_brackets
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_spectra_content
 from .counts import check_counts
 from .dark_light import check_light_in_darks
-from .darks import check_darks
+from .darks import check_bias_drift, check_darks
 from .fields import check_fields
 from .filters import check_filter_shift
 from .fingerprint import check_fingerprint, check_flat_shapes
 from .points import check_points
 from .repeats import check_noise, check_repeats
-from .schedule import check_exposures, check_schedule
+from .schedule import check_brackets, check_exposures, check_schedule
 from .stacks import Stack, read_stacks
 from .suspicion import Suspicion
 from .tables import check_numbers, check_scene, check_tables
+from .warm_up import check_warm_up
 
 __all__ = ["find_suspicions"]
 
@@ -35,6 +35,8 @@ def _check_counts(
     yield from check_noise(capture, stacks, dark, noise)
     yield from check_repeats(capture, stacks, dark, noise)
     yield from check_darks(stacks, noise, capture.saturation_dn)
+    yield from check_bias_drift(stacks, capture.manifest.camera.readout_s)
+    yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
     yield from check_flat_shapes(stacks, dark)
     yield from check_fingerprint(stacks, dark)
     yield from check_light_in_darks(stacks, dark)

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ..correction import CorrectedBands
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_exposures", "check_schedule"]
+__all__ = ["check_brackets", "check_exposures", "check_schedule"]
 
 #: Overlap of two exposures that is not suspected, s: clocks are read to a second.
 CLOCK_S = 2.0
@@ -144,4 +145,34 @@ def check_exposures(stacks: Sequence[Stack]) -> Iterator[Suspicion]:
             f"{missing[0].key}.exposure_s",
             f"There are no dark frames at its {missing[0].exposure_s:g} s, and those at {unused[0]:g} s match no "
             "exposure; all others match.",
+        )
+
+
+def check_brackets(bands: CorrectedBands) -> Iterator[Suspicion]:
+    """Name the exposure times that do not fit the counts of a band's other exposures.
+
+    Parameters
+    ----------
+    bands
+        Corrected bands of a capture, whose exposures were compared.
+
+    Yields
+    ------
+    Suspicion
+        At most one for each band.
+    """
+    for finding in bands.exposure_findings:
+        # a band's own exposure comes first, then its brackets, see ``merged_tables``
+        wrong = finding.index
+        what = "an exposure time does not fit the counts"
+        if wrong is None:
+            what = "the exposure time of one of two exposures does not fit the counts"
+        key = f"band ({finding.band})" if wrong == 0 else f"bracket ({finding.band})"
+        counted = "the other exposure" if wrong is None else "the other exposures"
+        yield Suspicion(
+            what,
+            f"{key}.exposure_s",
+            f"{finding.stated_s:g} s are stated; by {counted} of {finding.band} the counts are those of "
+            f"{finding.fitting_s:.3g} s ({finding.fitting_s / finding.stated_s - 1:+.1%}). "
+            + ("It was left out." if wrong else "The exposures were not merged."),
         )

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .channel_levels import channel_levels, level_notes
     from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
+    from .named_camera_levels import channel_levels, level_notes
     from .radiometry import Radiometry, measure_constant
     from .registration import register
     from .sensor_equation import (

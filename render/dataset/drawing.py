@@ -18,6 +18,7 @@ from cboxlab.scenes.shapes import plate_mesh, quad_mesh
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..chain import RenderSettings
@@ -50,7 +51,7 @@ _M2_PER_MM2 = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class Box(FrozenMappings):
     """One drawn box."""
 
     #: Number of the box, from 0.
@@ -83,7 +84,7 @@ class _Rectangle(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Geometry:
+class _Geometry(FrozenMappings):
     """Everything of a box but spectra, powers and effects."""
 
     #: (3,) width, height and depth of the room, mm.

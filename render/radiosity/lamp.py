@@ -202,7 +202,7 @@ def _follows_pattern(lamp: LampSampler) -> bool:
 
 
 def _level_rectangle(area: float, half_size: np.ndarray) -> bool:
-    """Whether a surface is a rectangle along x and z, by area, mm^2, and half sizes of its box, mm."""
+    """Whether an area, mm^2, fills its bounding box along x and z, of half sizes in mm."""
     return bool(half_size[1] <= 1e-6 and abs(area / (4 * half_size[0] * half_size[2]) - 1) < 1e-6)
 
 

@@ -1,8 +1,9 @@
 """Free factors and fall-off of a capture without absolute scale, by a rendering.
 
-The photograph of band b is taken as g_b (1 + a_1 q + a_2 q^2) times the rendering. g is one factor of all bands or one
-of each. q is the squared distance from the lens's axis, 1 in the farthest corner; its terms stand only where no flats
-were taken. The lamp's power is then a part of g: it is not known, and neither is what changes a band as a whole.
+The photograph of band b is taken as g_b (1 + a_1 q + a_2 q^2 + a_3 x + a_4 y) times the rendering. g is one factor of
+all bands or one of each. q is the squared distance from the lens's axis, 1 in the farthest corner, x and y are the
+distances along rows and columns. These terms stand only where no flats were taken. The lamp's power is a part of g: it
+is not known, and neither is what changes a band as a whole.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ from numpy.typing import NDArray
 
 __all__ = ["FreeScale", "free_columns", "refined_scale", "rescaled", "starting_scale"]
 
-#: Standard deviation of each term of the fall-off beyond the cosine-fourth law, relative: lenses lose 0 to 30 % in the
-#: corner by their mounts.
-_FALL_OFF_SIGMA = 0.2
+#: Terms of the fall-off beyond the cosine-fourth law, in the order of ``fall_off_terms``.
+_FALL_OFF_TERMS = ("r^2", "r^4", "x", "y")
+#: Standard deviation of each term, relative at the farthest corner: lenses lose 0 to 30 % there by their mounts, and
+#: their axes differ from the survey's by a pixel or two.
+_FALL_OFF_SIGMA = np.array([0.2, 0.2, 0.05, 0.05])
 #: Threshold of the Huber loss in standard deviations, so that flaws of the model hardly affect the factors.
 _HUBER = 3.0
 #: Gauss-Newton rounds: the model is linear but for the product of factor and fall-off.
@@ -39,9 +42,9 @@ class FreeScale:
     relative_sigma: NDArray[np.float64]
     #: Whether the fall-off of the lens is nominal, so that its further terms were fitted.
     nominal_fall_off: bool
-    #: (2,) terms of the fall-off beyond the cosine-fourth law at r^2 and r^4, r = 1 in the farthest corner.
+    #: (4,) terms of the fall-off beyond the cosine-fourth law, see ``fall_off_terms``; empty with flats.
     fall_off: NDArray[np.float64]
-    #: (2,) their standard deviations.
+    #: (4,) their standard deviations.
     fall_off_sigma: NDArray[np.float64]
 
     @property
@@ -81,9 +84,9 @@ class FreeScale:
             "claim": "free-by-band" if self.by_band else "free",
             "factors": {band: {"value": value, "relative_sigma": sigma} for band, value, sigma in pairs},
             "fall_off": [
-                {"power_of_radius": power, "value": value, "sigma": sigma}
-                for power, value, sigma in zip(
-                    (2, 4), self.fall_off.tolist(), self.fall_off_sigma.tolist(), strict=False
+                {"term": term, "value": value, "sigma": sigma}
+                for term, value, sigma in zip(
+                    _FALL_OFF_TERMS, self.fall_off.tolist(), self.fall_off_sigma.tolist(), strict=False
                 )
             ],
             "not_known": list(self.not_known),
@@ -92,7 +95,7 @@ class FreeScale:
     @property
     def parameters(self) -> int:
         """Number of fitted parameters, without the one that the lamp's scale counts for."""
-        return (len(self.constant) - 1 if self.by_band else 0) + (2 if self.nominal_fall_off else 0)
+        return (len(self.constant) - 1 if self.by_band else 0) + (len(_FALL_OFF_TERMS) if self.nominal_fall_off else 0)
 
 
 def _terms(bands: CorrectedBands) -> NDArray[np.float64]:
@@ -143,14 +146,14 @@ def starting_scale(calibration: Calibration) -> FreeScale | None:
         return None
     unknown = np.full(len(manifest.band), np.inf)
     nominal = calibration.bands.nominal_axis is not None
-    terms = np.zeros(2 if nominal else 0)
+    terms = np.zeros(len(_FALL_OFF_TERMS) if nominal else 0)
     return FreeScale(
         manifest.is_free_by_band,
         np.full(len(manifest.band), constant),
         unknown,
         nominal,
         terms,
-        np.full(terms.size, _FALL_OFF_SIGMA),
+        _FALL_OFF_SIGMA[: terms.size].copy(),
     )
 
 
@@ -195,7 +198,7 @@ def refined_scale(
     shapes = np.array([np.broadcast_to(term, signal.shape)[used] for term in terms]).reshape(len(terms), rows.size)
     data, weight = measured[used], 1 / variance[used]
     factors, further = np.ones(total), np.zeros(len(terms))
-    prior = np.diag(np.append(np.zeros(total), np.full(len(terms), _FALL_OFF_SIGMA**-2.0)))
+    prior = np.diag(np.append(np.zeros(total), _FALL_OFF_SIGMA[: len(terms)] ** -2.0))
     information = np.eye(total + len(terms))
     # starting factors by ratios of sums, which need no weights
     for index in range(total):
@@ -212,7 +215,7 @@ def refined_scale(
         design[total:] = factors[band] * rows * shapes
         information = (design * robust) @ design.T + prior
         gradient = (design * robust) @ residual
-        gradient[total:] -= _FALL_OFF_SIGMA**-2.0 * (scale.fall_off + further)
+        gradient[total:] -= _FALL_OFF_SIGMA[: len(terms)] ** -2.0 * (scale.fall_off + further)
         step = np.linalg.solve(information, gradient)
         factors, further = factors + step[:total], further + step[total:]
         excess = max(1.0, float(np.mean(np.minimum(pull, _HUBER) ** 2)))

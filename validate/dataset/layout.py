@@ -196,7 +196,7 @@ def read_state(folder: Path) -> dict[str, Any]:
         If the folder holds no data set of this format.
     """
     path = folder / STATE
-    state = read_json(path, "the state of a data set, which `cbox dataset RECIPE.toml --out DIR` writes")
+    state = read_json(path, "the state of a data set")
     if state.get("format") != FORMAT:
         raise InputError(f"{path}: format", repr(state.get("format")), repr(FORMAT))
     return dict(state)
@@ -230,7 +230,7 @@ def begin(recipe: Recipe, recipe_file: Path, folder: Path) -> Layout:
     if path.exists():
         state = read_state(folder)
         if state["recipe"] != digest:
-            hint = "Name another folder with --out, or use the recipe.toml in that folder."
+            hint = "Name another folder, or use the recipe.toml in that folder."
             raise InputError(
                 folder, f"a data set begun with another recipe than {recipe_file}", "the same recipe", hint
             )
@@ -240,7 +240,7 @@ def begin(recipe: Recipe, recipe_file: Path, folder: Path) -> Layout:
             if state["versions"].get(name) != mine
         ]
         if other:
-            hint = "Install those versions, or name another folder with --out."
+            hint = "Install those versions, or name another folder."
             raise InputError(folder, f"a data set begun with {', '.join(other)}", "the versions of this program", hint)
     elif folder.exists() and any(folder.iterdir()):
         raise InputError(

@@ -14,6 +14,7 @@ from cboxlab.rendering.files import open_netcdf, write_cube
 from cboxlab.rendering.model import Model, load_model
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json, require_regular_file
 from numpy.typing import NDArray
 
@@ -30,7 +31,7 @@ PARTS = ("train", "validation", "test")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Dataset:
+class Dataset(FrozenMappings):
     """Pictures of a data set, read on demand.
 
     Examples
@@ -245,7 +246,7 @@ def open_dataset(folder: str | Path) -> Dataset:
     """
     path = Path(folder)
     read_state(path)
-    hint = "The run has not ended: repeat `cbox dataset` to continue it."
+    hint = "The run has not ended. Repeat the command that began it."
     require_regular_file(path / INDEX, "the index of a data set", hint)
     with (path / INDEX).open(encoding="utf-8", newline="") as stream:
         rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))

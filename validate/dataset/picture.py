@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from ..predict import transported
 
-__all__ = ["render_picture", "rounded", "sensor_camera", "write_picture"]
+__all__ = ["mean_spectrum", "render_picture", "rounded", "sensor_camera", "visible_weights", "write_picture"]
 
 #: Bits of the mantissa of a number in single precision.
 _FULL_BITS = 23
@@ -82,7 +82,7 @@ def render_picture(
     )
     image = render_to_precision(job, recipe.picture.noise, progress=progress)
     changed = transported(image, scene, camera, box.model.effects, box.seed, bounces)
-    data = {**_light(image, changed, scene, recipe), **_geometry(image, scene, camera, box.seed)}
+    data = {**_light(image, changed, scene), **_geometry(image, scene, camera, box.seed)}
     cube = xr.Dataset(
         {name: value for name, value in data.items() if name in _wanted(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
@@ -110,7 +110,7 @@ def _wanted(recipe: Recipe) -> set[str]:
     return {"radiance", "standard_error", "surface", "material", *recipe.picture.truths}
 
 
-def _light(image: RenderedImage, changed: RenderedImage, scene: Scene, recipe: Recipe) -> dict[str, Any]:
+def _light(image: RenderedImage, changed: RenderedImage, scene: Scene) -> dict[str, Any]:
     """Radiance, its errors and its parts; `changed` has the effects of light transport."""
     every = np.eye(image.wavelength_nm.size)
     mean, variance = changed.project(every)
@@ -123,9 +123,7 @@ def _light(image: RenderedImage, changed: RenderedImage, scene: Scene, recipe: R
         "standard_error": (axes, np.sqrt(variance), {**unit, "batches": len(changed.coefficients)}),
         "xyz": (
             ("y", "x", "tristimulus"),
-            mean @ tristimulus_weights(image.wavelength_nm)
-            if "xyz" in recipe.picture.truths
-            else np.zeros((*mean.shape[:2], 3)),
+            mean @ visible_weights(image.wavelength_nm),
             {"units": "cd m^-2", "names": "X, Y, Z"},
         ),
         "albedo": (axes, parts.albedo, {"units": "1"}),
@@ -133,6 +131,25 @@ def _light(image: RenderedImage, changed: RenderedImage, scene: Scene, recipe: R
         "reflections": (names, parts.reflections, {**unit, "names": ", ".join(REFLECTIONS)}),
         "effects_light": (axes, added, unit),
     }
+
+
+def visible_weights(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights from radiance to X, Y, Z.
+
+    Parameters
+    ----------
+    wavelength_nm
+        (w,) wavelengths, nm.
+
+    Returns
+    -------
+    NDArray
+        (w, 3) weights; 0 for wavelengths without visible light.
+    """
+    try:
+        return tristimulus_weights(wavelength_nm)
+    except InputError:
+        return np.zeros((wavelength_nm.size, 3))
 
 
 def _geometry(image: RenderedImage, scene: Scene, camera: Camera, seed: int) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.dataset import Recipe
 from cboxlab.rendering.files import cube_to_srgb, open_cube
+from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from jinja2 import Environment
 from matplotlib.figure import Figure
@@ -79,7 +80,7 @@ def write_page(
 
 
 def thumbnail(cube: xr.Dataset) -> str:
-    """Preview of a picture.
+    """Preview of a picture: in colour, or of its brightness where no light is visible.
 
     Parameters
     ----------
@@ -92,7 +93,12 @@ def thumbnail(cube: xr.Dataset) -> str:
         PNG file in base64.
     """
     stream = io.BytesIO()
-    Image.fromarray(cube_to_srgb(cube)).save(stream, format="PNG")
+    try:
+        picture = cube_to_srgb(cube)
+    except InputError:  # no visible light: brightness alone
+        light = cube["radiance"].values.sum(axis=-1)
+        picture = np.rint(255 * np.clip(light / max(float(np.percentile(light, 99)), 1e-300), 0, 1)).astype(np.uint8)
+    Image.fromarray(picture).save(stream, format="PNG")
     return base64.b64encode(stream.getvalue()).decode()
 
 

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.model import write_model
-from cboxlab.rendering.photometry import tristimulus_weights
 from cboxlab.utils.errors import InputError
 
 from .checks import check_picture
 from .layout import Layout, file_hash, versions, write_json
-from .picture import mean_spectrum, render_picture, write_picture
+from .picture import mean_spectrum, render_picture, visible_weights, write_picture
 
 __all__ = ["Task", "camera_names", "run_task", "tasks_of"]
 
@@ -164,7 +163,7 @@ def _rendered(box: Box, camera: str, recipe: Recipe, folder: Path, layout: Layou
     file = target / f"{camera}.nc"
     write_picture(file, cube)
     spectrum = mean_spectrum(cube)
-    luminance = spectrum @ tristimulus_weights(cube["wavelength"].values)[:, 1]
+    luminance = spectrum @ visible_weights(cube["wavelength"].values)[:, 1]
     record = {
         "box": box.number,
         "geometry": box.record["geometry"],

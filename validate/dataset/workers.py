@@ -21,6 +21,9 @@ __all__ = ["in_processes", "on_local_cluster", "on_scheduler"]
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
 
+#: Time that the first worker of a scheduler has to join, s: a busy machine takes half a minute to start one.
+_WORKER_S = 60.0
+
 #: Variables that limit the threads of linear algebra in a new process.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -136,7 +139,7 @@ def on_scheduler(tasks: Sequence[Task], address: str, idle: Callable[[], None]) 
         raise InputError("scheduler", f"no answer from {address} ({error})", "a Dask scheduler") from None
     with client:
         try:
-            client.wait_for_workers(1, timeout=TIMEOUT_S)
+            client.wait_for_workers(1, timeout=_WORKER_S)
         except TimeoutError:
             hint = f"Start one with `dask worker {address}`."
             raise InputError("scheduler", f"no worker at {address}", "at least one worker", hint) from None
@@ -173,11 +176,19 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
         yield from _on_client(dask, client, tasks, idle)
 
 
+def _run_on_worker(task: Task) -> list[dict[str, Any]]:
+    """Run a task on a worker of Dask; its scheduler takes no part in the writing of files."""
+    import dask
+
+    with dask.config.set(scheduler="threads"):
+        return run_task(task)
+
+
 def _on_client(
     dask: Any, client: Any, tasks: Sequence[Task], idle: Callable[[], None]
 ) -> Iterator[list[dict[str, Any]]]:
     """Run tasks on the workers of a client; a worker that ends or joins changes nothing else."""
-    waiting = {client.submit(run_task, task, pure=False) for task in tasks}
+    waiting = {client.submit(_run_on_worker, task, pure=False) for task in tasks}
     try:
         while waiting:
             try:

@@ -157,7 +157,7 @@ class Diagnosis:
     flaws: tuple[Flaw, ...] = ()
     #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
     flaws_cost: float = 1.0
-    #: Judgement of every effect beside the base's flaws, those that did not hold included.
+    #: Judgement of every effect next to the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
 
 
@@ -181,7 +181,7 @@ class _Answer:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """Selection by size, and the effects that hold beside the flaws of the base."""
+    """Selection by size, and the effects that hold next to the flaws of the base."""
 
     #: Selection by size alone.
     by_size: Selection
@@ -375,12 +375,19 @@ def _least(gains: Sequence[float]) -> float:
 
 
 def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[Candidate]) -> Step:
-    """The model with these effects, compared; the lamp's scale is fitted with them in place."""
+    """The model with these effects, compared; lamp and free scale are fitted with them in place."""
     prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, effects)
     applied = tuple(c.applied for c in effects)
     signal = linearised.predictor.signal((*linearised.model_effects, *applied))
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
+    before = prepared.free_scale
+    if before is not None:
+        prepared = prepared.with_scale_of(signal, variance, rendered.used)
+        factors = ((prepared.free_scale or before).constant / before.constant)[:, None, None]
+        scale, signal = 1.0, factors * signal
+        lamp = replace(rendered.fit, lamp_scale=1.0)
+        rendered = replace(rendered, fit=lamp, signal=signal, variance=factors**2 * rendered.variance)
     return Step(
         effects=applied,
         sigma=tuple(dict(c.sigma) for c in effects),

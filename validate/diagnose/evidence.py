@@ -25,6 +25,7 @@ __all__ = [
     "dispersion",
     "explained_part",
     "first_significant",
+    "gain_of_shape_errors",
     "largest_gain_of_errors",
     "least_gain",
     "least_gain_of",
@@ -212,13 +213,26 @@ def first_significant(
     Candidate or None
         None where no gain is significant.
     """
-    by_shapes = _gain_of_shape_errors(residual, exact, start)
+    by_shapes = gain_of_shape_errors(residual, exact, start)
     residual = model.project(residual)
     return next((c for c in candidates if _significant(c, residual, model, by_shapes)), None)
 
 
-def _gain_of_shape_errors(residual: NDArray, exact: NDArray, start: NDArray) -> float:
-    """Chi2 that errors of the selected effects' shapes may let a further effect gain."""
+def gain_of_shape_errors(residual: NDArray, exact: NDArray, start: NDArray) -> float:
+    """Chi2 that errors of the selected effects' shapes may let a further effect gain.
+
+    Parameters
+    ----------
+    residual
+        (n + 11,) residual with the selected effects.
+    exact, start
+        (n + 11,) see `first_significant`.
+
+    Returns
+    -------
+    float
+        Chi2.
+    """
     approximate, computed = square(exact) - square(residual), square(start) - square(exact)
     return max(SHAPE_ERROR * approximate, 0.0) + max(_EXACT_SHAPE_ERROR * computed, 0.0)
 
@@ -359,7 +373,7 @@ def least_gain_of_any(model: LinearModel, residual: NDArray, exact: NDArray, sta
         Chi2.
     """
     least = model.count * _MIN_GAIN_PER_SAMPLE_AT_EDGES if model.errors is None else largest_gain_of_errors(model)
-    return max(least, _gain_of_shape_errors(residual, exact, start))
+    return max(least, gain_of_shape_errors(residual, exact, start))
 
 
 def largest_gain_of_errors(model: LinearModel) -> float:

@@ -1,4 +1,4 @@
-"""Effects judged one by one beside what the base may be off by: evidence, certainty and stability of each."""
+"""Judgement of each effect next to flaws of the base: evidence, certainty, stability."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from numpy.typing import NDArray
 from ..compare import Validation
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_alternatives
 from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
-from .evidence import beyond_tolerance, price_of, square
+from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
 from .linear_model import LinearModel
-from .linearised_fit import LinearisedFit, refitted_together, residual_with
+from .linearised_fit import (
+    LinearisedFit,
+    refitted_together,
+    residual_with,
+    residual_with_exact,
+    residual_with_rendered,
+)
 from .search import Candidate, Problem, Signature, columns_of, screen
 from .stepwise import MAX_EFFECTS, refitted
 
@@ -30,10 +36,10 @@ __all__ = [
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
 _MIN_FLAW_EVIDENCE = 50.0
 
-#: Minimum 2 ln evidence of an effect beside flaws over flaws alone.
+#: Minimum 2 ln evidence of an effect next to flaws over flaws alone.
 _MIN_EVIDENCE = 25.0
 
-#: Minimum amplitude of an effect beside flaws, in its standard deviations.
+#: Minimum amplitude of an effect next to flaws, in its standard deviations.
 _MIN_CERTAINTY = 5.0
 
 #: Largest relative change of an amplitude by fitting flaws with it, if three standard deviations do not allow more.
@@ -66,7 +72,7 @@ _MIN_HELDOUT = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Judgement of one effect beside the flaws of the base."""
+    """Judgement of one effect next to the flaws of the base."""
 
     #: Identifier of the effect.
     effect: str
@@ -82,7 +88,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class BesideFlaws:
-    """What the base may be off by, in a residual with effects."""
+    """Flaws of the base in a residual with effects."""
 
     #: Columns of the flaws in the capture's linear model.
     model: FlawModel[LinearModel]
@@ -97,7 +103,7 @@ class BesideFlaws:
 
     @property
     def score(self) -> float:
-        """-2 ln(evidence) of the residual beside the flaws."""
+        """-2 ln(evidence) of the residual next to the flaws."""
         return self.fitted.score
 
     @property
@@ -156,7 +162,7 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
 
 
 def _fitted_to(model: FlawModel[LinearModel], residual: NDArray[np.float64]) -> BesideFlaws:
-    """What the base may be off by, fitted to a residual.
+    """Flaws of the base, fitted to a residual.
 
     Parameters
     ----------
@@ -184,7 +190,9 @@ def _fitted_to(model: FlawModel[LinearModel], residual: NDArray[np.float64]) -> 
 def confirmed_beside_flaws(
     linearised: LinearisedFit, selected: Sequence[Candidate]
 ) -> tuple[list[Candidate], BesideFlaws, tuple[Verdict, ...]]:
-    """Effects that hold beside the flaws of the base; the weakest of those that do not leaves first.
+    """Effects that hold next to the flaws of the base.
+
+    Of those that do not hold, the weakest leaves, and the others are judged again.
 
     Parameters
     ----------
@@ -244,7 +252,7 @@ def _verdict(
 
 @dataclass(frozen=True, eq=False)
 class SelectedBesideFlaws:
-    """Effects that hold beside the flaws of the base, their numbers fitted with the flaws free."""
+    """Effects that hold next to the flaws of the base, their numbers fitted with the flaws free."""
 
     #: The picture with the effects, without errors in its covariance.
     linearised: LinearisedFit
@@ -261,7 +269,7 @@ class SelectedBesideFlaws:
 def selected_beside_flaws(
     validation: Validation, linearised: LinearisedFit, held: Sequence[Candidate], signatures: Sequence[Signature]
 ) -> SelectedBesideFlaws:
-    """Add effects to those that hold, as long as the evidence beside the flaws of the base grows.
+    """Add effects to those that hold, as long as the evidence grows.
 
     Parameters
     ----------
@@ -283,7 +291,10 @@ def selected_beside_flaws(
     while len(selected) < MAX_EFFECTS:
         present = {c.hypothesis.effect.id for c in selected}
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
-        best = _best_beside(linearised.problem(selected), rest, beside, residual_with(linearised, selected))
+        residual = residual_with(linearised, selected)
+        exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
+        least = gain_of_shape_errors(residual, exact, rendered)
+        best = _best_beside(linearised.problem(selected), rest, beside, residual, least)
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
@@ -301,7 +312,7 @@ def selected_beside_flaws(
 
 
 def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
-    """What the base is off by, with effects in place."""
+    """Flaws of the base with effects in place."""
     residual = residual_with(linearised, selected)
     return _fitted_to(_flaw_model(linearised, residual), residual)
 
@@ -312,11 +323,16 @@ def _judged(linearised: LinearisedFit, beside: BesideFlaws) -> LinearisedFit:
 
 
 def _best_beside(
-    problem: Problem, signatures: Sequence[Signature], beside: BesideFlaws, residual: NDArray[np.float64]
+    problem: Problem,
+    signatures: Sequence[Signature],
+    beside: BesideFlaws,
+    residual: NDArray[np.float64],
+    least: float,
 ) -> Candidate | None:
-    """The effect with the largest evidence beside flaws, to first order; None where none is needed.
+    """The effect with the largest evidence to first order; None where none is needed.
 
     The widths of the flaws are fitted again with each of the best few in place, so that flaws no longer stand for it.
+    Its change must be as large as that of an effect that is selected by size. least : chi2 by errors of shapes.
     """
     model, whitened = beside.model, beside.model.whitened(residual)
     gains = []
@@ -332,7 +348,9 @@ def _best_beside(
         amount, fitted = _amount_beside(model, columns, whitened, start)
         evidence = beside.score - fitted.score - price_of(len(amount))
         candidate = _started(screen(problem, signature, residual), signature, amount)
-        if evidence > best[0] and beyond_tolerance(candidate):
+        change = columns_of(problem, signature) @ amount
+        large = square(change) > max(least, least_gain_of(change, problem.model))
+        if evidence > best[0] and large and beyond_tolerance(candidate):
             best = evidence, candidate
     return best[1]
 
@@ -371,7 +389,7 @@ def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[n
 def _amount_beside(
     model: FlawModel[LinearModel], columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], FittedFlaws]:
-    """Multiples of an effect's columns and the flaws' widths, fitted in turn from a start of the multiples."""
+    """Multiples of an effect's columns and widths of the flaws, fitted in turn."""
     amount, fitted = start, model.fit(whitened - columns @ start)
     for _ in range(_ROUNDS):
         amount = _amount(model.weighted(fitted, columns), columns, whitened)

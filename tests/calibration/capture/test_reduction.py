@@ -22,12 +22,12 @@ def written(folder, camera_keys="", tables="", shape=(120, 160), mean_dn=600.0, 
     rng = np.random.default_rng(seed)
     folder.mkdir(exist_ok=True)
     light = mean_dn * GAIN * np.linspace(0.2, 1.8, shape[1]) * np.ones((shape[0], 1))
-    for kind, electrons in (("scene", light), ("dark", np.zeros(shape))):
+    for kind, electrons in (("scene", light), ("flat", light), ("dark", np.zeros(shape))):
         for number in range(repeats):
             collected = rng.poisson(electrons) + READ_NOISE_E * rng.standard_normal(shape)
             counts = np.clip(np.rint(collected / GAIN + BIAS_DN), 0, 4095).astype(np.uint16)
             tifffile.imwrite(folder / f"{kind}-{number}.tif", counts)
-    names = {kind: [f"{kind}-{i}.tif" for i in range(repeats)] for kind in ("scene", "dark")}
+    names = {kind: [f"{kind}-{i}.tif" for i in range(repeats)] for kind in ("scene", "flat", "dark")}
     (folder / "capture.toml").write_text(
         f"""format = "capture/1"
 [camera]
@@ -45,6 +45,10 @@ frames = {names["scene"]}
 [[dark]]
 exposure_s = 1.0
 frames = {names["dark"]}
+[[flat]]
+band = "f550"
+exposure_s = 1.0
+frames = {names["flat"]}
 {tables}
 """
     )

@@ -29,7 +29,7 @@ def calibration(measured, axis=None, scale="free"):
 
 
 def start(by_band, nominal):
-    terms = np.zeros(2 if nominal else 0)
+    terms = np.zeros(4 if nominal else 0)
     return FreeScale(by_band, np.ones(3), np.full(3, np.inf), nominal, terms, terms)
 
 
@@ -43,7 +43,8 @@ def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
     signal = rendering()
     factors = np.array([3.0, 5.0, 0.25]) if by_band else np.full(3, 3.0)
     square = AXIS.radius_px(SHAPE) ** 2 / (AXIS.radius_px(SHAPE) ** 2).max()
-    bent = 1 - 0.08 * square - 0.03 * square**2 if nominal else np.ones(SHAPE)
+    tilt = (np.indices(SHAPE)[0] - 20.0) / AXIS.radius_px(SHAPE).max()
+    bent = 1 - 0.08 * square - 0.03 * square**2 + 0.01 * tilt if nominal else np.ones(SHAPE)
     measured = factors[:, None, None] * signal * bent
     fitted, of_bands, further = refined_scale(
         start(by_band, nominal),
@@ -55,7 +56,7 @@ def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
     np.testing.assert_allclose(of_bands, factors, rtol=1e-6)
     np.testing.assert_allclose(further, bent, rtol=1e-6)
     np.testing.assert_allclose(fitted.constant, factors, rtol=1e-6)
-    np.testing.assert_allclose(fitted.fall_off, [-0.08, -0.03] if nominal else [], atol=1e-6)
+    np.testing.assert_allclose(fitted.fall_off, [-0.08, -0.03, 0.0, 0.01] if nominal else [], atol=1e-6)
 
 
 def test_the_stated_uncertainty_is_the_scatter():
@@ -82,7 +83,7 @@ def test_a_flaw_of_the_model_hardly_moves_the_factor():
 def test_the_columns_of_the_diagnosis_span_the_free_factors():
     signal = rendering()
     columns = free_columns(calibration(signal, AXIS, "free-by-band"), signal)
-    assert len(columns) == 2 + 2
+    assert len(columns) == 2 + 4
     assert np.array_equal(columns[0][1], signal[1]) and not columns[0][[0, 2]].any()
     assert len(free_columns(calibration(signal, None, "free"), signal)) == 0
 

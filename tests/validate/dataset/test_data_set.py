@@ -79,9 +79,7 @@ def test_an_interrupted_run_continues_to_the_same_bits(folder, run, recipe_file)
 
 def test_workers_of_a_scheduler_write_the_same_bits(folder, run, recipe_file):
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         shared = create_dataset(recipe_file, folder / "shared", Workers(scheduler=cluster.scheduler_address))
     assert checksums(shared.dataset) == checksums(run.dataset)
 

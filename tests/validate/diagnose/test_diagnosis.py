@@ -198,7 +198,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
         for h in hypotheses(linearised.predictor.sensing.curves.bands, cornell_box(), RenderSettings())
         if h.effect.id in ("camera-pose", "lens-distortion", "dark-offset")
     ]
-    found = first_significant(best_singles(problem, known, residual, 3), residual, linearised.model, residual)
+    found = first_significant(best_singles(problem, known, residual, 3), residual, linearised.model, residual, residual)
     assert found is not None
     assert found.hypothesis.effect.id == effect
     for name, value in values.items():

@@ -99,7 +99,7 @@ def test_numbers_within_their_tolerance_are_fitted_as_rivals_of_a_fit_alone_and_
     ranked = best_singles(problem, [uncertain, known["two"]], residual, 2, known_chi2)
     assert done == fitted
     assert [c.hypothesis.effect.id for c in ranked] == ["one", "two"]
-    best = first_significant(ranked, residual, linearised.model, residual)
+    best = first_significant(ranked, residual, linearised.model, residual, residual)
     assert best.hypothesis.effect.id == ("one" if tolerance < 0.1 else "two")
 
 
@@ -182,7 +182,7 @@ def beside_errors():
 def found(judged, signature):
     """The significant candidate of one signature in a fit, or None."""
     problem, start = judged.problem(()), judged.model.residual
-    return first_significant(best_singles(problem, [signature], start, 1), start, problem.model, start)
+    return first_significant(best_singles(problem, [signature], start, 1), start, problem.model, start, start)
 
 
 def test_beside_the_pictures_errors_what_is_coloured_counts_and_what_is_grey_does_not():

@@ -102,5 +102,5 @@ def _interpolated(candidate: Side, baseline: Side) -> Common:
         f"the wavelengths differ: ratios of {candidate.source} are interpolated to those of {baseline.source}, "
         f"which may be off by {error.max():.1%}"
     )
-    moved = replace(candidate, wavelength_nm=b, radiance=radiance, variance=variance)
+    moved = replace(candidate, wavelength_nm=b, radiance=radiance, variance=variance, batches=None)
     return Common(moved, baseline, error, (note,))

@@ -20,6 +20,8 @@ from .causes import Pictures, causes
 from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
 from .outcome import UNKNOWN, NamedChange
+from .patterns import FIXED_TEXTURE, textures
+from .pooled import SHARES, difference_of
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
 from .verdict import Comparison
@@ -51,6 +53,8 @@ _SHAPE_ERROR_SPECTRUM = 0.06
 _MOVED = ("shift", "view", "distortion")
 #: The same in single pixels: where an edge lies inside of a pixel is known to some hundredths.
 _EDGE_ERROR = 0.1
+#: Largest probability of names where single pixels scatter by more than noise, which no name explains.
+_SCATTERED_CAP = 0.45
 #: Exponent of the cap on names: a misfit of a half leaves 0.94, of 1 a half, of 2 leaves 0.06.
 _CAP_EXPONENT = 4
 
@@ -81,17 +85,21 @@ def named_changes(
     explanations = [*from_pictures(evidence, comparison.common.baseline), *from_view(evidence)]
     pictures = _pictures(comparison, evidence, variants)
     explanations += _of_causes(evidence, pictures, costly=False)
+    scatter = _unexplained_scatter(comparison)
     unknown = [_nothing(evidence), *_over_picture(evidence)]
     if variants is not None:
         explanations += from_scene(evidence, variants)
         progress.part(0.6)
         if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
             explanations += coats(evidence, variants)
-            if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
+            left = min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS)
+            if scatter is None and left > _target(evidence) > 0:
                 explanations += _of_causes(evidence, pictures, costly=True)
         fit, free = smooth_over_surfaces(evidence, variants)
         unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
-    return _weighed(evidence, explanations, unknown)
+    if scatter is not None:
+        unknown[0] = Explanation(UNKNOWN, {"description": scatter}, unknown[0].fit, 0)
+    return _weighed(evidence, explanations, unknown, _SCATTERED_CAP if scatter else 1.0)
 
 
 def _pictures(comparison: Comparison, evidence: Evidence, variants: Variants | None) -> Pictures:
@@ -139,6 +147,13 @@ def pattern_alone(words: str) -> NamedChange:
         An unknown cause with a description.
     """
     return NamedChange(UNKNOWN, {"description": words}, 1.0)
+
+
+def _unexplained_scatter(comparison: Comparison) -> str | None:
+    """Texture of smooth parts in words, which none of the causes makes; None without one."""
+    critical = comparison.pooling.false_alarms * SHARES["texture"]
+    found = textures(difference_of(comparison.pooling))
+    return next((one.name for one in found if one.name == FIXED_TEXTURE and one.probability < critical), None)
 
 
 def _nothing(evidence: Evidence) -> Explanation:
@@ -197,9 +212,12 @@ def _misfit(evidence: Evidence, explanation: Explanation) -> float:
 
 
 def _weighed(
-    evidence: Evidence, explanations: list[Explanation], unknown: list[Explanation]
+    evidence: Evidence, explanations: list[Explanation], unknown: list[Explanation], most: float
 ) -> tuple[NamedChange, ...]:
-    """Explanations with probabilities. unknown : descriptions of an unknown cause."""
+    """Explanations with probabilities.
+
+    unknown : descriptions of an unknown cause, "nothing" the first. most : largest probability of all names.
+    """
     none, excess = _excess(evidence)
     cost = np.log(evidence.numbers)
     unknown_chi2 = none - _UNKNOWN_PART * excess
@@ -216,7 +234,7 @@ def _weighed(
         same = [i for i, e in enumerate(explanations) if e.change == change]
         best[change] = max(same, key=lambda i: score[i]), float(weight[same].sum())
     first = max(best, key=lambda change: score[best[change][0]])
-    cap = 1 / (1 + _misfit(evidence, explanations[best[first][0]]) ** _CAP_EXPONENT)
+    cap = most / (1 + _misfit(evidence, explanations[best[first][0]]) ** _CAP_EXPONENT)
     total = sum(share for _, share in best.values())
     factor = min(1.0, cap / total) if total else 1.0
     changes = []

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label, maximum_filter, median_filter, minimum_filter
 from scipy.ndimage import mean as mean_of
 
-__all__ = ["Noise", "local_range", "noise_of", "row_sums", "smooth_variance", "variance_of"]
+__all__ = ["Noise", "local_range", "noise_of", "paired_variance", "row_sums", "smooth_variance", "variance_of"]
 
 #: Pixels a side of the blocks whose means show the correlation between pixels: four, larger than a pixel filter.
 _BLOCK_PX = 4
@@ -31,12 +31,18 @@ _LEAST_SMOOTHNESS = 0.1
 _SMOOTHNESS_SIGMAS = 4.0
 #: Correlation between pixels at a distance below which noise reaches no further.
 _LITTLE_CORRELATION = 0.05
+#: Relative difference of pictures from which it is no correlated noise: denoised ones agree better.
+_MOST_APART = 0.1
+#: The same over the stated errors: errors of batches contain correlated noise.
+_MOST_SPREAD = 1.5
 #: Largest part of the correlation that the means of small regions remove and that is made up for.
 _MOST_REMOVED = 0.5
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
 _MIN_PIXELS_PER_BAND = 8
 #: Standard deviations at which residuals are clipped in the correlation between wavelengths: outliers would rule it.
 _CORRELATION_CLIP = 5
+#: Correlation of two sides' cubes with their means subtracted, from which they have the same random numbers.
+_PAIRED_CORRELATION = 0.5
 #: Median of a chi-square of three degrees of freedom over its mean.
 _MEDIAN_OF_3 = 0.789
 #: Degrees of freedom up to which a median of variances is corrected by that ratio.
@@ -311,6 +317,37 @@ def variance_of(
     return variance, ESTIMATE_DEGREES
 
 
+def paired_variance(
+    baseline: NDArray[np.float64] | None, candidate: NDArray[np.float64] | None
+) -> NDArray[np.float64] | None:
+    """Variance of the mean difference of cubes with the same random numbers, cube by cube.
+
+    The cubes have the same random numbers where their deviations from their means are alike.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (b, y, x, w) independent cubes of each side, in the order of their seeds; None without several.
+
+    Returns
+    -------
+    NDArray or None
+        (y, x, w) variance; None for independent sides.
+    """
+    if baseline is None or candidate is None or baseline.shape != candidate.shape:
+        return None
+    off = [cubes.sum(axis=-1) - cubes.sum(axis=-1).mean(axis=0) for cubes in (baseline, candidate)]
+    # one firefly would rule the correlation
+    limits = [_CORRELATION_CLIP * np.sqrt(np.median(each**2)) for each in off]
+    if not min(limits) > 0:
+        return None
+    first, second = (np.clip(each, -limit, limit) for each, limit in zip(off, limits, strict=True))
+    alike = float((first * second).sum()) / float(np.sqrt((first**2).sum() * (second**2).sum()))
+    if alike < _PAIRED_CORRELATION:
+        return None
+    return np.asarray((candidate - baseline).var(axis=0, ddof=1) / len(baseline))
+
+
 def noise_of(
     difference: NDArray[np.float64],
     level: NDArray[np.float64],
@@ -319,6 +356,7 @@ def noise_of(
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
     stepped: bool = False,
+    paired: bool = False,
     *,
     variance: tuple[NDArray[np.float64], float] | None = None,
 ) -> Noise:
@@ -329,7 +367,10 @@ def noise_of(
     difference, level, smooth, side_variances, degrees, rounding
         As in ``variance_of``.
     stepped
-        Whether tiles differ by factors; these are no correlation between pixels.
+        Whether tiles differ by factors: they are no correlation between pixels.
+    paired
+        Whether both sides have the same random numbers: most pixels are then equal, and variances of single ones say
+        little.
     variance
         Outcome of ``variance_of`` for these arguments; None computes it.
 
@@ -344,7 +385,8 @@ def noise_of(
     all_bands = np.ones(difference.shape[-1])
     noise = Noise(*computed, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = noise.over(all_bands)
-    clustering, ratio = _clustering(difference.sum(axis=-1), total, level.sum(axis=-1), smooth, computed[1], stepped)
+    sums = difference.sum(axis=-1), total, level.sum(axis=-1)
+    clustering, ratio = _clustering(*sums, smooth, computed[1], paired, stepped, estimated)
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 
@@ -381,7 +423,14 @@ def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth:
 
 
 def _clustering(
-    total: NDArray, variance: NDArray, level: NDArray, smooth: NDArray, degrees: float, stepped: bool
+    total: NDArray,
+    variance: NDArray,
+    level: NDArray,
+    smooth: NDArray,
+    degrees: float,
+    paired: bool,
+    stepped: bool,
+    estimated: bool,
 ) -> tuple[float, float]:
     """Scatter of block means over independent pixels', and of pixels over the variance.
 
@@ -389,6 +438,9 @@ def _clustering(
     a denoiser, the correlation by distance is summed instead.
     """
     sigma = np.sqrt(np.maximum(smooth_variance(level, variance, degrees), 1e-300))
+    if paired:
+        sigma = np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300))
+        sigma = sigma * max(float(np.sqrt(np.mean((total / sigma)[smooth] ** 2))) if smooth.any() else 1.0, 1e-300)
     quotient = total / sigma
     single = _difference_variance(np.clip(quotient, -50, 50), smooth)
     if not smooth.any():
@@ -397,7 +449,9 @@ def _clustering(
     spread = max(1.0, 1.4826 * float(np.median(np.abs(quotient[smooth] - middle))))
     clipped = np.clip((quotient - middle) / spread, -6, 6)
     ratio = _of_blocks(clipped, smooth)
-    if not stepped:
+    relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
+    apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
+    if not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
         ratio = max(ratio, _of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 

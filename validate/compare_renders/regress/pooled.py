@@ -58,6 +58,9 @@ CANCELLING = ("grid", "line", "tile", "steps", "texture", "dark")
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
 SYSTEMATIC = 1.0e-4
 
+#: The same for sides with the same random numbers: single precision of files.
+SYSTEMATIC_PAIRED = 3.0e-6
+
 #: Relative standard deviation that is added to any cell.
 _CELL_FLOOR = 1e-3
 #: Largest weight of a cell over the median weight: no cell rules the mean.
@@ -159,6 +162,13 @@ class Pooling:
     roughness: NDArray[np.float64] | None = None
     #: (y, x, w) standard deviation that pixels have in common, from the steps of files; None for 0.
     shared: NDArray[np.float64] | None = None
+    #: Whether both sides have the same random numbers, so that errors of estimators cancel.
+    paired: bool = False
+
+    @property
+    def systematic(self) -> float:
+        """Relative standard deviation that is added to any pooled mean."""
+        return SYSTEMATIC_PAIRED if self.paired else SYSTEMATIC
 
     @property
     def bands(self) -> int:
@@ -382,7 +392,8 @@ def _pool_of(
     level = float(sums.level[mask].sum())
     pixels = int(mask.sum())
     independent = pixels / noise.clustering
-    if pixels < _MIN_PIXELS or independent < _MIN_INDEPENDENT or level <= 0:
+    few = independent < _MIN_INDEPENDENT and kind != "whole"
+    if pixels < _MIN_PIXELS or few or level <= 0:
         return None
     difference = float(sums.difference[mask].sum())
     each = sums.variance[mask]
@@ -393,7 +404,7 @@ def _pool_of(
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
-    variance += aside**2 + (SYSTEMATIC * level) ** 2 + (sums.interpolation * level) ** 2
+    variance += aside**2 + (pooling.systematic * level) ** 2 + (sums.interpolation * level) ** 2
     if sums.shared is not None:
         variance += float(sums.shared[mask].sum()) ** 2
     degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), independent - 1.0))
@@ -439,12 +450,12 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     if level.size < _MIN_PIXELS or independent < 2 * _MIN_INDEPENDENT:
         return []
     inflation = noise.clustering * (max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0)
-    floor = (_CELL_FLOOR * level) ** 2
+    floor = (_CELL_FLOOR * pooling.systematic / SYSTEMATIC * level) ** 2
     variance = np.maximum(inflation * expected, noise.clustering * about) + floor
     weight = level**2 / (unrest * variance.sum() / max(float(unrest.sum()), 1e-300) + floor)  # of relative differences
     weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
     norm_ = float(weight @ level)
-    allowed = float(np.hypot(SYSTEMATIC, np.mean(pooling.interpolation)))
+    allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
     sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(

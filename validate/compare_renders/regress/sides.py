@@ -88,6 +88,8 @@ class Side(FrozenMappings):
     stated: Mapping[str, str] = field(default_factory=dict)
     #: Place of the pixels in a larger picture; None for a complete picture.
     window: Window | None = None
+    #: (b, y, x, w) radiance of the independent cubes whose mean the side is; None for a single cube.
+    batches: NDArray[np.float64] | None = None
 
     @property
     def pixels(self) -> Window:
@@ -126,6 +128,7 @@ class Side(FrozenMappings):
             wavelength_nm=self.wavelength_nm[index],
             radiance=self.radiance[..., index],
             variance=variance,
+            batches=None if self.batches is None else self.batches[..., index],
         )
 
 
@@ -181,6 +184,7 @@ def cut_side(side: Side, part: Window) -> Side:
         radiance=side.radiance[rows, columns],
         variance=None if side.variance is None else side.variance[rows, columns],
         rounding=None if side.rounding is None else side.rounding[:, rows, columns],
+        batches=None if side.batches is None else side.batches[:, rows, columns],
         surfaces=surfaces,
         camera=None if side.camera is None else cut_camera(side.camera, pixels, part),
         window=part,
@@ -297,6 +301,7 @@ def _in_colour(side: Side) -> Side:
         radiance=side.radiance @ weights,
         in_colour=True,
         variance=None if error is None else error**2,
+        batches=None if side.batches is None else side.batches @ weights,
         notes=(*side.notes, f"{side.source}: compared in X, Y, Z over {low:g} to {high:g} nm; Y is luminance"),
     )
 
@@ -353,6 +358,7 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         degrees=degrees,
         notes=(*notes, f"{first.source} and {count - 1} more: mean of {count} independent cubes"),
         rounding=np.sum(coarse, axis=0) / count if coarse else None,
+        batches=stack,
     )
 
 

@@ -10,7 +10,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .grids import Common, common_wavelengths
-from .noise import Noise, noise_of, smooth_variance, variance_of
+from .noise import Noise, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
 from .patterns import Difference, periodic, tile_steps, without_period
@@ -106,7 +106,10 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     shared: NDArray[np.float64] | None = None
     if coarse:
         rounding, shared = np.sum([part**2 for part in coarse], axis=0)
+    together = paired_variance(b.batches, a.batches)
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
+    if together is not None and b.batches is not None:
+        errors = (together, np.zeros_like(together)), (len(b.batches) - 1.0, 0.0), rounding
     variance = variance_of(difference, b.radiance, strata.smooth, *errors)
     cut = trimmed(difference, b.radiance, *variance, strata.lamp)
     del difference
@@ -115,14 +118,18 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     sums = cut.level.sum(axis=-1), cut.difference.sum(axis=-1)
     steps = tile_steps(Difference(*sums, None, strata.smooth, {}))
     stepped = steps is not None and steps.probability < _STEPPED
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped, variance=computed)
+    paired = together is not None
+    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped, paired, variance=computed)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
     quieter = quieter_part(before, before + cut.difference.sum(axis=-1), strata.smooth)
-    roughness = None if a.variance is None or b.variance is None else roughness_of(b.variance, a.variance, strata.body)
+    # with the same random numbers few pixels differ, and weights by their variances would bias the mean
+    roughness = None if together is None else np.maximum(sums[0], 1e-3 * max(float(sums[0].mean()), 1e-300)) ** 2
+    if a.variance is not None and b.variance is not None and together is None:
+        roughness = roughness_of(b.variance, a.variance, strata.body)
     common_part = None if shared is None else np.sqrt(shared)
-    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part)
+    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part, paired)
     return Comparison(common, strata, noise, cut, pooling)
 
 
@@ -222,6 +229,8 @@ def _total(side: Side) -> NDArray[np.float64]:
 def _remarks(comparison: Comparison) -> list[str]:
     """Notes on maps, equal numbers, and noise that is not as stated."""
     notes = []
+    if comparison.pooling.paired:
+        notes.append("both sides have the same random numbers: they are compared cube by cube")
     if not comparison.strata.mapped:
         notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
     if np.array_equal(comparison.common.candidate.radiance, comparison.common.baseline.radiance):

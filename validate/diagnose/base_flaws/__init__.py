@@ -1,4 +1,4 @@
-"""Small flaws of the base: what may be a little off in a sound box, lens or flat, as fields with priors."""
+"""Small flaws of a sound box, lens or flat, as fields with priors."""
 
 from .columns import FlawColumns, flaw_columns
 from .fitted_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model

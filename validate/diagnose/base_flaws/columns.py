@@ -59,7 +59,7 @@ class FlawColumns:
 
 @dataclass(frozen=True, eq=False)
 class _Picture:
-    """What the columns are made of."""
+    """Predicted picture, from which the columns are made."""
 
     signal: NDArray[np.float64]
     used: NDArray[np.bool_]
@@ -146,7 +146,7 @@ def _touching(
     ]
     inside = np.concatenate([away[one == other] for one, other, away in steps])
     usual = float(np.nanmedian(inside)) if inside.size else np.inf
-    found = []
+    touching = []
     for pair in pairs:
         across = np.concatenate(
             [
@@ -155,12 +155,15 @@ def _touching(
             ]
         )
         if np.nanmedian(across) < _MAX_GAP * usual:
-            found.append(pair)
-    return found
+            touching.append(pair)
+    return touching
 
 
 def _crease(picture: _Picture, one: int, other: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """(n,) changes by a soft corner of two faces: reflected light blurred along it, and each side by itself."""
+    """(n,) changes by a soft corner of two faces.
+
+    Reflected light is blurred along it, and either side changes by itself.
+    """
     apart = [distance_transform_edt(picture.face != face) for face in (one, other)]
     both = (picture.face == one) | (picture.face == other)
     near = both & (np.maximum(*apart) < _CREASE_REACH)

@@ -1,4 +1,4 @@
-"""Sizes of the base's flaws in a residual, and whether an effect is needed beside them.
+"""Sizes of the base's flaws in a residual, and whether an effect is needed next to them.
 
 Columns of a kind have one width s of their normal prior, in standard deviations of its tolerance. With D the squared
 widths, G the products of the columns and b theirs with the residual r,
@@ -119,7 +119,18 @@ class FlawModel(Generic[W]):
         return np.asarray(self.columns.T @ self.columns, float)
 
     def whitened(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A residual (n + 11,) of the plain model, in this one."""
+        """A residual of the plain model, in this one.
+
+        Parameters
+        ----------
+        residual
+            (n + 11,) residual of the plain model.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) whitened and projected.
+        """
         count = self.model.count
         if self.model.errors is None:
             return residual
@@ -130,7 +141,18 @@ class FlawModel(Generic[W]):
         return np.asarray(self.columns.T @ residual.astype(np.float32), float)
 
     def fit(self, residual: NDArray[np.float64]) -> FittedFlaws:
-        """Widths at which the evidence of a whitened residual (n + 11,) is largest."""
+        """Widths at which the evidence of a residual is largest.
+
+        Parameters
+        ----------
+        residual
+            (n + 11,) residual of the whitened model.
+
+        Returns
+        -------
+        FittedFlaws
+            Widths, and the amounts of all columns.
+        """
         aim, square = self._aim(residual), float(residual @ residual)
         kinds = [str(kind) for kind in np.unique(self.kind) if kind != _SHARED]
         width = dict.fromkeys(kinds, 0.3) | {_SHARED: 1.0}
@@ -145,12 +167,36 @@ class FlawModel(Generic[W]):
         return FittedFlaws(width, self._score(width, aim, square), amount, covariance)
 
     def without(self, fitted: FittedFlaws) -> FittedFlaws:
-        """The same with all flaws but shared errors as small as may be."""
+        """The same with all flaws but shared errors as small as possible.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+
+        Returns
+        -------
+        FittedFlaws
+            With the smallest widths; score and amounts are the old ones.
+        """
         width = {kind: size if kind == _SHARED else _MIN_WIDTH for kind, size in fitted.width.items()}
         return replace(fitted, width=width)
 
     def score(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> float:
-        """-2 ln(evidence) of a whitened residual (n + 11,) with widths of another fit."""
+        """-2 ln(evidence) of a residual with the widths of a fit.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+        residual
+            (n + 11,) residual of the whitened model.
+
+        Returns
+        -------
+        float
+            The score; the smaller, the better.
+        """
         return self._score(fitted.width, self._aim(residual), float(residual @ residual))
 
     def _prior(self, width: Mapping[str, float]) -> NDArray[np.float64]:
@@ -159,7 +205,7 @@ class FlawModel(Generic[W]):
     def _posterior(
         self, width: Mapping[str, float], aim: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        covariance: NDArray[np.float64] = np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2))
+        covariance: NDArray = np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2))
         return covariance @ aim, covariance
 
     def _score(self, width: Mapping[str, float], aim: NDArray[np.float64], square: float) -> float:
@@ -169,12 +215,38 @@ class FlawModel(Generic[W]):
         return float(square - (prior * aim) @ np.linalg.solve(inside, prior * aim) + volume)
 
     def weighted(self, fitted: FittedFlaws, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Whitened columns (n + 11, p) times the inverse covariance of the residual beside flaws."""
+        """Columns times the inverse covariance by noise and flaws.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+        columns
+            (n + 11, p) whitened columns.
+
+        Returns
+        -------
+        NDArray
+            (n + 11, p) weighted columns.
+        """
         along = self.columns.T @ columns.astype(np.float32)
         return np.asarray(columns - self.columns @ (fitted.covariance @ along).astype(np.float32))
 
     def part(self, fitted: FittedFlaws, kind: str = "") -> NDArray[np.float64]:
-        """(n + 11,) change by the fitted flaws of one kind or all but shared errors, in the whitened model."""
+        """Change by the fitted flaws of one kind, or of all but shared errors.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+        kind
+            The kind; empty for all.
+
+        Returns
+        -------
+        NDArray
+            (n + 11,) in the whitened model.
+        """
         own = self._own(kind) if kind else self.kind != _SHARED
         return np.asarray(self.columns[:, own] @ fitted.amount[own].astype(np.float32), float)
 
@@ -183,31 +255,68 @@ class FlawModel(Generic[W]):
         return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
     def change_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
-        """(n,) change of the used samples by all fitted flaws, DN."""
+        """Change of the used samples by all fitted flaws.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+
+        Returns
+        -------
+        NDArray
+            (n,) DN.
+        """
         own = self.kind != _SHARED
         return np.asarray(fitted.amount[own].astype(np.float32) @ self.change[own], float)
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
-        """A linear model without errors in its covariance, with the flaws and shared errors in it."""
+        """A linear model with the flaws in its covariance.
+
+        Parameters
+        ----------
+        plain
+            The model without errors in its covariance.
+        fitted
+            Fitted widths and amounts.
+
+        Returns
+        -------
+        LinearModel
+            Shared errors are counted as well.
+        """
         columns = [
             width * change / plain.sigma for width, change in zip(self._prior(fitted.width), self.change, strict=True)
         ]
         return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns))
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
-        """Size of every kind in a whitened residual (n + 11,), the largest first."""
-        count, found = self.model.count, []
+        """Size of every kind in a residual.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+        residual
+            (n + 11,) residual of the whitened model.
+
+        Returns
+        -------
+        list of Flaw
+            The largest first.
+        """
+        count, flaws = self.model.count, []
         for kind in dict.fromkeys(str(each).partition(":")[0] for each in self.kind):
             if kind == _SHARED:
                 continue
             part, own = self.part(fitted, kind), self._own(kind)
             width = float(self._prior(fitted.width)[own].max())
-            found.append(Flaw(kind, float(part @ part) / count, width, self._heldout(fitted, residual, kind)))
+            flaws.append(Flaw(kind, float(part @ part) / count, width, self._heldout(fitted, residual, kind)))
         if self.pixel_error > 0 and self.model.errors is not None:
             cells = self.model.errors
             weight = float(cells.weight @ cells.weight)
-            found.append(Flaw(_PIXELS, weight / count, self.pixel_error, 1.0))
-        return sorted(found, key=lambda flaw: -flaw.chi2_per_dof)
+            flaws.append(Flaw(_PIXELS, weight / count, self.pixel_error, 1.0))
+        return sorted(flaws, key=lambda flaw: -flaw.chi2_per_dof)
 
     def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
@@ -272,7 +381,7 @@ def _pixel_index(model: Whitening) -> NDArray[np.int64]:
 
 
 def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
-    """Relative deviation of single pixels that all bands have in common, beyond that of neighbours."""
+    """Relative deviation of single pixels alike in all bands, less that of neighbours."""
     level = signal[model.used] / model.sigma
     pixel, size = _pixel_index(model), model.used[0].size
     r = residual[: model.count]

@@ -89,11 +89,7 @@ UNLISTED = {
 
 LISTED = {
     "cos^4 fall-off": ("fall-off", lambda: fall_off(4)),
-    "a weak fall-off": ("fall-off", lambda: fall_off(1.2)),
-    "a gradient": ("gradient", lambda: times(1 + 0.05 * coordinates()[1])),
-    "direct light counted twice": ("counted-light", lambda: with_more(order(1))),
     "the second reflection counted twice": ("counted-light", lambda: with_more(order(2))),
-    "a fifth of it counted twice": ("counted-light", lambda: with_more(0.2 * order(2))),
     "no shadow of the blocks": ("no-shadow", without_shadows),
 }
 

@@ -29,7 +29,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
 
             def stated(a: np.ndarray, n: int = reflections, and_more: bool = more) -> dict[str, object] | None:
                 factor = 1 + float(a[0])
-                if factor < -_NEAR:
+                if factor < -_NEAR or (and_more and factor < _NEAR):  # the latter is a depth of paths
                     return None
                 values: dict[str, object] = {"reflections": n, "factor": factor, "and_more": and_more}
                 if abs(factor) < _NEAR:

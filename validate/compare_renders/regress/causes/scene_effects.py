@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.effects import Effect, apply_checked, catalogue, names_in
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from .cause import Cause, Pictures, Trial, as_found
@@ -27,7 +28,7 @@ _ITERATIONS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class _Linear:
+class _Linear(FrozenMappings):
     """Effect to first order."""
 
     #: Chi-square that it leaves.

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.stats import t
 
 __all__ = ["Difference", "Finding", "self_normalised"]
 
@@ -42,7 +42,7 @@ class Finding(FrozenMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
+class Difference(FrozenMappings):
     """Difference of two pictures, summed over wavelengths."""
 
     #: (y, x) baseline.
@@ -92,4 +92,4 @@ def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[flo
     quotient = float(terms.sum()) / root / np.sqrt(alike)
     below = max(1 - quotient**2 / count, 1e-12)
     student = quotient * np.sqrt((count - 1) / count / below)
-    return quotient, float(2 * t.sf(abs(student), count - 1))
+    return quotient, float(2 * student_tail(abs(student), count - 1))

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile, student_tail
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from .difference import Difference, Finding, self_normalised
 
@@ -141,7 +141,7 @@ def tile_steps(difference: Difference) -> Finding | None:
         return None
     probability, edge, count, size = min(found)
     share = min(1.0, len(found) * probability)
-    student = float(t.isf(max(share, 1e-300) / 2, count - 1))
+    student = float(student_quantile(max(share, 1e-300) / 2, count - 1))
     return Finding(
         f"tiles of {edge} px",
         int(difference.smooth.sum()),
@@ -186,7 +186,7 @@ def _most_odd(tests: Sequence[_Parts], words: Callable[[str, int], str]) -> Find
         best = int(np.argmax(statistic))
         index = int(np.flatnonzero(used)[best])
         degrees = min(_MAX_DEGREES, number - 1.0)
-        probability = float(2 * t.sf(statistic[best], degrees))
+        probability = float(2 * student_tail(statistic[best], degrees))
         figures = float(off[index]), float(statistic[best]), degrees, int(parts.pixels[index])
         found.append((probability, words(parts.name, index), *figures))
     if not found:

@@ -10,9 +10,8 @@ from __future__ import annotations
 from math import gcd
 
 import numpy as np
+from cboxlab.utils.distributions import fisher_tail, student_quantile, student_tail
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
-from scipy.stats import t
 
 from .difference import Difference, Finding
 
@@ -61,7 +60,7 @@ def periodic(difference: Difference) -> Finding | None:
     name, parameters = _described(folded, down, across)
     degrees = float(blocks - 2)
     share = min(1.0, least * looks)
-    statistic = float(t.isf(share / 2, degrees)) if share > 1e-300 else 38.0
+    statistic = float(student_quantile(share / 2, degrees)) if share > 1e-300 else 38.0
     return Finding(name, int(difference.smooth.sum()), size, size / max(statistic, 1e-12), degrees, share, parameters)
 
 
@@ -119,10 +118,10 @@ def _hotelling(spectra: NDArray[np.complex128]) -> NDArray[np.float64]:
     with np.errstate(divide="ignore", invalid="ignore"):
         square = count * (c * mean.real**2 - 2 * b * mean.real * mean.imag + a * mean.imag**2) / determinant
         single = count * mean.real**2 / a
-    both = fisher.sf(np.nan_to_num(square, posinf=1e30) * (count - 2) / (2 * (count - 1)), 2, count - 2)
+    both = fisher_tail(np.nan_to_num(square, posinf=1e30) * (count - 2) / (2 * (count - 1)), 2, count - 2)
     # coefficients at 0 and at half a cycle a pixel are real along either axis
     whole = [0] if edge % 2 else [0, edge // 2]
-    alone = 2 * t.sf(np.sqrt(np.nan_to_num(single, posinf=1e30)), count - 1)
+    alone = 2 * student_tail(np.sqrt(np.nan_to_num(single, posinf=1e30)), count - 1)
     result = np.asarray(both)
     result[np.ix_(whole, whole)] = alone[np.ix_(whole, whole)]
     # frequencies of u = 0 and u = edge / 2 stand twice, and the mean is removed

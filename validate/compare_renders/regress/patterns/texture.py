@@ -7,9 +7,9 @@ variance from independent batches has that mean, too. Their difference is tested
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.utils.distributions import student_quantile
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter, uniform_filter
-from scipy.stats import t
 
 from .difference import Difference, Finding, self_normalised
 
@@ -81,7 +81,7 @@ def _tested(difference: Difference, variance: NDArray, name: str, group: NDArray
     lit = float(difference.level[used].mean())
     size = float(np.sqrt(max(np.mean(off[used] ** 2 - variance[used]), 0.0))) / max(lit, 1e-300)
     share_ = probability / 2 if statistic > 0 else 1.0
-    student = float(t.isf(max(share_, 1e-300) / 2, terms.size - 1)) if share_ < 1 else 0.0
+    student = float(student_quantile(max(share_, 1e-300) / 2, terms.size - 1)) if share_ < 1 else 0.0
     sigma = size / student if student > 0 and size > 0 else _FLOOR
     label = FIXED_TEXTURE if name == "smooth parts" else f"single pixels of {name}"
     ratio = float(
