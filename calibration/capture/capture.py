@@ -95,7 +95,10 @@ class Capture(FrozenMappings):
 
     @property
     def saturation_dn(self) -> int:
-        """The count from which a pixel is saturated, DN: full scale, or the white level or full well below it."""
+        """The count from which a pixel is saturated, DN.
+
+        It is full scale, or a white level or full well below it.
+        """
         white = self.manifest.camera.white_level_dn
         limits = (self.full_scale_dn, self.full_well_dn, None if white is None else int(white))
         return min(limit for limit in limits if limit is not None)
