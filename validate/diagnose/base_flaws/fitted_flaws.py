@@ -205,7 +205,7 @@ class FlawModel(Generic[W]):
     def _posterior(
         self, width: Mapping[str, float], aim: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        covariance: NDArray = np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2))
+        covariance = np.asarray(np.linalg.inv(self.products + np.diag(1 / self._prior(width) ** 2)), float)
         return covariance @ aim, covariance
 
     def _score(self, width: Mapping[str, float], aim: NDArray[np.float64], square: float) -> float:
