@@ -138,7 +138,7 @@ def _continued(
 
 
 def _alike(first: FittedExplanation, other: FittedExplanation) -> bool:
-    """Whether two forms may be one cause: several spots alike, or several sharp patterns, as rows and columns."""
+    """Whether two forms may be one cause."""
     if first.local or other.local:
         bands = np.sum(first.fit.size * other.fit.size) > _SAME_BANDS * np.linalg.norm(first.fit.size) * np.linalg.norm(
             other.fit.size
@@ -237,7 +237,7 @@ def _compare(
 
 
 def _told_apart(rivals: Sequence[Rival], margin: float, min_share: float) -> bool:
-    """Whether all rivals that explain enough are clearly worse, and the nearest of them holds where held out."""
+    """Whether all rivals that explain enough are clearly worse."""
     contenders = [rival for rival in rivals[1:] if rival.share >= min_share]
     worse = all(rivals[0].score - rival.score > margin for rival in contenders)
     return worse and (not contenders or contenders[0].predicts >= MIN_HELDOUT_GAIN)

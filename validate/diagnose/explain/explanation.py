@@ -105,7 +105,7 @@ class Explanation(FrozenMappings):
 
     @property
     def cause_probability(self) -> float:
-        """Probability that what remains has a cause beside flaws of the picture; NaN where not judged."""
+        """Probability of a cause other than flaws of the picture; NaN where not judged."""
         return 1 - self.odds[SOUND] if SOUND in self.odds else float("nan")
 
     def named_if_likely(self) -> Explanation:
