@@ -1,9 +1,9 @@
 """Learn the odds of the families of explanations from simulated causes, and report how far they can be believed.
 
 The first part simulates excesses (`simulated_excess`) and notes what every family's best form shows, a line each in
---results; it goes on where it stopped. The second part fits the weights of a conditional logit with a ridge, leaves
-each cause out in turn, and prints the confusion matrix and the reliability of causes left out. With --write the weights
-become the table of the package.
+--results; it goes on where it stopped. The second part fits the weights of a conditional logit with a ridge. It leaves
+each cause out in turn, and of sound captures each laboratory, and prints the confusion matrix and the reliability of
+what was left out. With --write the weights become the table of the package.
 """
 
 from __future__ import annotations
@@ -91,6 +91,8 @@ class Sample:
     def __init__(self, row: Row) -> None:
         rivals = [Rival(**rival) for rival in row["rivals"]]
         self.cause, self.truth, self.judged = row["cause"], row["truth"], row["family"]
+        #: What is left out together: a cause, or a laboratory without one.
+        self.group = f"{SOUND} {row['laboratory']}" if self.truth == SOUND else self.cause
         self.outcomes, self.table = features(rivals, Registration(**row["registration"]))
         self.true = self.outcomes.index(self.truth)
 
@@ -131,12 +133,26 @@ def shares(sample: Sample, weights: np.ndarray, names: Sequence[str]) -> np.ndar
 
 
 def left_out(samples: Sequence[Sample], names: Sequence[str]) -> list[tuple[Sample, np.ndarray]]:
-    """Every sample with its probabilities by a fit to all other causes."""
+    """Every sample with its probabilities by a fit without its cause, or without its laboratory where sound."""
     answers = []
-    for cause in sorted({sample.cause for sample in samples}):
-        weights = fit([sample for sample in samples if sample.cause != cause], names)
-        answers += [(sample, shares(sample, weights, names)) for sample in samples if sample.cause == cause]
+    for group in sorted({sample.group for sample in samples}):
+        weights = fit([sample for sample in samples if sample.group != group], names)
+        answers += [(sample, shares(sample, weights, names)) for sample in samples if sample.group == group]
     return answers
+
+
+def _when_likely(answers: Sequence[tuple[Sample, np.ndarray]], least: float) -> str:
+    """Right and wrong families where only those of a least probability are named."""
+    counts: Counter[str] = Counter()
+    for sample, share in answers:
+        likely = dict(zip(sample.outcomes, share, strict=True)).get(sample.judged, 1.0) >= least
+        answer = sample.judged if likely else NONE
+        truth = NONE if sample.truth == SOUND else sample.truth
+        kind = sample.truth if sample.truth in (NONE, SOUND) else "families"
+        counts[kind] += 1
+        counts[f"{kind} right"] += answer == truth
+        counts[f"{kind} wrong"] += answer not in (truth, NONE)
+    return ", ".join(f"{name} {count}" for name, count in sorted(counts.items()))
 
 
 def report(answers: Sequence[tuple[Sample, np.ndarray]]) -> None:
@@ -163,6 +179,8 @@ def report(answers: Sequence[tuple[Sample, np.ndarray]]) -> None:
             right, mean = np.mean([r for r, _ in inside]), np.mean([p for _, p in inside])
             print(f"| {low:g} to {min(high, 1):g} | {len(inside)} | {mean:.2f} | {right:.2f} |")
     loss = -np.mean([np.log(share[sample.true]) for sample, share in answers])
+    for least in (0.0, 0.5):
+        print(f"\nnamed from a probability of {least:g}: {_when_likely(answers, least)}")
     print(f"\nmean log loss {loss:.3f}, of causes left out")
 
 

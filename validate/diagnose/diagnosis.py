@@ -309,6 +309,8 @@ def _explained(
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
             explanation, selected = alone, (UNKNOWN,)
+    if explanation is not None:
+        explanation = explanation.named_if_likely()
     if selected == (UNKNOWN,):
         return _Answer(first, [], [], first.model.residual, selected, explanation)
     return replace(answer, selected=selected, explanation=explanation)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..families import families
 from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
 from .as_field import fitted_field
-from .explanation import NONE, Explanation, Rival
+from .explanation import NO_FORM, NONE, Explanation, Rival
 from .noise import noise_level
 from .odds import probabilities
 from .prior_odds import soft_outline, spot_log_odds
@@ -76,9 +76,6 @@ _LOCAL_RADIUS = 0.13
 
 #: Part of the largest weight above which a pixel counts for the spectrum.
 _SPECTRUM_WEIGHT = 0.25
-
-#: Form of an explanation without a family.
-_NO_FORM = "no family explains it"
 
 
 def explain(data: ResidualData, progress: Progress = NO_PROGRESS) -> Explanation:
@@ -141,7 +138,7 @@ def _continued(
 
 
 def _alike(first: FittedExplanation, other: FittedExplanation) -> bool:
-    """Whether two forms may be one cause: several spots alike, or several sharp patterns, as rows and columns."""
+    """Whether two forms may be one cause."""
     if first.local or other.local:
         bands = np.sum(first.fit.size * other.fit.size) > _SAME_BANDS * np.linalg.norm(first.fit.size) * np.linalg.norm(
             other.fit.size
@@ -240,7 +237,7 @@ def _compare(
 
 
 def _told_apart(rivals: Sequence[Rival], margin: float, min_share: float) -> bool:
-    """Whether all rivals that explain enough are clearly worse, and the nearest of them holds where held out."""
+    """Whether all rivals that explain enough are clearly worse."""
     contenders = [rival for rival in rivals[1:] if rival.share >= min_share]
     worse = all(rivals[0].score - rival.score > margin for rival in contenders)
     return worse and (not contenders or contenders[0].predicts >= MIN_HELDOUT_GAIN)
@@ -268,14 +265,14 @@ def _no_explanation(
 ) -> Explanation:
     return Explanation(
         family=NONE,
-        form=_NO_FORM,
+        form=NO_FORM,
         surface=None,
         centre_px=None,
         bands=(),
         all_bands=data.bands,
         share=0.0,
         told_apart=True,
-        rivals=(Rival(NONE, _NO_FORM, None, 0.0, 0.0), *rivals),
+        rivals=(Rival(NONE, NO_FORM, None, 0.0, 0.0), *rivals),
         change=np.zeros(data.used.shape),
         sigma=np.where(data.used, data.sigma, np.nan),
         remaining=np.where(data.used, data.residual, np.nan),

@@ -1,4 +1,4 @@
-"""Words for the laboratory: where a cause is fixed, everyday causes, the experiment that settles it."""
+"""Words for the laboratory: place of a cause, everyday causes, and an experiment."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MIN_SHARE = 0.2
 #: Part of the excess below or above which counts are missing, or too many.
 _ONE_SIGN = 0.25
 
-#: Share of the best scaling that a second one reaches at the most to be told from it.
+#: Share of the best scaling that a second one reaches at the most to differ from it.
 _SCALES_ALIKE = 0.97
 
 #: Advice where no family holds, by the attribute of `Registration` that explains most.

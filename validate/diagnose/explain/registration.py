@@ -20,7 +20,7 @@ _SQUARES_PX = (1, 2, 4, 8)
 
 @dataclass(frozen=True)
 class Registration:
-    """Size of the excess, and shares of it, 0 to 1, that patterns explain, free numbers deducted.
+    """Size of the excess, and shares of it, 0 to 1, by patterns, free numbers deducted.
 
     The shares overlap, and do not add up to 1.
     """

@@ -290,7 +290,7 @@ def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhe
     found = explain(small_excess(hair + flaw))
     assert (found.family, found.bands) == ("sensor-gain", ("b2",))
     assert found.form.startswith("a spot in one band")
-    assert np.hypot(found.centre_px[0] - 31, found.centre_px[1] - 14) < 3
+    assert np.hypot(found.centre_px[0] - 31, found.centre_px[1] - 14) < 4
     densest = [np.sum((change / SIGMA) ** 2, axis=0).max() for change in (flaw, hair)]
     assert densest[0] > 2 * densest[1]
 
