@@ -157,7 +157,7 @@ def _unexplained_scatter(comparison: Comparison) -> str | None:
 
 
 def _nothing(evidence: Evidence) -> Explanation:
-    """No change in means and at edges: what differs is in single pixels of smooth parts, or too weak for a name."""
+    """Description of a difference without a change in means and at edges."""
     return Explanation(UNKNOWN, {}, evidence.fit([]), 0)
 
 

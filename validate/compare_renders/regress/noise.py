@@ -457,7 +457,7 @@ def _clustering(
 
 
 def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Scatter of block means over that of independent pixels; 1 for small pictures and few smooth blocks."""
+    """Scatter of block means over that of independent pixels; 1 where there are few."""
     height, width = (size // _BLOCK_PX * _BLOCK_PX for size in values.shape)
     if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
         return 1.0
@@ -469,7 +469,7 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
 
 
 def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Sum of the correlation between pixels over all distances at which there is some; 1 for independent pixels.
+    """Sum of the correlation between pixels over all distances; 1 without one.
 
     Noise of a wide filter or a denoiser has smaller second differences of neighbours than of pixels two apart. A smooth
     difference of the pictures on top of independent noise has not.

@@ -19,7 +19,20 @@ from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
-from .patterns import Difference, Finding, dark_pixels, odd_lines, odd_tiles, periodic, textures, tile_steps
+from .patterns import (
+    CANCELLING,
+    POWER,
+    SHARES,
+    Difference,
+    PooledMean,
+    dark_pixels,
+    odd_lines,
+    odd_tiles,
+    periodic,
+    pool_of_finding,
+    textures,
+    tile_steps,
+)
 from .strata import BLOCKS, Strata
 
 __all__ = [
@@ -35,26 +48,6 @@ __all__ = [
     "roughness_of",
 ]
 
-#: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
-SHARES = {
-    "whole": 0.10,
-    "even": 0.32,
-    "surface": 0.19,
-    "band": 0.09,
-    "stratum": 0.05,
-    "pattern": 0.08,
-    "block": 0.12,
-    "grid": 0.01,
-    "line": 0.01,
-    "tile": 0.01,
-    "steps": 0.01,
-    "texture": 0.009,
-    "dark": 0.001,
-}
-
-#: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "line", "tile", "steps", "texture", "dark")
-
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
 SYSTEMATIC = 1.0e-4
 
@@ -67,8 +60,6 @@ _CELL_FLOOR = 1e-3
 _MAX_CELL_WEIGHT = 20.0
 #: Fewest pixels of a pool, and fewest cells of the even test.
 _MIN_PIXELS = 12
-#: Smallest relative standard deviation of a pattern: double precision.
-_LEAST_SIGMA = 1e-12
 #: Fewest pixels of a pool over the number that correlation makes one.
 _MIN_INDEPENDENT = 6.0
 #: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
@@ -83,43 +74,8 @@ _SHARP_EDGE = 0.2
 _MIN_PATTERN_PIXELS = 10
 #: Groups of edges in which patterns are tested: all, and those of the lamp.
 _PATTERN_GROUPS = 2
-#: Part of all runs in which a difference of the stated detectable size is found.
-_POWER = 0.9
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
 _SQUARE_CUT = 30
-
-
-@dataclass(frozen=True)
-class PooledMean:
-    """Test of one pool."""
-
-    #: One of ``SHARES``.
-    kind: str
-    #: Name among its kind.
-    name: str
-    #: Number of pixels.
-    pixels: int
-    #: Difference of the means over the baseline's mean; for patterns a size in ``unit``.
-    difference: float
-    #: Standard deviation of ``difference``.
-    sigma: float
-    #: Degrees of freedom of ``sigma``.
-    degrees: float
-    #: ``difference`` over ``sigma``.
-    statistic: float
-    #: Probability, two-sided, of a statistic this large in equal pictures.
-    probability: float
-    #: Probability below which this pool alone makes the verdict "different".
-    critical: float
-    #: Size of a difference that is found in 90 of 100 runs like this.
-    detectable: float
-    #: Unit of ``difference``.
-    unit: str = "1"
-
-    @property
-    def different(self) -> bool:
-        """Whether this pool alone decides."""
-        return self.probability < self.critical
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,27 +317,9 @@ def cancelling_patterns(
         ("steps", tile_steps(difference)),
         ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
     ]
-    rows = [_of_finding(kind, one, critical[kind]) for kind, one in found if one is not None]
+    rows = [pool_of_finding(kind, one, critical[kind]) for kind, one in found if one is not None]
     of_texture = textures(difference)
-    return (*rows, *(_of_finding("texture", one, critical["texture"] / len(of_texture)) for one in of_texture))
-
-
-def _of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
-    """Row of a finding."""
-    sigma = max(finding.sigma, _LEAST_SIGMA)
-    threshold = float(student_quantile(critical / 2, finding.degrees))
-    return PooledMean(
-        kind,
-        finding.name,
-        finding.pixels,
-        finding.size,
-        sigma,
-        finding.degrees,
-        finding.size / sigma,
-        finding.probability,
-        critical,
-        (threshold + float(normal_quantile(1.0 - _POWER))) * sigma,
-    )
+    return (*rows, *(pool_of_finding("texture", one, critical["texture"] / len(of_texture)) for one in of_texture))
 
 
 def _pool_of(
@@ -512,7 +450,7 @@ def _row(
         statistic,
         float(2 * student_tail(abs(statistic), degrees)),
         critical,
-        (threshold + float(normal_quantile(1 - _POWER))) * sigma,
+        (threshold + float(normal_quantile(1 - POWER))) * sigma,
         unit,
     )
 

@@ -134,7 +134,7 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
 
 
 def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
-    """Parts of the baseline, or of the candidate where a pattern makes edges of the baseline's pixels."""
+    """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
     known = surfaces or baseline.surfaces or candidate.surfaces
     strata = strata_of(baseline.radiance.sum(axis=-1), known)
     if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():

@@ -4,16 +4,22 @@ from .dark import dark_pixels
 from .difference import Difference, Finding
 from .lines import odd_lines, odd_tiles, tile_steps
 from .periodic import periodic, without_period
+from .pooled_mean import CANCELLING, POWER, SHARES, PooledMean, pool_of_finding
 from .texture import FIXED_TEXTURE, textures
 
 __all__ = [
+    "CANCELLING",
     "FIXED_TEXTURE",
+    "POWER",
+    "SHARES",
     "Difference",
     "Finding",
+    "PooledMean",
     "dark_pixels",
     "odd_lines",
     "odd_tiles",
     "periodic",
+    "pool_of_finding",
     "textures",
     "tile_steps",
     "without_period",
