@@ -327,18 +327,15 @@ def _pool_of(
 ) -> PooledMean | None:
     """Test of one of ``count`` pools of a kind; None for too few pixels or no light."""
     trimmed, noise = pooling.trimmed, pooling.noise
-    level = float(sums.level[mask].sum())
-    pixels = int(mask.sum())
+    level, pixels = float(sums.level[mask].sum()), int(mask.sum())
     independent = pixels / noise.clustering
     few = independent < _MIN_INDEPENDENT and kind != "whole"
     if pixels < _MIN_PIXELS or few or level <= 0:
         return None
-    difference = float(sums.difference[mask].sum())
-    each = sums.variance[mask]
+    difference, each = float(sums.difference[mask].sum()), sums.variance[mask]
     quiet = np.where(trimmed.outlier[mask], np.median(each), each)
     noise_sum = float(quiet.sum())
-    scatter = _scatter(pooling, sums, kind, mask, difference / level)
-    variance = max(noise_sum, scatter) * noise.clustering
+    variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
