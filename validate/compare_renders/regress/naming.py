@@ -20,11 +20,11 @@ from .causes import Pictures, causes
 from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
 from .outcome import UNKNOWN, NamedChange
-from .patterns import FIXED_TEXTURE, textures
-from .pooled import SHARES
+from .patterns import FIXED_TEXTURE, textures, tile_steps
+from .pooled import SHARES, difference_of
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
-from .verdict import Comparison, difference_of
+from .verdict import Comparison
 from .view_explanations import from_view
 
 __all__ = ["named_changes", "pattern_alone"]
@@ -150,14 +150,16 @@ def pattern_alone(words: str) -> NamedChange:
 
 
 def _unexplained_scatter(comparison: Comparison) -> str | None:
-    """Texture of smooth parts in words, which none of the causes makes; None without one."""
-    critical = comparison.pooling.false_alarms * SHARES["texture"]
-    found = textures(difference_of(comparison.pooling))
-    return next((one.name for one in found if one.name == FIXED_TEXTURE and one.probability < critical), None)
+    """Texture or tiles in words, which none of the causes makes; None without any."""
+    difference, critical = difference_of(comparison.pooling), comparison.pooling.false_alarms * SHARES["texture"]
+    findings = [one for one in textures(difference) if one.name == FIXED_TEXTURE]
+    steps = tile_steps(difference)
+    findings += [] if steps is None else [steps]
+    return next((one.name for one in findings if one.probability < critical), None)
 
 
 def _nothing(evidence: Evidence) -> Explanation:
-    """No change in means and at edges: what differs is in single pixels of smooth parts, or too weak for a name."""
+    """Description of a difference without a change in means and at edges."""
     return Explanation(UNKNOWN, {}, evidence.fit([]), 0)
 
 

@@ -16,17 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label, maximum_filter, median_filter, minimum_filter
 from scipy.ndimage import mean as mean_of
 
-__all__ = [
-    "Noise",
-    "local_range",
-    "noise_of",
-    "paired_variance",
-    "quieter_part",
-    "roughness_of",
-    "row_sums",
-    "smooth_variance",
-    "variance_of",
-]
+__all__ = ["Noise", "local_range", "noise_of", "paired_variance", "row_sums", "smooth_variance", "variance_of"]
 
 #: Pixels a side of the blocks whose means show the correlation between pixels: four, larger than a pixel filter.
 _BLOCK_PX = 4
@@ -61,8 +51,6 @@ _FEW_DEGREES = 6
 _ROUNDING = 1e-6
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
 _SQUARE_CUT = 30
-#: Fewest smooth pixels from which the quieter of two pictures is known.
-_MIN_QUIET_PIXELS = 12
 #: Fewest pairs of neighbours whose mean square is used.
 _MIN_PAIRS = 20
 #: Bands whose variances are estimated at once, which bounds memory.
@@ -469,7 +457,7 @@ def _clustering(
 
 
 def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Scatter of block means over that of independent pixels; 1 for small pictures and few smooth blocks."""
+    """Scatter of block means over that of independent pixels; 1 where there are few."""
     height, width = (size // _BLOCK_PX * _BLOCK_PX for size in values.shape)
     if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
         return 1.0
@@ -481,7 +469,7 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
 
 
 def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Sum of the correlation between pixels over all distances at which there is some; 1 for independent pixels.
+    """Sum of the correlation between pixels over all distances; 1 without one.
 
     Noise of a wide filter or a denoiser has smaller second differences of neighbours than of pixels two apart. A smooth
     difference of the pictures on top of independent noise has not.
@@ -541,55 +529,3 @@ def _difference_variance(values: NDArray, inside: NDArray[np.bool_]) -> float:
     if squares.size < _MIN_PAIRS:
         return float("nan")
     return 0.5 * float(np.minimum(squares, _SQUARE_CUT * np.median(squares)).mean())
-
-
-def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
-    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
-
-    The variances are those of neighbouring pixels inside smooth parts.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x) pictures.
-    smooth
-        (y, x) pixels away from edges.
-
-    Returns
-    -------
-    float
-        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
-    """
-    inner = minimum_filter(smooth, 3)
-    if inner.sum() < _MIN_QUIET_PIXELS:
-        return 0.5
-    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
-    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
-    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
-
-
-def roughness_of(
-    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Variance of each pixel relative to other pixels, from the variances that two sides state.
-
-    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
-    the mean. The two sides are weighted so that these biases of their difference cancel.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x, w) variances.
-    body
-        (y, x) pixels but those of the lamp.
-
-    Returns
-    -------
-    NDArray
-        (y, x) relative variance, about 1 on average.
-    """
-    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
-    first, second = sums[0] ** 2, sums[1] ** 2
-    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
-    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
-    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])

@@ -9,50 +9,44 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from cboxlab.rendering.image import high_pass
 from cboxlab.utils.distributions import normal_quantile, student_quantile, student_tail
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
-    EDGE_PATTERNS,
-    edge_patterns,
+    CANCELLING,
+    POWER,
+    SHARES,
+    Difference,
+    PooledMean,
+    dark_pixels,
+    odd_lines,
+    odd_tiles,
+    periodic,
+    pool_of_finding,
+    textures,
+    tile_steps,
 )
 from .strata import BLOCKS, Strata
 
 __all__ = [
     "CANCELLING",
-    "POWER",
     "SHARES",
     "SYSTEMATIC",
     "PooledMean",
     "Pooling",
+    "cancelling_patterns",
+    "difference_of",
     "pooled_means",
+    "quieter_part",
+    "roughness_of",
 ]
-
-#: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
-SHARES = {
-    "whole": 0.10,
-    "even": 0.32,
-    "surface": 0.19,
-    "band": 0.09,
-    "stratum": 0.05,
-    "pattern": 0.08,
-    "block": 0.12,
-    "grid": 0.01,
-    "line": 0.01,
-    "tile": 0.01,
-    "steps": 0.01,
-    "texture": 0.009,
-    "dark": 0.001,
-}
-
-#: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "line", "tile", "steps", "texture", "dark")
 
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
 SYSTEMATIC = 1.0e-4
@@ -72,45 +66,16 @@ _MIN_INDEPENDENT = 6.0
 _MAX_BLOCK_DEGREES = 12.0
 #: Kinds of pools of few pixels.
 _SMALL_POOLS = ("block", "stratum")
+#: Steps of this many standard deviations count half in patterns, larger ones more.
+_CLEAR_STEP_SIGMAS = 10.0
+#: Second derivative over the step of an edge, below which the edge is too wide to show a blur.
+_SHARP_EDGE = 0.2
+#: Fourth powers over the squared sum of squares, below which single pixels rule a pattern: ten equal pixels.
+_MIN_PATTERN_PIXELS = 10
 #: Groups of edges in which patterns are tested: all, and those of the lamp.
 _PATTERN_GROUPS = 2
-#: Part of all runs in which a difference of the stated detectable size is found.
-POWER = 0.9
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
 _SQUARE_CUT = 30
-
-
-@dataclass(frozen=True)
-class PooledMean:
-    """Test of one pool."""
-
-    #: One of ``SHARES``.
-    kind: str
-    #: Name among its kind.
-    name: str
-    #: Number of pixels.
-    pixels: int
-    #: Difference of the means over the baseline's mean; for patterns a size in ``unit``.
-    difference: float
-    #: Standard deviation of ``difference``.
-    sigma: float
-    #: Degrees of freedom of ``sigma``.
-    degrees: float
-    #: ``difference`` over ``sigma``.
-    statistic: float
-    #: Probability, two-sided, of a statistic this large in equal pictures.
-    probability: float
-    #: Probability below which this pool alone makes the verdict "different".
-    critical: float
-    #: Size of a difference that is found in 90 of 100 runs like this.
-    detectable: float
-    #: Unit of ``difference``.
-    unit: str = "1"
-
-    @property
-    def different(self) -> bool:
-        """Whether this pool alone decides."""
-        return self.probability < self.critical
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +181,58 @@ class Pooling:
         )
 
 
+def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
+    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
+
+    The variances are those of neighbouring pixels inside smooth parts.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x) pictures.
+    smooth
+        (y, x) pixels away from edges.
+
+    Returns
+    -------
+    float
+        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
+    """
+    inner = minimum_filter(smooth, 3)
+    if inner.sum() < _MIN_PIXELS:
+        return 0.5
+    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
+    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
+    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
+
+
+def roughness_of(
+    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Variance of each pixel relative to other pixels, from the variances that two sides state.
+
+    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
+    the mean. The two sides are weighted so that these biases of their difference cancel.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x, w) variances.
+    body
+        (y, x) pixels but those of the lamp.
+
+    Returns
+    -------
+    NDArray
+        (y, x) relative variance, about 1 on average.
+    """
+    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
+    first, second = sums[0] ** 2, sums[1] ** 2
+    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
+    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
+    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])
+
+
 def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
     """Tests of all pools.
 
@@ -255,23 +272,70 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     )
 
 
+def difference_of(pooling: Pooling) -> Difference:
+    """Difference as tests of patterns take it.
+
+    Parameters
+    ----------
+    pooling
+        Difference, noise and parts of the picture.
+
+    Returns
+    -------
+    Difference
+        The difference.
+    """
+    strata = pooling.strata
+    groups = {"smooth parts": strata.smooth, "edges": strata.edges, "the lamp": strata.lamp & strata.used}
+    variance = None if pooling.noise.estimated else pooling.noise.total
+    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, pooling.noise.clustering)
+
+
+def cancelling_patterns(
+    pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
+) -> tuple[PooledMean, ...]:
+    """Tests of patterns whose means cancel.
+
+    Parameters
+    ----------
+    pooling
+        Difference, noise and parts of the picture.
+    baseline, candidate
+        (y, x) pictures with their outliers, summed over wavelengths.
+
+    Returns
+    -------
+    tuple of PooledMean
+        One for each kind of pattern, at its clearest instance.
+    """
+    difference = difference_of(pooling)
+    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in CANCELLING}
+    found = [
+        ("grid", periodic(difference)),
+        ("line", odd_lines(difference)),
+        ("tile", odd_tiles(difference)),
+        ("steps", tile_steps(difference)),
+        ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
+    ]
+    rows = [pool_of_finding(kind, one, critical[kind]) for kind, one in found if one is not None]
+    of_texture = textures(difference)
+    return (*rows, *(pool_of_finding("texture", one, critical["texture"] / len(of_texture)) for one in of_texture))
+
+
 def _pool_of(
     pooling: Pooling, sums: _Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
 ) -> PooledMean | None:
     """Test of one of ``count`` pools of a kind; None for too few pixels or no light."""
     trimmed, noise = pooling.trimmed, pooling.noise
-    level = float(sums.level[mask].sum())
-    pixels = int(mask.sum())
+    level, pixels = float(sums.level[mask].sum()), int(mask.sum())
     independent = pixels / noise.clustering
     few = independent < _MIN_INDEPENDENT and kind != "whole"
     if pixels < _MIN_PIXELS or few or level <= 0:
         return None
-    difference = float(sums.difference[mask].sum())
-    each = sums.variance[mask]
+    difference, each = float(sums.difference[mask].sum()), sums.variance[mask]
     quiet = np.where(trimmed.outlier[mask], np.median(each), each)
     noise_sum = float(quiet.sum())
-    scatter = _scatter(pooling, sums, kind, mask, difference / level)
-    variance = max(noise_sum, scatter) * noise.clustering
+    variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
@@ -389,31 +453,65 @@ def _row(
 
 
 def _patterns(pooling: Pooling, edges: NDArray[np.bool_], prefix: str) -> list[PooledMean]:
-    """Tests of patterns at some edges: shift, magnification, turn, blur, see ``edge_patterns``."""
+    """Tests of patterns at some edges: shift, magnification, turn, blur.
+
+    Shifts are px, magnification and turn px at half a width from the centre, blur is an added variance in px^2.
+    Each edge pixel contributes with its own sign. The sum over its own root sum of squares is the statistic. It needs
+    no known variance, and heavy tails make it smaller, not larger.
+    """
+    strata, trimmed = pooling.strata, pooling.trimmed
+    level, total = pooling.level, pooling.total
     # slopes from a mean whose noise is independent of the difference's, or noise would look like sharper edges
-    half = pooling.level + pooling.total * pooling.quieter
+    half = level + total * pooling.quieter
     quiet = median_filter(half, 3, mode="nearest")
-    trimmed = pooling.trimmed
-    patterns = edge_patterns(
-        half,
-        # an even change of the light is no pattern
-        pooling.total - trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300) * half,
-        pooling.strata.used & edges,
-        variance=smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees),
-        shared=np.asarray(0 * half if pooling.shared is None else pooling.shared.sum(axis=-1)),
-        clustering=pooling.noise.clustering,
+    span = maximum_filter(half, 3) - minimum_filter(half, 3)
+    sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)
+    down, right = (np.asarray(slope) for slope in np.gradient(half))
+    curved = -_laplacian(half)
+    inside = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
+    at_edges = strata.used & inside & edges
+    weight = np.where(at_edges, 1 / np.maximum(span**2 + _CLEAR_STEP_SIGMAS**2 * sigma, 1e-300), 0.0)
+    scale = trimmed.difference.sum() / max(float(trimmed.level.sum()), 1e-300)
+    residual = total - scale * half
+    common = np.asarray(0 * total if pooling.shared is None else pooling.shared.sum(axis=-1))
+    y, x = (axis - (axis.max() / 2) for axis in np.indices(level.shape))
+    x, y = 2 * x / level.shape[1], 2 * y / level.shape[1]
+    patterns: tuple[tuple[str, Any, str, float], ...] = (
+        ("shift x", -right, "px", 0.0),
+        ("shift y", -down, "px", 0.0),
+        ("magnification", -(right * x + down * y), "px", 0.0),
+        ("turn", right * y - down * x, "px", 0.0),
+        ("blur", -curved / 2, "px^2", _SHARP_EDGE),
     )
-    return [
-        _row(
-            pooling,
-            "pattern",
-            prefix + pattern.name,
-            pattern.pixels,
-            difference=pattern.size,
-            sigma=pattern.sigma,
-            degrees=pattern.degrees,
-            count=_PATTERN_GROUPS * EDGE_PATTERNS,
-            unit=pattern.unit,
+    rows = []
+    for name, slope, unit, sharpness in patterns:
+        used = at_edges & (np.abs(slope) > sharpness * span)
+        # neither light that brightens all pixels alike is a pattern, nor the error of ``scale``, which they share
+        w, s, light = weight[used], np.asarray(slope)[used], half[used]
+        s = s - light * (w * s * light).sum() / max(float((w * light**2).sum()), 1e-300)
+        terms, norms = w * s * residual[used], w * s**2
+        root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[used]))
+        few = (terms**2).sum() ** 2 < _MIN_PATTERN_PIXELS * (terms**4).sum()
+        independent = float(used.sum()) / pooling.noise.clustering
+        if used.sum() < 2 * _MIN_PIXELS or independent < _MIN_INDEPENDENT or root == 0 or few:
+            continue
+        rows.append(
+            _row(
+                pooling,
+                "pattern",
+                prefix + name,
+                int(used.sum()),
+                difference=float(terms.sum() / norms.sum()),
+                sigma=root / float(norms.sum()),
+                degrees=independent - 1.0,
+                count=_PATTERN_GROUPS * len(patterns),
+                unit=unit,
+            )
         )
-        for pattern in patterns
-    ]
+    return rows
+
+
+def _laplacian(picture: NDArray) -> NDArray[np.float64]:
+    """(y, x) sum of the second derivatives along rows and columns."""
+    along = np.pad(picture, 1, mode="edge")
+    return along[2:, 1:-1] + along[:-2, 1:-1] + along[1:-1, 2:] + along[1:-1, :-2] - 4 * picture

@@ -5,33 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.utils.distributions import normal_quantile, student_quantile, student_tail
+from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from .grids import Common, common_wavelengths
-from .noise import Noise, noise_of, paired_variance, quieter_part, roughness_of, smooth_variance, variance_of
+from .noise import Noise, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
-from .patterns import (
-    Difference,
-    Finding,
-    dark_pixels,
-    odd_lines,
-    odd_tiles,
-    periodic,
-    textures,
-    tile_steps,
-    without_period,
+from .patterns import Difference, periodic, tile_steps, without_period
+from .pooled import (
+    SHARES,
+    Pooling,
+    cancelling_patterns,
+    difference_of,
+    pooled_means,
+    quieter_part,
+    roughness_of,
 )
-from .pooled import CANCELLING, POWER, SHARES, PooledMean, Pooling, pooled_means
 from .sides import Side, SurfaceMap
 from .strata import Strata, strata_of
 
-__all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "difference_of", "regress_sides"]
-
-#: Smallest relative standard deviation of a pattern: double precision.
-_LEAST_SIGMA = 1e-12
+__all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
 
 #: Largest part of the verdicts on equal pictures that say "different": one in a thousand runs.
 FALSE_ALARMS = 1e-3
@@ -139,7 +134,7 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
 
 
 def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
-    """Parts of the baseline, or of the candidate where a pattern makes edges of the baseline's pixels."""
+    """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
     known = surfaces or baseline.surfaces or candidate.surfaces
     strata = strata_of(baseline.radiance.sum(axis=-1), known)
     if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():
@@ -280,71 +275,3 @@ def _differing(comparison: Comparison) -> int:
         probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
     )
     return int(below[-1]) + 1 if below.size else 0
-
-
-def difference_of(pooling: Pooling) -> Difference:
-    """Difference as tests of patterns take it.
-
-    Parameters
-    ----------
-    pooling
-        Difference, noise and parts of the picture.
-
-    Returns
-    -------
-    Difference
-        The difference.
-    """
-    strata = pooling.strata
-    groups = {"smooth parts": strata.smooth, "edges": strata.edges, "the lamp": strata.lamp & strata.used}
-    variance = None if pooling.noise.estimated else pooling.noise.total
-    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, pooling.noise.clustering)
-
-
-def cancelling_patterns(
-    pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
-) -> tuple[PooledMean, ...]:
-    """Tests of patterns whose means cancel.
-
-    Parameters
-    ----------
-    pooling
-        Difference, noise and parts of the picture.
-    baseline, candidate
-        (y, x) pictures with their outliers, summed over wavelengths.
-
-    Returns
-    -------
-    tuple of PooledMean
-        One for each kind of pattern, at its clearest instance.
-    """
-    difference = difference_of(pooling)
-    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in CANCELLING}
-    found = [
-        ("grid", periodic(difference)),
-        ("line", odd_lines(difference)),
-        ("tile", odd_tiles(difference)),
-        ("steps", tile_steps(difference)),
-        ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
-    ]
-    rows = [_of_finding(kind, one, critical[kind]) for kind, one in found if one is not None]
-    of_texture = textures(difference)
-    return (*rows, *(_of_finding("texture", one, critical["texture"] / len(of_texture)) for one in of_texture))
-
-
-def _of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
-    """Row of a finding."""
-    sigma = max(finding.sigma, _LEAST_SIGMA)
-    threshold = float(student_quantile(critical / 2, finding.degrees))
-    return PooledMean(
-        kind,
-        finding.name,
-        finding.pixels,
-        finding.size,
-        sigma,
-        finding.degrees,
-        finding.size / sigma,
-        finding.probability,
-        critical,
-        (threshold + float(normal_quantile(1.0 - POWER))) * sigma,
-    )

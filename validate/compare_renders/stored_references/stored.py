@@ -1,4 +1,4 @@
-"""Mean light of a picture by surface, band and block, and its patterns, as a JSON file next to a renderer's tests.
+"""Mean light and patterns of a picture as a JSON file next to a renderer's tests.
 
 A reference is known to 0.05 %, and states seed, samples and versions of its rendering.
 """
@@ -67,7 +67,7 @@ class Reference(FrozenMappings):
 
 
 def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[str, str]) -> Reference:
-    """Mean light of a picture without its lamp, of surfaces without their edges, of a grid; patterns and moments.
+    """Mean light of a picture, of its surfaces, bands and blocks; its patterns.
 
     The pixels of a mean are selected by the map of surfaces alone, never by the radiance, which is noisy.
 

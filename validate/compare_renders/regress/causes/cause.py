@@ -1,4 +1,4 @@
-"""Causes of a difference, each as data: an identifier and the changes of the picture that it makes."""
+"""Causes of a difference, each as data."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from .cause import Cause, Pictures, Trial
 
 __all__ = ["CAUSE"]
 
-#: Largest number of reflections: later light of a box is too weak to be told apart.
+#: Largest number of reflections: later light of a box is too weak.
 _MOST_REFLECTIONS = 6
 #: Distance of a factor from 0 or 2 at which it is named so.
 _NEAR = 0.05

@@ -16,7 +16,7 @@ _CLEAR_CHANGE = 0.3
 #: Fewest such pixels of a surface whose triangles are tried.
 _MIN_PIXELS = 4
 #: Most triangles that are tried.
-_MOST_TRIANGLES = 24
+_MOST_TRIANGLES = 12
 
 
 def _trials(pictures: Pictures) -> Iterator[Trial]:

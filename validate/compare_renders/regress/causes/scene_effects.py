@@ -1,4 +1,4 @@
-"""Effects of the catalogue of ``cbox effects`` on scene and transport: blocks moved, the lamp moved, rough paints."""
+"""Effects of the catalogue of ``cbox effects`` that act on scene and transport."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Linear(FrozenMappings):
 
 
 def _trials(pictures: Pictures) -> Iterator[Trial]:
-    """All numbers of an effect are fitted together; what explains most to first order is computed at its values."""
+    """Trials of the effects that explain most to first order, computed at their values."""
     if pictures.scene is None:
         return
     found: list[_Linear] = []

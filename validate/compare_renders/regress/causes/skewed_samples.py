@@ -1,4 +1,4 @@
-"""Bright samples cut off, or sampling that stops where it looks converged: noisy pixels become darker."""
+"""Bright samples cut off, or sampling that stops early."""
 
 from __future__ import annotations
 

@@ -1,23 +1,25 @@
-"""Patterns of a difference: at edges, and with means that cancel (grids, lines, tiles, textures, black pixels)."""
+"""Patterns of a difference whose means cancel: grids, lines, tiles, textures, black pixels."""
 
 from .dark import dark_pixels
 from .difference import Difference, Finding
-from .edges import EDGE_PATTERNS, EdgePattern, edge_patterns
 from .lines import odd_lines, odd_tiles, tile_steps
 from .periodic import periodic, without_period
+from .pooled_mean import CANCELLING, POWER, SHARES, PooledMean, pool_of_finding
 from .texture import FIXED_TEXTURE, textures
 
 __all__ = [
-    "EDGE_PATTERNS",
+    "CANCELLING",
     "FIXED_TEXTURE",
+    "POWER",
+    "SHARES",
     "Difference",
-    "EdgePattern",
     "Finding",
+    "PooledMean",
     "dark_pixels",
-    "edge_patterns",
     "odd_lines",
     "odd_tiles",
     "periodic",
+    "pool_of_finding",
     "textures",
     "tile_steps",
     "without_period",

@@ -67,7 +67,7 @@ class Difference(FrozenMappings):
 
 
 def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[float, float]:
-    """Sum of independent terms over the root of their sum of squares, and its probability in both tails.
+    """Sum of independent terms over the root of their sum of squares.
 
     It needs no known variance, and heavy tails make it smaller.
 

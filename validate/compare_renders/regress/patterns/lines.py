@@ -117,7 +117,7 @@ def odd_tiles(difference: Difference) -> Finding | None:
 
 
 def tile_steps(difference: Difference) -> Finding | None:
-    """Tiles with factors of their own: steps at their edges are larger than in their middles.
+    """Tiles that differ by factors, by larger steps at their edges than inside.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _most_odd(tests: Sequence[_Parts], words: Callable[[str, int], str]) -> Find
 def _steps(
     relative: NDArray[np.float64], smooth: NDArray[np.bool_], edge: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Squared steps at vertical edges of tiles less those in their middles, and the steps at edges."""
+    """Squared steps at edges of tiles less those in their middles, and the former."""
     strip, length = min(edge // 2, _STRIP_PX), min(edge, _LENGTH_PX)
     height, width = relative.shape
     rows = height // length

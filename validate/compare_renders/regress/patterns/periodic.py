@@ -23,7 +23,7 @@ _BLOCKS_PX = (16, 12, 10, 14, 18, 8, 6)
 _MIN_BLOCKS = 12
 #: Part of a block's pixels that have to be smooth.
 _MIN_SMOOTH_PART = 0.5
-#: Probability of one harmonic among all frequencies, below which it tells the period of a pattern.
+#: Probability of one harmonic among all frequencies, below which it has a pattern's period.
 _HARMONIC = 1e-2
 #: Amplitude of a harmonic over that of the clearest frequency, above which it is none of the smooth parts' outline.
 _HARMONIC_PART = 0.3
@@ -86,7 +86,7 @@ def without_period(difference: Difference, finding: Finding) -> NDArray[np.float
 
 
 def _tested(difference: Difference, edge: int) -> tuple[int, NDArray[np.float64], NDArray[np.float64], int] | None:
-    """Edge of blocks, (edge, edge // 2 + 1) probabilities and amplitudes by frequency, count of blocks."""
+    """Edge and count of blocks; probabilities and amplitudes (v, u) by frequency."""
     height, width = (size // edge * edge for size in difference.level.shape)
     if not (height and width):
         return None
@@ -131,7 +131,7 @@ def _hotelling(spectra: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _folded(difference: Difference, down: int, across: int) -> NDArray[np.float64]:
-    """(down, across) mean of the relative difference by phase, less its mean; 0 in phases of few pixels."""
+    """(down, across) mean of the relative difference by phase, less its mean."""
     rows, columns = np.nonzero(difference.smooth)
     phase = rows % down * across + columns % across
     counts = np.bincount(phase, minlength=down * across)
@@ -155,7 +155,7 @@ def _described(folded: NDArray[np.float64], down: int, across: int) -> tuple[str
 
 
 def _checkered(folded: NDArray[np.float64]) -> float:
-    """Part of a folded pattern's variance that the best checkerboard of half its period explains."""
+    """Part of a folded pattern's variance that a checkerboard explains."""
     rows, columns = np.indices(folded.shape)
     half = len(folded) // 2
     power = float((folded**2).sum())

@@ -1,0 +1,102 @@
+"""Test of one pool, and the shares of false alarms by kind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cboxlab.utils.distributions import normal_quantile, student_quantile
+
+from .difference import Finding
+
+__all__ = ["CANCELLING", "POWER", "SHARES", "PooledMean", "pool_of_finding"]
+
+#: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
+SHARES = {
+    "whole": 0.10,
+    "even": 0.32,
+    "surface": 0.19,
+    "band": 0.09,
+    "stratum": 0.05,
+    "pattern": 0.08,
+    "block": 0.12,
+    "grid": 0.01,
+    "line": 0.01,
+    "tile": 0.01,
+    "steps": 0.01,
+    "texture": 0.009,
+    "dark": 0.001,
+}
+
+#: Kinds of pools that find what means do not show.
+CANCELLING = ("grid", "line", "tile", "steps", "texture", "dark")
+
+#: Part of all runs in which a difference of the stated detectable size is found.
+POWER = 0.9
+#: Smallest relative standard deviation of a pattern: double precision.
+_LEAST_SIGMA = 1e-12
+
+
+@dataclass(frozen=True)
+class PooledMean:
+    """Test of one pool."""
+
+    #: One of ``SHARES``.
+    kind: str
+    #: Name among its kind.
+    name: str
+    #: Number of pixels.
+    pixels: int
+    #: Difference of the means over the baseline's mean; for patterns a size in ``unit``.
+    difference: float
+    #: Standard deviation of ``difference``.
+    sigma: float
+    #: Degrees of freedom of ``sigma``.
+    degrees: float
+    #: ``difference`` over ``sigma``.
+    statistic: float
+    #: Probability, two-sided, of a statistic this large in equal pictures.
+    probability: float
+    #: Probability below which this pool alone makes the verdict "different".
+    critical: float
+    #: Size of a difference that is found in 90 of 100 runs like this.
+    detectable: float
+    #: Unit of ``difference``.
+    unit: str = "1"
+
+    @property
+    def different(self) -> bool:
+        """Whether this pool alone decides."""
+        return self.probability < self.critical
+
+
+def pool_of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
+    """Test of a finding.
+
+    Parameters
+    ----------
+    kind
+        Kind of the pattern, one of ``CANCELLING``.
+    finding
+        The finding.
+    critical
+        Probability below which it decides.
+
+    Returns
+    -------
+    PooledMean
+        The test.
+    """
+    sigma = max(finding.sigma, _LEAST_SIGMA)
+    threshold = float(student_quantile(critical / 2, finding.degrees))
+    return PooledMean(
+        kind,
+        finding.name,
+        finding.pixels,
+        finding.size,
+        sigma,
+        finding.degrees,
+        finding.size / sigma,
+        finding.probability,
+        critical,
+        (threshold + float(normal_quantile(1.0 - POWER))) * sigma,
+    )
