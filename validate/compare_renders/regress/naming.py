@@ -20,7 +20,7 @@ from .causes import Pictures, causes
 from .evidence import Evidence, build_evidence
 from .explanations import Explanation, from_pictures
 from .outcome import UNKNOWN, NamedChange
-from .patterns import FIXED_TEXTURE, textures, tile_steps
+from .patterns import FIXED_TEXTURE, fine_structure, textures, tile_steps
 from .pooled import SHARES, difference_of
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
@@ -55,6 +55,8 @@ _MOVED = ("shift", "view", "distortion")
 _EDGE_ERROR = 0.1
 #: Largest probability of names where single pixels scatter by more than noise, which no name explains.
 _SCATTERED_CAP = 0.45
+#: Scatter that a moved picture carries along, over the fine structure of the baseline: root of 2, and a margin.
+_MAX_CARRIED = 2.0
 #: Exponent of the cap on names: a misfit of a half leaves 0.94, of 1 a half, of 2 leaves 0.06.
 _CAP_EXPONENT = 4
 
@@ -152,7 +154,8 @@ def pattern_alone(words: str) -> NamedChange:
 def _unexplained_scatter(comparison: Comparison) -> str | None:
     """Texture or tiles in words, which none of the causes makes; None without any."""
     difference, critical = difference_of(comparison.pooling), comparison.pooling.false_alarms * SHARES["texture"]
-    findings = [one for one in textures(difference) if one.name == FIXED_TEXTURE]
+    carried = _MAX_CARRIED * fine_structure(difference)
+    findings = [one for one in textures(difference) if one.name == FIXED_TEXTURE and one.size > carried]
     steps = tile_steps(difference)
     findings += [] if steps is None else [steps]
     return next((one.name for one in findings if one.probability < critical), None)

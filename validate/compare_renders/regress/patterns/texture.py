@@ -13,13 +13,15 @@ from scipy.ndimage import maximum_filter, median_filter, minimum_filter, uniform
 
 from .difference import Difference, Finding, self_normalised
 
-__all__ = ["FIXED_TEXTURE", "textures"]
+__all__ = ["FIXED_TEXTURE", "fine_structure", "textures"]
 
 #: Name of a texture of smooth parts.
 FIXED_TEXTURE = "fixed texture"
 
 #: Variance over the stated one that is allowed: errors of batches that share low-discrepancy numbers.
 _ALLOWED = 1.5
+#: Fine structure that a change carries, over the local change times the structure of the baseline: a power of 2 at most.
+_CARRIED = 2.0
 #: Pixels a side of a window whose mean is no texture.
 _WINDOW_PX = 5
 #: Pixels a side of the blocks whose sums are independent in smooth parts, where filters correlate pixels.
@@ -53,6 +55,26 @@ def textures(difference: Difference) -> list[Finding]:
     return found
 
 
+def fine_structure(difference: Difference) -> float:
+    """Scatter of the baseline's pixels about their surroundings in smooth parts, noise included.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+
+    Returns
+    -------
+    float
+        Root mean square over the mean light; 0 without smooth parts.
+    """
+    if not difference.smooth.any():
+        return 0.0
+    level = difference.level
+    off = (level - median_filter(level, _WINDOW_PX, mode="nearest"))[difference.smooth]
+    return float(np.sqrt(np.mean(off**2)) / max(float(level[difference.smooth].mean()), 1e-300))
+
+
 def _tested(difference: Difference, variance: NDArray, name: str, group: NDArray[np.bool_]) -> Finding | None:
     """Test of one group."""
     level = median_filter(difference.level, _WINDOW_PX, mode="nearest")
@@ -61,14 +83,16 @@ def _tested(difference: Difference, variance: NDArray, name: str, group: NDArray
         mean = uniform_filter(np.where(group, difference.relative, 0.0), _WINDOW_PX) / share
         off = (difference.relative - mean) * np.maximum(level, 1e-3 * level.mean())
         scale = np.sqrt(_around(variance, group))
+        # a change in proportion to the picture, or to a power of it, carries the picture's own fine structure
+        carried = _CARRIED * mean * (difference.level - level)
         blocks = _blocks(difference.level.shape)
     else:
         # light at edges varies by the local range, so that squares over it are comparable
-        off = difference.total
+        off, carried = difference.total, np.zeros(group.shape)
         quiet = median_filter(difference.level, 3, mode="nearest")
         scale = maximum_filter(quiet, 3) - minimum_filter(quiet, 3) + 1e-2 * level
         blocks = np.arange(group.size).reshape(group.shape)
-    excess = off**2 - _ALLOWED * variance - (_FLOOR * difference.level) ** 2
+    excess = off**2 - _ALLOWED * variance - (_FLOOR * difference.level) ** 2 - carried**2
     used = group & (scale > 0)
     if not used.any():
         return None
