@@ -250,10 +250,10 @@ def confirmed_where_held_out(
 
 
 def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float) -> bool:
-    """Whether effects stay the answer although something else remains, which flaws of the base do not explain.
+    """Whether effects stay the answer although something else remains.
 
-    A cause that no effect describes is imitated by effects in part. Those explain less, and hold less where they were
-    not fitted.
+    Flaws of the base do not explain that remainder. A cause that no effect describes is imitated by effects in part.
+    Those explain less, and hold less where they were not fitted.
 
     Parameters
     ----------
@@ -267,11 +267,11 @@ def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float)
     bool
         False for no effect.
     """
-    held = [ratio for effect in assessed for ratio in (effect.heldout_pixels, effect.heldout_bands)]
+    ratios = [ratio for effect in assessed for ratio in (effect.heldout_pixels, effect.heldout_bands)]
     return (
         bool(assessed)
         and explained > _MIN_EXPLAINED_PART
-        and not any(ratio < _MIN_HELDOUT_BESIDE_REMAINDER for ratio in held)
+        and not any(ratio < _MIN_HELDOUT_BESIDE_REMAINDER for ratio in ratios)
     )
 
 

@@ -192,7 +192,7 @@ class _Judged:
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
     #: What the base is off by, with them.
-    beside: BesideFlaws
+    flaws: BesideFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
     #: Factor by which flaws raise the size that an effect must have, see `cost_in_power`.
@@ -240,7 +240,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         linearised = first
     answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
     progress.stage("explaining what remains")
-    answer = _explained(first, answer, judged.beside, prepared.calibration.capture, progress)
+    answer = _explained(first, answer, judged.flaws, prepared.calibration.capture, progress)
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
@@ -263,7 +263,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
         notes=_scale_notes(prepared.free_scale, judged.imitated),
-        flaws=judged.beside.reported,
+        flaws=judged.flaws.reported,
         flaws_cost=judged.flaws_cost,
         verdicts=judged.verdicts,
         further=tuple(
@@ -273,7 +273,10 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
 
 
 def _scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
-    """Note on the free scale of a capture, and on the effects that it imitates; none for an absolute scale."""
+    """Note on the free scale of a capture; none for an absolute scale.
+
+    It names the effects that the scale imitates.
+    """
     if scale is None:
         return ()
     sentence = scale.sentence
@@ -283,7 +286,7 @@ def _scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str,
 
 
 def _explained(
-    first: LinearisedFit, answer: _Answer, beside: BesideFlaws, capture: Capture, progress: Progress
+    first: LinearisedFit, answer: _Answer, flaws: BesideFlaws, capture: Capture, progress: Progress
 ) -> _Answer:
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
@@ -292,8 +295,8 @@ def _explained(
     """
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
     rendered = residual_with_rendered(answer.linearised, effects)
-    if beside.small:
-        change = beside.model.change_dn(beside.fitted)
+    if flaws.small:
+        change = flaws.model.change_dn(flaws.fitted)
         residual, rendered = (vector - model.whiten_used(change) for vector in (residual, rendered))
         start = replace(start, residual=start.residual - start.whiten_used(change))
     remains = something_remains(model, residual, rendered)
@@ -327,26 +330,29 @@ def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[
 
 
 def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> _Judged:
-    """Effects selected by size, and those that hold in the end; frees the signatures, much of the memory."""
+    """Effects selected by size, and those that hold in the end.
+
+    It frees the signatures, which take much of the memory.
+    """
     start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
     signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
-    effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
-    if beside.evident or len(effects) < len(search.selected):
+    effects, flaws, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
+    if flaws.evident or len(effects) < len(search.selected):
         # the base is off: further effects, and all numbers, with what it may be off by in the covariance
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
-        cost = cost_in_power(first.problem(()), signatures, again.beside)
-        named = {c.hypothesis.effect.id for c in again.selected}
-        verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in named))
+        cost = cost_in_power(first.problem(()), signatures, again.flaws)
+        present = {c.hypothesis.effect.id for c in again.selected}
+        verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
         search = replace(by_size, linearised=again.linearised)
-        return _Judged(by_size, search, again.selected, again.assessed, again.beside, verdicts, cost, imitated)
+        return _Judged(by_size, search, again.selected, again.assessed, again.flaws, verdicts, cost, imitated)
     if not effects and not something_remains(start, start.residual, start.residual):
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
-    return _Judged(by_size, search, search.selected, search.assessed, beside, verdicts, 1.0, imitated)
+    return _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
 
 
 def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:

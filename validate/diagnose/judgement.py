@@ -146,8 +146,8 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     of_fragments = scene.reflectances(predictor.effective_nm)[transport.material]
     reflectance = transport.pixels(of_fragments) / np.maximum(transport.covered, 1e-9)
     once = predictor.with_settings(replace(predictor.settings, max_bounces=1))
-    direct, whole = (each.patch_picture(included) for each in (once, predictor))
-    part = np.clip(1 - direct / np.maximum(whole, 1e-30), 0.0, 1.0)
+    direct, total = (each.patch_picture(included) for each in (once, predictor))
+    part = np.clip(1 - direct / np.maximum(total, 1e-30), 0.0, 1.0)
     indirect = np.where(reflectance > 0, part * signal / np.maximum(reflectance, _DARK), 0.0)
     columns = flaw_columns(
         signal,
@@ -203,35 +203,35 @@ def confirmed_beside_flaws(
 
     Returns
     -------
-    kept : list of Candidate
+    confirmed : list of Candidate
         The effects that hold, fitted together again where one left.
-    beside : BesideFlaws
+    flaws : BesideFlaws
         What the base is off by with them.
     verdicts : tuple of Verdict
         Of every effect, those that left included.
     """
-    kept, left = list(selected), list[Verdict]()
+    confirmed, rejected = list(selected), list[Verdict]()
     while True:
-        residual = residual_with(linearised, kept)
-        beside = _fitted_to(_flaw_model(linearised, residual), residual)
-        verdicts = [_verdict(linearised, kept, index, beside, residual) for index in range(len(kept))]
+        residual = residual_with(linearised, confirmed)
+        flaws = _fitted_to(_flaw_model(linearised, residual), residual)
+        verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
-            return kept, beside, (*verdicts, *left)
+            return confirmed, flaws, (*verdicts, *rejected)
         worst = min(failing, key=lambda index: verdicts[index].evidence)
-        left.append(verdicts[worst])
-        del kept[worst]
-        kept = refitted_together(linearised, kept) if kept else []
+        rejected.append(verdicts[worst])
+        del confirmed[worst]
+        confirmed = refitted_together(linearised, confirmed) if confirmed else []
 
 
 def _verdict(
     linearised: LinearisedFit,
     selected: Sequence[Candidate],
     index: int,
-    beside: BesideFlaws,
+    flaws: BesideFlaws,
     residual: NDArray[np.float64],
 ) -> Verdict:
-    candidate, model = selected[index], beside.model
+    candidate, model = selected[index], flaws.model
     others = [c for i, c in enumerate(selected) if i != index]
     others = refitted_together(linearised, others) if others else []
     without = residual_with(linearised, others)
@@ -240,7 +240,7 @@ def _verdict(
         return Verdict(name, square(without) - square(residual), np.inf, 1.0, True)
     whitened = model.whitened(without)
     alone = model.fit(whitened)
-    shape = (whitened - beside.residual)[:, None]
+    shape = (whitened - flaws.residual)[:, None]
     (amplitude,), fitted = _amount_beside(model, shape, whitened, np.ones(1))
     sigma = float(np.sum(model.weighted(fitted, shape) * shape)) ** -0.5
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
@@ -261,13 +261,13 @@ class SelectedBesideFlaws:
     #: The same with their alternatives and tests.
     assessed: list[SelectedEffect]
     #: What the base is off by, with them.
-    beside: BesideFlaws
+    flaws: BesideFlaws
     #: Judgement of every effect, those that left included.
     verdicts: tuple[Verdict, ...]
 
 
 def selected_beside_flaws(
-    validation: Validation, linearised: LinearisedFit, held: Sequence[Candidate], signatures: Sequence[Signature]
+    validation: Validation, linearised: LinearisedFit, confirmed: Sequence[Candidate], signatures: Sequence[Signature]
 ) -> SelectedBesideFlaws:
     """Add effects to those that hold, as long as the evidence grows.
 
@@ -277,7 +277,7 @@ def selected_beside_flaws(
         Validation of the capture.
     linearised
         Its linearised fit, with those effects.
-    held
+    confirmed
         Effects that hold already.
     signatures
         Signatures of the hypotheses.
@@ -287,28 +287,28 @@ def selected_beside_flaws(
     SelectedBesideFlaws
         The effects that hold in the end.
     """
-    selected, beside = list(held), _beside(linearised, held)
+    selected, flaws = list(confirmed), _beside(linearised, confirmed)
     while len(selected) < MAX_EFFECTS:
         present = {c.hypothesis.effect.id for c in selected}
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
         residual = residual_with(linearised, selected)
         exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
         least = gain_of_shape_errors(residual, exact, rendered)
-        best = _best_beside(linearised.problem(selected), rest, beside, residual, least)
+        best = _best_beside(linearised.problem(selected), rest, flaws, residual, least)
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
-        selected = refitted_together(_judged(linearised, beside), [*selected, best])
-        beside = _beside(linearised, selected)
-    selected, beside, verdicts = confirmed_beside_flaws(linearised, selected)
+        selected = refitted_together(_judged(linearised, flaws), [*selected, best])
+        flaws = _beside(linearised, selected)
+    selected, flaws, verdicts = confirmed_beside_flaws(linearised, selected)
     if selected:
-        selected = refitted_together(_judged(linearised, beside), selected)
+        selected = refitted_together(_judged(linearised, flaws), selected)
         assessed = with_alternatives(linearised, selected, signatures)
         selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
         names = {c.hypothesis.effect.id for c in selected}
         verdicts = tuple(replace(verdict, holds=verdict.effect in names) for verdict in verdicts)
-        return SelectedBesideFlaws(linearised, selected, assessed, beside, verdicts)
-    return SelectedBesideFlaws(linearised, [], [], beside, verdicts)
+        return SelectedBesideFlaws(linearised, selected, assessed, flaws, verdicts)
+    return SelectedBesideFlaws(linearised, [], [], flaws, verdicts)
 
 
 def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
@@ -317,15 +317,15 @@ def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideF
     return _fitted_to(_flaw_model(linearised, residual), residual)
 
 
-def _judged(linearised: LinearisedFit, beside: BesideFlaws) -> LinearisedFit:
+def _judged(linearised: LinearisedFit, flaws: BesideFlaws) -> LinearisedFit:
     """The same fit with the flaws in its covariance."""
-    return replace(linearised, model=beside.model.counted_in(linearised.model, beside.fitted))
+    return replace(linearised, model=flaws.model.counted_in(linearised.model, flaws.fitted))
 
 
 def _best_beside(
     problem: Problem,
     signatures: Sequence[Signature],
-    beside: BesideFlaws,
+    flaws: BesideFlaws,
     residual: NDArray[np.float64],
     least: float,
 ) -> Candidate | None:
@@ -334,19 +334,19 @@ def _best_beside(
     The widths of the flaws are fitted again with each of the best few in place, so that flaws no longer stand for it.
     Its change must be as large as that of an effect that is selected by size. least : chi2 by errors of shapes.
     """
-    model, whitened = beside.model, beside.model.whitened(residual)
+    model, whitened = flaws.model, flaws.model.whitened(residual)
     gains = []
     for signature in signatures:
         columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
-        for weighted in (columns, model.weighted(beside.fitted, columns)):
+        for weighted in (columns, model.weighted(flaws.fitted, columns)):
             amount = _amount(weighted, columns, whitened)
             gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, columns, amount))
-    first = sorted(gains[::2], key=lambda one: -one[0])[:_MAX_REFITTED]
-    second = sorted(gains[1::2], key=lambda one: -one[0])[:_MAX_REFITTED]
+    first = sorted(gains[::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
+    second = sorted(gains[1::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
     for _, signature, columns, start in (*first, *second):
         amount, fitted = _amount_beside(model, columns, whitened, start)
-        evidence = beside.score - fitted.score - price_of(len(amount))
+        evidence = flaws.score - fitted.score - price_of(len(amount))
         candidate = _started(screen(problem, signature, residual), signature, amount)
         change = columns_of(problem, signature) @ amount
         large = square(change) > max(least, least_gain_of(change, problem.model))
@@ -355,7 +355,7 @@ def _best_beside(
     return best[1]
 
 
-def cost_in_power(problem: Problem, signatures: Sequence[Signature], beside: BesideFlaws) -> float:
+def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: BesideFlaws) -> float:
     """Factor by which flaws raise the size that an effect must have to be seen.
 
     Parameters
@@ -363,8 +363,8 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], beside: Bes
     problem
         The capture without effects.
     signatures
-        Signatures of the hypotheses, of which a few stand for all.
-    beside
+        Signatures of the hypotheses; a few stand for all.
+    flaws
         What the base is off by.
 
     Returns
@@ -372,12 +372,12 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], beside: Bes
     float
         Median over effects of standard deviations with flaws free over those without, at least 1.
     """
-    model, ratios = beside.model, [1.0]
+    model, ratios = flaws.model, [1.0]
     usable = [signature for signature in signatures if not signature.by_priors]
     for signature in usable[:: max(len(usable) // _NUM_SAMPLED, 1)]:
         columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
-        plain, left = (float(np.sum(each * columns)) for each in (columns, model.weighted(beside.fitted, columns)))
-        ratios.append(float(np.sqrt(plain / max(left, 1e-12 * plain))) if plain > 0 else 1.0)
+        plain, with_flaws = (float(np.sum(each * columns)) for each in (columns, model.weighted(flaws.fitted, columns)))
+        ratios.append(float(np.sqrt(plain / max(with_flaws, 1e-12 * plain))) if plain > 0 else 1.0)
     return max(float(np.median(ratios)), 1.0)
 
 

@@ -361,9 +361,9 @@ def _cosine(
 
 
 def _emission(position: NDArray[Any], lamps: Sequence[LampSampler], weight: NDArray[Any]) -> NDArray[np.float64]:
-    """(n,) mean cosine, 0 to 1, between the lamps' normals and the directions from them to positions (n, 3).
+    """(n,) mean cosine, 0 to 1, between the lamps' normals and directions from them.
 
-    weight : (n, lamp) of the mean; where all are 0, the lamps count alike.
+    The directions lead to positions (n, 3). weight : (n, lamp) of the mean; where all are 0, the lamps count alike.
     """
     cosines = []
     for lamp in lamps:

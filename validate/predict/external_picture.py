@@ -137,10 +137,10 @@ def external_picture(
     tracer = build_tracer(scene)
     coverage = facet_coverage(tracer, camera)
     if "standard_error" in cube:
-        stated = cube["standard_error"]
-        batches = int(stated.attrs.get("batches", 0))
+        standard_error = cube["standard_error"]
+        batches = int(standard_error.attrs.get("batches", 0))
         edges = coverage.max(axis=-1) < 1
-        error = np.sqrt(pooled_variance(radiance, stated.values.astype(float) ** 2, edges, batches))
+        error = np.sqrt(pooled_variance(radiance, standard_error.values.astype(float) ** 2, edges, batches))
     else:
         error = np.sqrt(variance_of_neighbours(radiance, radiance, coverage.max(axis=-1) == 1))
     # two batches that far apart have this error of their mean

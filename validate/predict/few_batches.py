@@ -1,4 +1,4 @@
-"""Variances of few batches: pooled with those of neighbours, and widened as Student's t is wider than a normal."""
+"""Variances of few batches, pooled with those of neighbours and widened by Student's t."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def pooled_variance(
     count = batches if batches >= 2 else _ASSUMED_BATCHES
     if count >= MANY_BATCHES:
         return variance
-    own = count - 1.0
+    pixel_degrees = count - 1.0
     ranges = maximum_filter(radiance, (3, 3, 1)) - minimum_filter(radiance, (3, 3, 1))
     scale = np.where(edges[..., None], ranges, 0.0) + np.where(edges[..., None], _LEAST_SCALE, 1.0) * np.abs(radiance)
     scale = np.maximum(scale, 1e-6 * max(float(np.abs(radiance).mean()), 1e-300))
@@ -58,7 +58,7 @@ def pooled_variance(
         sums = uniform_filter(inside, (_WINDOW_PX, _WINDOW_PX, 1)) * _WINDOW_PX**2 - inside
         others = np.minimum(np.maximum(members, 0.0), _MOST_NEIGHBOURS)[..., None]
         around = sums / np.maximum(members, 1.0)[..., None]
-        degrees = own * (1 + others)
+        degrees = pixel_degrees * (1 + others)
         pooled = (relative + others * np.maximum(around, 0.0)) / (1 + others)
         wider = degrees / np.maximum(degrees - 2, 0.5)
         result[mask] = (pooled * wider * scale**2)[mask]

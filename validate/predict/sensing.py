@@ -109,7 +109,10 @@ def _interleaving(calibration: Calibration, sources: Sequence[_Band]) -> Interle
 
 
 def _channel_ratio(calibration: Calibration, band: BandTable, letter: str, source: _Band) -> float:
-    """Signal of a channel over that of the band's channel, for the lamp or else the flat's source."""
+    """Signal of a channel over that of the band's channel.
+
+    The light is the lamp's, or else that of the flat's source.
+    """
     capture, channels = calibration.capture, calibration.channels
     lamp = capture.manifest.lamp
     light = source.flat_radiance if lamp is None else capture.light(lamp.radiance).at(WAVELENGTH_NM)

@@ -97,7 +97,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Judgement of one effect beside the base's flaws; a number that is not finite is None."""
+    """Judgement of one effect next to the base's flaws; a number that is not finite is None."""
     return {key: value if isinstance(value, bool) else _finite(value) for key, value in asdict(verdict).items()}
 
 
@@ -195,7 +195,7 @@ def result_sentence(diagnosis: Diagnosis) -> str:
 
 
 def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
-    """Flaws of the base itself, what they cost, and effects that do not hold beside them.
+    """Flaws of the base itself, what they cost, and effects that do not hold next to them.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
         f"With these flaws free, an effect must be {diagnosis.flaws_cost:.1f} times as large to be seen.",
     ]
     sentences += [
-        f"{verdict.effect} fits, but not beside these flaws: with them its size is {verdict.certainty:.1f} standard "
+        f"{verdict.effect} fits, but not next to these flaws: with them its size is {verdict.certainty:.1f} standard "
         f"deviations, {100 * verdict.stability:.0f} % of its size without."
         for verdict in diagnosis.verdicts
         if not verdict.holds

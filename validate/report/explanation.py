@@ -41,7 +41,7 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
             "runner_up": None,
             "field": None,
         }
-    words = advice(explanation)
+    guidance = advice(explanation)
     centre = explanation.centre_px
     return {
         "family": explanation.family,
@@ -59,10 +59,10 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         },
         "heldout": float(explanation.heldout),
         "registration": {name: round(float(share), 3) for name, share in asdict(explanation.registration).items()},
-        "fixed": words.fixed,
+        "fixed": guidance.fixed,
         "appearance": appearance(explanation.registration),
-        "everyday_causes": list(words.causes),
-        "experiment": words.experiment,
+        "everyday_causes": list(guidance.causes),
+        "experiment": guidance.experiment,
         "field": None if explanation.field is None else field_record(explanation.field),
         "families": [
             {
@@ -133,11 +133,11 @@ def laboratory_sentences(explanation: Explanation) -> tuple[str, ...]:
     tuple
         Two sentences; the experiment that settles it is a step of the report.
     """
-    words = advice(explanation)
-    first, *middle, last = words.causes
+    guidance = advice(explanation)
+    first, *middle, last = guidance.causes
     causes = f"{', '.join([first, *middle])} or {last}"
-    seen = appearance(explanation.registration)
-    return (f"It is fixed {words.fixed}; {seen}.", f"Everyday causes of such a pattern are {causes}.")
+    look = appearance(explanation.registration)
+    return (f"It is fixed {guidance.fixed}; {look}.", f"Everyday causes of such a pattern are {causes}.")
 
 
 def explanation_sections(explanation: Explanation | None) -> list[ReportSection]:

@@ -162,9 +162,9 @@ class _ReadoutAndCharge:
         """(y, x) counts of a frame after effects."""
         changed = after_stage(self._frames(frame, counts, self._dark(frame)), effects, "counts")
         frames = {"band": changed.scene, "flat": changed.flat, "reference": changed.reference}
-        seen = self._seen(frame)
-        bands = [self.settings.bands[index] for index in seen]
-        return interleaved(frames[frame.kind][seen], bands, self.settings.mosaic)
+        indices = self._seen(frame)
+        bands = [self.settings.bands[index] for index in indices]
+        return interleaved(frames[frame.kind][indices], bands, self.settings.mosaic)
 
     def _seen(self, frame: Frame) -> list[int]:
         """Indices of the bands that see a frame."""

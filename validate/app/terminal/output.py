@@ -127,7 +127,7 @@ class Run:
         self.quiet = self.verbose = console.quiet = console.stderr = False
 
     def be_verbose(self) -> None:
-        """Print what the library logs, beside the duration of each stage."""
+        """Print what the library logs, and the duration of each stage."""
         self.verbose = True
         logger = logging.getLogger("cboxlab")
         if not any(isinstance(handler, _LogLines) for handler in logger.handlers):

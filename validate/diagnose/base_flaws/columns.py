@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from cboxlab.rendering.perturbation import PatchTransport, Warp
@@ -110,11 +111,11 @@ def flaw_columns(
     pairs = _meeting_faces(picture.face)
     touching = _touching(pairs, picture.face, transport)
     kinds, columns = [], []
-    for kind, change in (
-        *(one for pair in touching for one in _crease(picture, *pair)),
-        *(one for pair in pairs for one in _edge(picture, warp, *pair)),
-        *(one for face in np.unique(picture.face[picture.face >= 0]) for one in _shading(picture, face)),
-        *(one for one in _field(picture)),
+    for kind, change in chain(
+        *(_crease(picture, *pair) for pair in touching),
+        *(_edge(picture, warp, *pair) for pair in pairs),
+        *(_shading(picture, face) for face in np.unique(picture.face[picture.face >= 0])),
+        _field(picture),
     ):
         kinds.append(kind)
         columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
@@ -144,14 +145,14 @@ def _touching(
         (face[:, 1:], face[:, :-1], np.linalg.norm(points[:, 1:] - points[:, :-1], axis=-1)),
         (face[1:], face[:-1], np.linalg.norm(points[1:] - points[:-1], axis=-1)),
     ]
-    inside = np.concatenate([away[one == other] for one, other, away in steps])
+    inside = np.concatenate([away[first == second] for first, second, away in steps])
     usual = float(np.nanmedian(inside)) if inside.size else np.inf
     touching = []
     for pair in pairs:
         across = np.concatenate(
             [
-                away[((one == pair[0]) & (other == pair[1])) | ((one == pair[1]) & (other == pair[0]))]
-                for one, other, away in steps
+                away[((first == pair[0]) & (second == pair[1])) | ((first == pair[1]) & (second == pair[0]))]
+                for first, second, away in steps
             ]
         )
         if np.nanmedian(across) < _MAX_GAP * usual:
@@ -159,13 +160,13 @@ def _touching(
     return touching
 
 
-def _crease(picture: _Picture, one: int, other: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
+def _crease(picture: _Picture, first: int, second: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) changes by a soft corner of two faces.
 
     Reflected light is blurred along it, and either side changes by itself.
     """
-    apart = [distance_transform_edt(picture.face != face) for face in (one, other)]
-    both = (picture.face == one) | (picture.face == other)
+    apart = [distance_transform_edt(picture.face != face) for face in (first, second)]
+    both = (picture.face == first) | (picture.face == second)
     near = both & (np.maximum(*apart) < _CREASE_REACH)
     if not near.any():
         return
@@ -175,12 +176,12 @@ def _crease(picture: _Picture, one: int, other: int) -> Iterator[tuple[str, NDAr
         even /= np.maximum(gaussian_filter(both.astype(float), width, mode="nearest"), 1e-3)
         change = np.where(near, (even - picture.indirect) * picture.reflectance, 0.0)
         yield "creases:blur", change[picture.used]
-    for side, opposite, away in ((one, other, apart[1]), (other, one, apart[0])):
-        beside = np.where((picture.face == side) & (away < _CREASE_REACH), np.exp(-away / _SIDE_PX), 0.0)
-        yield "creases:side", (_SIDE_TOLERANCE * beside * picture.signal)[picture.used]
+    for side, opposite, away in ((first, second, apart[1]), (second, first, apart[0])):
+        falloff = np.where((picture.face == side) & (away < _CREASE_REACH), np.exp(-away / _SIDE_PX), 0.0)
+        yield "creases:side", (_SIDE_TOLERANCE * falloff * picture.signal)[picture.used]
         colour = _colour(picture, opposite)
         if colour.std() > _COLOURED:
-            coloured = beside * (colour - colour.mean())[:, None, None]
+            coloured = falloff * (colour - colour.mean())[:, None, None]
             yield "creases:colour", (_SIDE_TOLERANCE * coloured * picture.signal)[picture.used]
 
 
@@ -191,23 +192,23 @@ def _colour(picture: _Picture, face: int) -> NDArray[np.float64]:
     return np.asarray(level / max(level.mean(), 1e-9))
 
 
-def _edge(picture: _Picture, warp: Warp, one: int, other: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
+def _edge(picture: _Picture, warp: Warp, first: int, second: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) changes by a shift of the border of two faces by a pixel, and by its turn."""
     index = {int(face): i for i, face in enumerate(warp.faces)}
-    if one not in index or other not in index:
+    if first not in index or second not in index:
         return
-    shares = warp.coverage[..., [one, other]]
+    shares = warp.coverage[..., [first, second]]
     on_border = np.minimum(1.0, 6 * shares[..., 0] * shares[..., 1])
     rows, columns = np.nonzero(on_border)
     if len(rows) < _MIN_CONTACT_PX:
         return
     apart = np.stack([rows - rows.mean(), columns - columns.mean()])
     along = np.linalg.eigh(apart @ apart.T)[1][:, -1] @ apart
-    place = np.zeros(on_border.shape)
-    place[rows, columns] = along / max(np.abs(along).max(), 1e-9)
-    step = np.moveaxis(warp.layers[index[one]] - warp.layers[index[other]], -1, 0) * on_border
+    position = np.zeros(on_border.shape)
+    position[rows, columns] = along / max(np.abs(along).max(), 1e-9)
+    step = np.moveaxis(warp.layers[index[first]] - warp.layers[index[second]], -1, 0) * on_border
     level = picture.signal.sum() / max(warp.base.sum(), 1e-30)
-    for part, shape in (("shift", np.ones_like(place)), ("turn", place)):
+    for part, shape in (("shift", np.ones_like(position)), ("turn", position)):
         yield f"edges:{part}", (level * shape * step)[picture.used]
 
 

@@ -159,9 +159,9 @@ class FlawModel(Generic[W]):
         for _ in range(_ROUNDS):
             amount, covariance = self._posterior(width, aim)
             for kind in kinds:
-                own = self.kind == kind
-                free = own.sum() - np.trace(covariance[np.ix_(own, own)]) / width[kind] ** 2
-                fitted = np.sqrt(float(amount[own] @ amount[own]) / max(float(free), 1e-3))
+                members = self.kind == kind
+                free = members.sum() - np.trace(covariance[np.ix_(members, members)]) / width[kind] ** 2
+                fitted = np.sqrt(float(amount[members] @ amount[members]) / max(float(free), 1e-3))
                 width[kind] = float(np.clip(fitted, _MIN_WIDTH, _MAX_WIDTH))
         amount, covariance = self._posterior(width, aim)
         return FittedFlaws(width, self._score(width, aim, square), amount, covariance)
@@ -247,10 +247,10 @@ class FlawModel(Generic[W]):
         NDArray
             (n + 11,) in the whitened model.
         """
-        own = self._own(kind) if kind else self.kind != _SHARED
-        return np.asarray(self.columns[:, own] @ fitted.amount[own].astype(np.float32), float)
+        members = self._of_kind(kind) if kind else self.kind != _SHARED
+        return np.asarray(self.columns[:, members] @ fitted.amount[members].astype(np.float32), float)
 
-    def _own(self, kind: str) -> NDArray[np.bool_]:
+    def _of_kind(self, kind: str) -> NDArray[np.bool_]:
         """(k,) columns of a kind, in all its forms."""
         return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
@@ -267,8 +267,8 @@ class FlawModel(Generic[W]):
         NDArray
             (n,) DN.
         """
-        own = self.kind != _SHARED
-        return np.asarray(fitted.amount[own].astype(np.float32) @ self.change[own], float)
+        members = self.kind != _SHARED
+        return np.asarray(fitted.amount[members].astype(np.float32) @ self.change[members], float)
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model with the flaws in its covariance.
@@ -309,8 +309,8 @@ class FlawModel(Generic[W]):
         for kind in dict.fromkeys(str(each).partition(":")[0] for each in self.kind):
             if kind == _SHARED:
                 continue
-            part, own = self.part(fitted, kind), self._own(kind)
-            width = float(self._prior(fitted.width)[own].max())
+            part, members = self.part(fitted, kind), self._of_kind(kind)
+            width = float(self._prior(fitted.width)[members].max())
             flaws.append(Flaw(kind, float(part @ part) / count, width, self._heldout(fitted, residual, kind)))
         if self.pixel_error > 0 and self.model.errors is not None:
             cells = self.model.errors
@@ -320,24 +320,25 @@ class FlawModel(Generic[W]):
 
     def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
-        own, count = self._own(kind), self.model.count
+        members, count = self._of_kind(kind), self.model.count
         rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
         rows, columns = np.indices(self.model.used.shape[1:])
         board = (rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2 == 1
         white = np.broadcast_to(board, self.model.used.shape)[self.model.used]
         gains = np.zeros(2)
         for inside in (white, ~white):
-            one = self.columns[:count, own][inside]
-            ridge = np.diag(1 / self._prior(fitted.width)[own] ** 2)
-            amount = np.linalg.solve(one.T.astype(float) @ one + ridge, one.T @ rest[inside])
-            for place, part in enumerate((inside, ~inside)):
-                change = self.columns[:count, own][part] @ amount
-                gains[place] += float(2 * change @ rest[part] - change @ change)
+            fitted_rows = self.columns[:count, members][inside]
+            ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)
+            products = fitted_rows.T.astype(float) @ fitted_rows
+            amount = np.linalg.solve(products + ridge, fitted_rows.T @ rest[inside])
+            for index, part in enumerate((inside, ~inside)):
+                change = self.columns[:count, members][part] @ amount
+                gains[index] += float(2 * change @ rest[part] - change @ change)
         return float(gains[1] / max(gains[0], 1e-30))
 
 
 def build_flaw_model(
-    model: W, given: FlawColumns, signal: NDArray[np.float64], residual: NDArray[np.float64]
+    model: W, flaws: FlawColumns, signal: NDArray[np.float64], residual: NDArray[np.float64]
 ) -> FlawModel[W]:
     """Columns of flaws in a linear model, deviations of single pixels estimated and whitened.
 
@@ -345,8 +346,8 @@ def build_flaw_model(
     ----------
     model
         Linear model of the capture, without errors in its covariance.
-    given
-        Columns.
+    flaws
+        Columns of the flaws.
     signal
         (band, y, x) predicted signal, DN.
     residual
@@ -357,21 +358,21 @@ def build_flaw_model(
     FlawModel
         In the covariance with single pixels' deviations.
     """
-    plain = _with_columns(model, 0.0, given, signal)
-    left = residual - plain.part(fitted := plain.fit(residual)) - plain.part(fitted, _SHARED)
-    error = _pixel_error(model, signal, left)
+    plain = _with_columns(model, 0.0, flaws, signal)
+    remaining = residual - plain.part(fitted := plain.fit(residual)) - plain.part(fitted, _SHARED)
+    error = _pixel_error(model, signal, remaining)
     if error == 0:
         return plain
-    return _with_columns(model, error, given, signal)
+    return _with_columns(model, error, flaws, signal)
 
 
-def _with_columns(plain: Whitening, error: float, given: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
+def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
     """Columns whitened and projected, with the errors that bands and faces share."""
     model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
     shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
-    change = np.vstack([given.change, shared])
-    columns = np.array([model.whiten_used(one.astype(float)) for one in change], np.float32)
-    kind = np.append(given.kind, np.full(len(shared), _SHARED))
+    change = np.vstack([flaws.change, shared])
+    columns = np.array([model.whiten_used(column.astype(float)) for column in change], np.float32)
+    kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
     return FlawModel(model, error, kind, columns.T.copy(), change, signal)
 
 
@@ -392,9 +393,9 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
     common = float(np.sum(each**2 - alone)) / max(float(np.sum(weight**2 - fourth)), 1e-300)
     shape = model.used.shape[1:]
     e, w = each.reshape(shape), weight.reshape(shape)
-    beside = sum(float(np.sum(a * b)) for a, b in ((e[1:], e[:-1]), (e[:, 1:], e[:, :-1])))
+    shared = sum(float(np.sum(a * b)) for a, b in ((e[1:], e[:-1]), (e[:, 1:], e[:, :-1])))
     weights = sum(float(np.sum(a * b)) for a, b in ((w[1:], w[:-1]), (w[:, 1:], w[:, :-1])))
-    return float(np.sqrt(np.clip(common - max(beside / max(weights, 1e-300), 0.0), 0.0, _MAX_PIXEL_ERROR**2)))
+    return float(np.sqrt(np.clip(common - max(shared / max(weights, 1e-300), 0.0), 0.0, _MAX_PIXEL_ERROR**2)))
 
 
 def _pixel_errors(

@@ -116,7 +116,7 @@ def explain(data: ResidualData, progress: Progress = NO_PROGRESS) -> Explanation
 def _continued(
     data: ResidualData, winner: FittedExplanation, change: NDArray[np.float64], total: float
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Change (band, y, x) by a winner and by further forms of its family, in turn, and the further forms in words.
+    """Change (band, y, x) by a winner and then by further forms of its family; the forms' names.
 
     Several grains of dust, or rows and columns, are one cause each. A form is added while it explains more of the
     excess, and holds where it was not fitted.
@@ -196,10 +196,10 @@ def _compare(
     _, score, winner = ranked[0]
     margin = max(_MIN_SCORE_DIFFERENCE, _MIN_SCORE_DIFFERENCE_PART * winner.fit.gain)
     holds = winner.fit.predicts >= MIN_HELDOUT_GAIN
-    seen = registration(data)
-    odds = probabilities(rivals, seen) if continued else {}
+    registered = registration(data)
+    odds = probabilities(rivals, registered) if continued else {}
     if winner.evidence < _MIN_EVIDENCE or rivals[0].share < min_share or not holds:
-        return _no_explanation(data, rivals, len(candidates), seen, odds)
+        return _no_explanation(data, rivals, len(candidates), registered, odds)
     change = change_dn(data, winner)
     change, further = _continued(data, winner, change, total) if continued else (change, [])
     whitened = data.whitened(change)
@@ -231,7 +231,7 @@ def _compare(
         effects_leave=winner.effects_leave,
         field=fitted_field(data, winner),
         family_record=winner.family,
-        registration=seen,
+        registration=registered,
         odds=odds,
     )
 
@@ -261,7 +261,11 @@ def _visible_bands(change: NDArray[np.float64], whitened: NDArray[np.float64]) -
 
 
 def _no_explanation(
-    data: ResidualData, rivals: Sequence[Rival], num_forms: int, seen: Registration, odds: Mapping[str, float]
+    data: ResidualData,
+    rivals: Sequence[Rival],
+    num_forms: int,
+    registered: Registration,
+    odds: Mapping[str, float],
 ) -> Explanation:
     return Explanation(
         family=NONE,
@@ -285,7 +289,7 @@ def _no_explanation(
         effects_leave=0.0,
         field=None,
         family_record=None,
-        registration=seen,
+        registration=registered,
         odds=odds,
     )
 

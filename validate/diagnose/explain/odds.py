@@ -1,7 +1,8 @@
 """Probabilities of families, of none of them, and of no cause, learnt from simulated causes.
 
-A conditional logit (McFadden 1974): each family has a utility that is linear in what its best form shows, "none" one in
-what the best of all shows, and "sound" one in the size of the excess. The weights are data, see `learnt_odds`.
+A conditional logit (McFadden 1974): each outcome has a utility. That of a family is linear in what its best form shows,
+and that of "none" in what the best of all forms shows. That of "sound" is linear in the size of the excess. The weights
+are data, see `learnt_odds`.
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ def probabilities(rivals: Sequence[Rival], registration: Registration) -> dict[s
     Returns
     -------
     dict
-        By family, "none" and "sound"; the sum is 1. Families of other packages have no offset of their own.
+        By family, "none" and "sound"; the sum is 1. Families of other packages have the offset 0.
     """
     outcomes, table = features(rivals, registration)
     learnt = learnt_odds()

@@ -80,7 +80,7 @@ def registration(data: ResidualData) -> Registration:
         return np.asarray(rows // side * data.shape[1] + columns // side)
 
     by_squares = {side: share(data.signal, squares(side)) for side in _SQUARES_PX}
-    side = max(by_squares, key=lambda one: by_squares[one])
+    side = max(by_squares, key=lambda size: by_squares[size])
     where = squares(side)
     edges = (maximum_filter(surfaces, 3) != minimum_filter(surfaces, 3)) & data.used.any(axis=0)
     at_edges = float((square - noise * data.used)[:, edges].sum()) / excess

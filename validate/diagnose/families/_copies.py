@@ -23,7 +23,7 @@ _MIN_ADDED = 0.5
 #: Part of the picture's light that a copy brings into the frame at the least: a small part of it resembles steps.
 _MIN_OVERLAP = 0.6
 
-#: Least chi2 of a copy beside the lamp's power, over the largest of all shifts: less is rounding.
+#: Least chi2 of a copy that the lamp's power does not take up, over the largest of all shifts: less is rounding.
 _MIN_POWER = 1e-3
 
 
@@ -43,36 +43,46 @@ def copies(data: ResidualData, family: Family) -> Iterator[FittedExplanation]:
         Copies that all bands share.
     """
     quarter = (0, 1, 2, 3) if data.shape[0] == data.shape[1] else (0, 2)
-    for form, places in (
-        ("a faint copy of the picture beside itself", [PictureCopy()]),
+    for form, orientations in (
+        ("a faint copy of the picture", [PictureCopy()]),
         (
             "a mirrored copy of the picture",
             [PictureCopy(turns, True) for turns in quarter],
         ),
         ("a turned copy of the picture", [PictureCopy(turns) for turns in quarter[1:]]),
     ):
-        trials = [_best_shift(data, place) for place in places]
-        _, place = max(trials, key=lambda trial: trial[0])
-        copy = _fitted(data, family, form, place, len(places) * data.used[0].size)
+        trials = [_best_shift(data, orientation) for orientation in orientations]
+        _, best = max(trials, key=lambda trial: trial[0])
+        copy = _fitted(data, family, form, best, len(orientations) * data.used[0].size)
         parts = copy.fit.coefficients[0]
         if parts.sum() > _MIN_ADDED * np.abs(parts).sum():
             yield copy
 
 
-def _fitted(data: ResidualData, family: Family, form: str, place: PictureCopy, num_choices: int) -> FittedExplanation:
+def _fitted(
+    data: ResidualData, family: Family, form: str, picture_copy: PictureCopy, num_choices: int
+) -> FittedExplanation:
     def columns(band: int) -> NDArray[Any]:
-        each = exchanges("copy", data.signal[band], place=place)
+        each = exchanges("copy", data.signal[band], place=picture_copy)
         return np.array([part.ravel() for part in each], np.float32)
 
     fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
-    down, right = place.shift_px
+    down, right = picture_copy.shift_px
     where = f"{form}, shifted by ({right}, {down}) pixels"
     return FittedExplanation(
-        family, where, fit, columns, "copy", ImageMaps("cosines"), sharp=True, num_choices=num_choices, place=place
+        family,
+        where,
+        fit,
+        columns,
+        "copy",
+        ImageMaps("cosines"),
+        sharp=True,
+        num_choices=num_choices,
+        picture_copy=picture_copy,
     )
 
 
-def _best_shift(data: ResidualData, place: PictureCopy) -> tuple[float, PictureCopy]:
+def _best_shift(data: ResidualData, orientation: PictureCopy) -> tuple[float, PictureCopy]:
     """Gain of chi2 and place of the copy that explains most, over all shifts by whole pixels.
 
     The part of a copy that the lamp's power takes up is deducted.
@@ -81,7 +91,7 @@ def _best_shift(data: ResidualData, place: PictureCopy) -> tuple[float, PictureC
     size = [next_fast_len(2 * n) for n in (rows, columns)]
     product = power = cross = overlap = np.zeros(1)
     for signal, weight, residual in zip(data.signal, data.weight, data.marginal_residual, strict=True):
-        picture = place.turned(signal)
+        picture = orientation.turned(signal)
         copy, square = (np.conj(rfft2(image, size)) for image in (picture, picture**2))
         product = product + irfft2(rfft2(residual * weight, size) * copy, size)
         power = power + irfft2(rfft2(weight**2, size) * square, size)
@@ -91,7 +101,7 @@ def _best_shift(data: ResidualData, place: PictureCopy) -> tuple[float, PictureC
     enough = (overlap > _MIN_OVERLAP * data.signal.sum()) & (power > _MIN_POWER * power.max())
     gain = np.where(enough, product * np.abs(product) / np.maximum(power, 1e-30), -1.0)
     down, right = (np.fft.fftfreq(n, 1 / n).astype(int) for n in size)
-    if place == PictureCopy():
+    if orientation == PictureCopy():
         gain[np.hypot(down[:, None], right) < _MIN_SHIFT_PX] = -1
     i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
-    return float(gain[i, j]), PictureCopy(place.turns, place.mirrored, (int(down[i]), int(right[j])))
+    return float(gain[i, j]), PictureCopy(orientation.turns, orientation.mirrored, (int(down[i]), int(right[j])))

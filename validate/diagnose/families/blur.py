@@ -1,4 +1,4 @@
-"""Light astray in the image: blurs, smears, halo, streaks, charge that trails, copies."""
+"""Light spread in the image: blurs, smears, halo, streaks, charge that trails, copies."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ _ADVICE = (
     Advice(
         "",
         "in the scene",
-        ("light of the room or a window", "a second lamp", "a light wall or shirt beside the camera"),
+        ("light of the room or a window", "a second lamp", "a light wall or shirt near the camera"),
         "Photograph with the box's lamp off, with the same exposure: what stays is other light.",
     ),
 )

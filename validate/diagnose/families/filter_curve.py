@@ -26,15 +26,15 @@ from ..field_fit import (
 
 __all__ = ["FAMILY"]
 
-#: Fewest bands of which one may hold light of others.
+#: Fewest bands for a form in which one holds light of others.
 _MIN_BANDS = 3
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
-    """Leaks, shifted and wrong tables, the next filter's light: sums of the bands' pictures in one band.
+    """Leaks, shifted or wrong tables, other filters' light: sums of pictures in one band.
 
     The pictures of the bands stand for the light at their wavelengths. The own picture is a filter that is darker or
-    brighter; it is free beside the others, since flats and references may or may not see the same filter.
+    brighter; it is free as well, since flats and references may or may not see the same filter.
     """
     data = fit_input.data
     bands = len(data.bands)
@@ -53,8 +53,8 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
     n = equations_in_all_bands(data, mixed)
     parts = level[:, None] / np.maximum(level, 1e-9)
     for band in range(bands):
-        own = np.eye(bands)[band]
-        yield _explanation(f"other light in {data.bands[band]}", fixed_spectrum(n, own), frames, parts, bands)
+        single_band = np.eye(bands)[band]
+        yield _explanation(f"other light in {data.bands[band]}", fixed_spectrum(n, single_band), frames, parts, bands)
         others = [(_from_one(n, band, source), source) for source in range(bands) if source != band]
         fit, source = max(others, key=lambda pair: pair[0].evidence)
         form = f"light of {data.bands[source]} in {data.bands[band]}"

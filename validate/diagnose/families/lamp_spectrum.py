@@ -43,7 +43,10 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _by_angle(fit_input: FitInput) -> FittedExplanation:
-    """Light that leaves the lamp at other angles, in each band otherwise, as behind a cover that scatters."""
+    """Light by the angle at which it leaves the lamp, free in each band.
+
+    A cover that scatters does this.
+    """
     data, maps = fit_input.data, fit_input.surface_maps
     fit = free_spectrum(equations_in_all_bands(data, maps.lamp_lobe))
     _, even = maps.even_maps()

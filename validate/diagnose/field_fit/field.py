@@ -57,7 +57,7 @@ _MAX_ROUNDS = 6
 #: Change of a spectrum, relative to its largest number, that ends the alternating fit: evidence changes by its square.
 _MAX_SPECTRUM_CHANGE = 1e-3
 
-#: Fewest bands of a map of which every other one is held out: two are fitted and one is tested, or more.
+#: Fewest bands of a map for holding out every other one: two are fitted and one is tested, or more.
 _MIN_BANDS_TO_HOLD_OUT = 3
 
 #: Parts of the pixels that may deviate: all of an old flat, few that are hot.
@@ -244,7 +244,10 @@ def fixed_spectrum(n: NormalEquations, spectrum: NDArray[Any]) -> FieldFit:
 
 
 def _held_out_bands(n: NormalEquations, s: NDArray[Any], width: float) -> float:
-    """Gain per gain of trial fits of a map to every other band, in the bands between; NaN for too few bands."""
+    """Gain by trial fits of a map in the bands held out, over that in the fitted bands.
+
+    The fits are to every other band; NaN for too few bands.
+    """
     visible = np.flatnonzero(s)
     if len(visible) < _MIN_BANDS_TO_HOLD_OUT:
         return float("nan")
@@ -391,8 +394,8 @@ def pixel_fit(
     product = operator * data.weight * data.marginal_residual
     numbers = _single_pixels(product, size)
     h, b = size.sum(axis=0).ravel(), (size.sum(axis=0) * numbers).ravel()
-    beside = 1 + common_variance * h
-    h, b = h / beside, b / beside
+    widening = 1 + common_variance * h
+    h, b = h / widening, b / widening
     prior = _likeliest_prior(h, b)
     x, part = _pixels_under_prior(h, b, prior)
     gains = np.zeros(2)
@@ -403,20 +406,20 @@ def pixel_fit(
         )
         for index, bands in enumerate((some, others)):
             of_part = size[bands].sum(axis=0)
-            own = (_single_pixels(product[bands], size[bands]) * of_part).ravel()
-            gains[index] += float(np.sum(2 * trial * own - trial**2 * of_part.ravel()))
+            target = (_single_pixels(product[bands], size[bands]) * of_part).ravel()
+            gains[index] += float(np.sum(2 * trial * target - trial**2 * of_part.ravel()))
     heldout = float(gains[1] / gains[0]) if gains[0] > 0 else 0.0
     coefficients = np.tile(x, (len(operator), 1))
     of_bands = np.sum(size.reshape(len(size), -1) * x**2, axis=1)
     freedom = float(np.sum(part * prior.width * h / (1 + prior.width * h)))
-    gain = float(np.sum(beside * (2 * x * b - x**2 * h)))
+    gain = float(np.sum(widening * (2 * x * b - x**2 * h)))
     fit = FieldFit(coefficients, gain, prior.evidence, heldout, freedom, of_bands, heldout)
     return fit, _neighbours_correlation(product, size)
 
 
 @dataclass(frozen=True)
 class _PixelPrior:
-    """Prior of pixels of which a part deviates, by normal numbers."""
+    """Prior of pixels: a part of them deviates, by normal numbers."""
 
     #: Squared width of the deviations.
     width: float
@@ -459,19 +462,20 @@ def _mean_numbers(product: NDArray[np.float64], size: NDArray[np.float64]) -> ND
 
 def _single_pixels(product: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
     """(y, x) number of each pixel less the weighted mean of its eight neighbours."""
-    own, used = _mean_numbers(product, size), (size.sum(axis=0) > 0).astype(float)
+    numbers, used = _mean_numbers(product, size), (size.sum(axis=0) > 0).astype(float)
     around = uniform_filter(used, 3, mode="constant") * 9 - used
-    mean = (uniform_filter(own * used, 3, mode="constant") * 9 - own * used) / np.maximum(around, 1.0)
-    return np.asarray(np.where((used > 0) & (around >= 1), own - mean, 0.0))
+    mean = (uniform_filter(numbers * used, 3, mode="constant") * 9 - numbers * used) / np.maximum(around, 1.0)
+    return np.asarray(np.where((used > 0) & (around >= 1), numbers - mean, 0.0))
 
 
 def _neighbours_correlation(product: NDArray[np.float64], size: NDArray[np.float64]) -> float:
-    """Largest correlation of the pixels' numbers with those of neighbours, of four directions, noise included.
+    """Largest correlation of the pixels' numbers with neighbours', of four directions.
 
-    It is that of differences to the local mean, 0 or less where pixels have nothing to do with each other.
+    Noise is included. It is that of differences to the local mean, 0 or less where pixels have nothing to do with each
+    other.
     """
-    own = _mean_numbers(product, size) * np.sqrt(size.sum(axis=0))
-    high = own - uniform_filter(own, _LOCAL_MEAN_PX, mode="nearest")
+    numbers = _mean_numbers(product, size) * np.sqrt(size.sum(axis=0))
+    high = numbers - uniform_filter(numbers, _LOCAL_MEAN_PX, mode="nearest")
     power = float(np.sum(high**2))
     pairs = (
         (high[1:], high[:-1]),
@@ -479,7 +483,7 @@ def _neighbours_correlation(product: NDArray[np.float64], size: NDArray[np.float
         (high[1:, 1:], high[:-1, :-1]),
         (high[1:, :-1], high[:-1, 1:]),
     )
-    return max(float(np.sum(one * other)) for one, other in pairs) / max(power, 1e-300)
+    return max(float(np.sum(first * second)) for first, second in pairs) / max(power, 1e-300)
 
 
 def fit_result(n: NormalEquations, x: NDArray[Any], trial: NDArray[Any], evidence: float, freedom: float) -> FieldFit:

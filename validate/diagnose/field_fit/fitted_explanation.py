@@ -52,7 +52,7 @@ class FittedExplanation:
     #: Direction of a streak or of a trail from the rows, downwards, degrees.
     angle_deg: float = 0.0
     #: Place of a copy of the picture.
-    place: PictureCopy = IN_PLACE
+    picture_copy: PictureCopy = IN_PLACE
     #: Highest count above dark of a field by levels, DN.
     most_dn: float = 1.0
     #: (band,) signal of an object in front, DN; None for other fields.

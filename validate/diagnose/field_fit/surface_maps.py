@@ -33,7 +33,7 @@ _FLAT_EXTENT = 0.01
 #: Part of the median radiance below which a pixel says nothing of the scale between DN and radiance.
 _DARK_RADIANCE = 0.05
 
-#: Least cosine of the angle of emission of which the logarithm is taken.
+#: Least cosine of the angle of emission in a logarithm.
 _GRAZING = 0.03
 
 _Change = Literal["reflectance", "light", "incidence"]

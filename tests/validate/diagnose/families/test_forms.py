@@ -27,7 +27,7 @@ def _moved(picture, down, right):
 @pytest.mark.parametrize(
     ("copy", "words"),
     [
-        (_moved(SIGNAL, 5, -7), "a faint copy of the picture beside itself, shifted by (-7, 5)"),
+        (_moved(SIGNAL, 5, -7), "a faint copy of the picture, shifted by (-7, 5)"),
         (SIGNAL[:, :, ::-1], "a mirrored copy of the picture"),
         (_moved(SIGNAL[:, ::-1, ::-1], 3, 0), "a turned copy of the picture"),
     ],
