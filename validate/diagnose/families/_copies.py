@@ -61,7 +61,7 @@ def copies(data: ResidualData, family: Family) -> Iterator[FittedExplanation]:
 
 def _fitted(data: ResidualData, family: Family, form: str, place: PictureCopy, num_choices: int) -> FittedExplanation:
     def columns(band: int) -> NDArray[Any]:
-        each = exchanges("copy", data.signal[band], place=place)
+        each = exchanges("copy", data.signal[band], picture_copy=place)
         return np.array([part.ravel() for part in each], np.float32)
 
     fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
