@@ -119,13 +119,13 @@ def _noise_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
     noise = manifest.noise
     if noise is None:
         return
-    stated = [key for key in ("gain_e_per_unit", "read_noise_e") if getattr(noise, key) is not None]
+    keys = [key for key in ("gain_e_per_unit", "read_noise_e") if getattr(noise, key) is not None]
     if noise.kind == "poisson" and noise.gain_e_per_unit is None:
         example = example_of(NoiseTable, "gain_e_per_unit")
         yield InputError(f"{path}: noise.gain_e_per_unit", "nothing", "this key", f"Add it, such as {example}")
-    if noise.kind != "poisson" and stated:
+    if noise.kind != "poisson" and keys:
         hint = f'Leave it out, or state kind = "poisson", not "{noise.kind}".'
-        yield InputError(f"{path}: noise.{stated[0]}", "a key of kind = 'poisson'", "no such key", hint)
+        yield InputError(f"{path}: noise.{keys[0]}", "a key of kind = 'poisson'", "no such key", hint)
 
 
 def _lens_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:

@@ -112,7 +112,10 @@ def _filter_of(capture: Capture, band: BandTable) -> Spectrum | None:
 
 
 def _lens_of(capture: Capture) -> Spectrum | None:
-    """Transmittance of the lens, 1 within a free scale or for a named camera; None where it is not stated."""
+    """Transmittance of the lens; None where it is not stated.
+
+    It is 1 within a free scale or for a named camera.
+    """
     column = capture.manifest.lens.transmittance
     if column is not None:
         return capture.light(column)

@@ -188,12 +188,15 @@ def _patches(
         return None, []
     if patches is None:
         return None, ["[labels] without a known white patch or without filters: no patch reflectances"]
-    found = [] if labels.image is not None else ["[labels] states no image: a ColorChecker was found in the picture"]
-    return patches, [*found, *patches.notes]
+    remarks = [] if labels.image is not None else ["[labels] states no image: a ColorChecker was found in the picture"]
+    return patches, [*remarks, *patches.notes]
 
 
 def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
-    """Axis of the lens by the fitted camera, else by its nominal focal length, for a capture with a free scale."""
+    """Axis of the lens, for a capture with a free scale.
+
+    It follows from the fitted camera, else from the nominal focal length.
+    """
     manifest = capture.manifest
     if manifest.is_absolute:
         return None

@@ -14,7 +14,9 @@ __all__ = ["camera_attribute", "camera_of_attribute"]
 
 
 def camera_attribute(camera: Camera) -> str:
-    """Text of a camera: its size, ten parameters in the order of ``PARAMETER_NAMES``, and its lens's further terms.
+    """Text of a camera.
+
+    It holds the size, ten parameters in the order of ``PARAMETER_NAMES``, and the lens's further terms.
 
     Parameters
     ----------

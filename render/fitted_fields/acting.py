@@ -153,7 +153,7 @@ def _on_light(field: FittedField, name: str, light: Light, amplitude: float) -> 
         change = np.sum(np.moveaxis(fields, 1, 0) * _change_per_px(light), axis=0)
     else:
         exchanged = np.array(
-            [exchanges(field.acts, image, field.radius, field.angle_deg, field.place) for image in light.signal]
+            [exchanges(field.acts, image, field.radius, field.angle_deg, field.picture_copy) for image in light.signal]
         )
         change = np.sum(fields * exchanged, axis=1)
     return light.with_signal(light.signal + amplitude * change)

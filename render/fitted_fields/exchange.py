@@ -87,7 +87,7 @@ def exchanges(
     signal: NDArray[np.float64],
     radius: int = 1,
     angle_deg: float = 0.0,
-    place: PictureCopy = IN_PLACE,
+    picture_copy: PictureCopy = IN_PLACE,
 ) -> list[NDArray[np.float64]]:
     """Changes of a picture by a unit of each exchange of a field.
 
@@ -101,8 +101,8 @@ def exchanges(
         Largest distance of neighbours along rows and columns, px.
     angle_deg
         Angle of a streak or of a trail from the rows downwards, degrees; 0, 90, 180 or 270 for a trail.
-    place
-        Place of a copy.
+    picture_copy
+        The copy, with its place.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def exchanges(
     if acts == "trail":
         return [_with_trail(signal, angle_deg, length) for length in _TRAIL_LENGTHS_PX]
     if acts == "copy":
-        return place.of(signal)
+        return picture_copy.of(signal)
     return [with_streak(signal, angle_deg, width) for width in _STREAK_WIDTHS_PX]
 
 
@@ -189,14 +189,16 @@ def _with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float
 
 
 def _with_trail(signal: NDArray[np.float64], angle_deg: float, length_px: float) -> NDArray[np.float64]:
-    """(y, x) charge that comes out behind its pixel, exponentially less with distance, minus what stays behind.
+    """(y, x) charge that comes out behind its pixel, minus what stays behind.
+
+    What comes out falls exponentially with distance.
 
     ``angle_deg`` is the way along which trails lie: 0 to the right, 90 down, 180 to the left, 270 up.
     """
     turns = round(angle_deg / 90)
     along = np.rot90(signal, turns)
-    kept = np.exp(-1 / length_px)
-    delayed = lfilter([0.0, 1 - kept], [1.0, -kept], along, axis=1)
+    retained = np.exp(-1 / length_px)
+    delayed = lfilter([0.0, 1 - retained], [1.0, -retained], along, axis=1)
     return np.asarray(np.rot90(delayed - along, -turns))
 
 

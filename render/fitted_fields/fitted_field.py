@@ -94,8 +94,8 @@ class FittedField:
     most_dn: float = 1.0
     #: (band, uses x maps) coefficients of the image maps, uses outermost; see ``number_of_uses``. None without maps.
     coefficients: NDArray[np.float64] | None = None
-    #: Place of a "copy".
-    place: PictureCopy = IN_PLACE
+    #: The picture of a "copy", with its place.
+    picture_copy: PictureCopy = IN_PLACE
     #: Maps on surfaces; empty for a field on the sensor or on a lamp.
     surfaces: tuple[SurfaceMap, ...] = ()
     #: (band,) factor of the maps on surfaces, relative change of a lamp, or radiance of an object in front.
@@ -184,8 +184,8 @@ def field_record(field: FittedField) -> dict[str, Any]:
         if field.acts in ("streak", "trail"):
             record["angle_deg"] = field.angle_deg
         if field.acts == "copy":
-            record["turns"], record["mirrored"] = field.place.turns, field.place.mirrored
-            record["shift_px"] = list(field.place.shift_px)
+            record["turns"], record["mirrored"] = field.picture_copy.turns, field.picture_copy.mirrored
+            record["shift_px"] = list(field.picture_copy.shift_px)
         if field.acts == "levels":
             record["most_dn"] = float(f"{field.most_dn:.{_DIGITS}g}")
         record["coefficients"] = [_rounded(row) for row in field.coefficients]

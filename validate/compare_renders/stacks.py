@@ -65,9 +65,9 @@ class ImageStack:
         return () if self.side is None else self.side.declared
 
     @property
-    def stated(self) -> Mapping[str, str]:
+    def file_statements(self) -> Mapping[str, str]:
         """Statements of the file by field, where they overrule the user's."""
-        return {} if self.side is None else self.side.stated
+        return {} if self.side is None else self.side.file_statements
 
     def with_planes(self, names: Sequence[str]) -> ImageStack:
         """Planes with these names, in this order.

@@ -40,7 +40,7 @@ def compare(
     declared = declared_pair(declare, ("A", "B"))
     with options(), bar("comparing"):
         first, second = (read_stack(path, declared.of(index)) for index, path in enumerate((a, b)))
-        declared.require_used((first.declared, second.declared), (first.stated, second.stated))
+        declared.require_used((first.declared, second.declared), (first.file_statements, second.file_statements))
         comparison = compare_stacks(first, second)
     if out is not None:
         write_manifest(out, write_comparison(out, comparison), [a, b])

@@ -115,7 +115,7 @@ def regress_inputs(
         None if _is_model(text) else _read(text, pair.of(index)) for index, text in enumerate((baseline, candidate))
     ]
     used = [() if side is None else side.declared for side in sides]
-    instead = [{} if side is None else side.stated for side in sides]
+    instead = [{} if side is None else side.file_statements for side in sides]
     pair.require_used((used[0], used[1]), (instead[0], instead[1]))
     cube = next((side for side in sides if side is not None), None)
     view_camera = camera or next((side.camera for side in sides if side is not None and side.camera), None)

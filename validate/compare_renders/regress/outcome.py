@@ -184,22 +184,22 @@ class Outcome(FrozenMappings):
         list of str
             The verdict first.
         """
-        whole = self.whole
-        size = as_percent(whole.difference, "the baseline", unit="%")
-        text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {whole.sigma:.3%}"]
+        mean = self.whole
+        size = as_percent(mean.difference, "the baseline", unit="%")
+        text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {mean.sigma:.3%}"]
         if self.same:
             text.append(f"The mean light agrees within {self.equivalence_95:.3%} at 95 %.")
         text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
         if self.cancelling:
             text.append(f"Pattern whose means cancel: {self.cancelling}.")
-        for index, named in enumerate(self.named[:_MOST_NAMES]):
-            start = "Cause" if named.change == UNKNOWN else "Named" if named.fits else "Most like"
+        for index, change in enumerate(self.named[:_MOST_NAMES]):
+            start = "Cause" if change.change == UNKNOWN else "Named" if change.fits else "Most like"
             start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
-            text.append(f"{start}: {change_text(named)}, probability {named.probability:.2f}")
+            text.append(f"{start}: {change_text(change)}, probability {change.probability:.2f}")
         if self.fits is not None and math.isfinite(self.left_chi2_per_number):
             fit = "it fits" if self.fits else "it does not fit"
-            left = self.left_chi2_per_number
-            text.append(f"The best name leaves a χ² per number of {left:.2f} (noise: about 1): {fit}.")
+            chi2 = self.left_chi2_per_number
+            text.append(f"The best name leaves a χ² per number of {chi2:.2f} (noise: about 1): {fit}.")
         if self.outliers:
             text.append(
                 f"• {self.outliers} outlying pixels (fireflies) are not included in the means; they contain "
@@ -221,11 +221,11 @@ class Outcome(FrozenMappings):
             (f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
             for row in self.deciding[:_MOST_ROWS]
         )
-        found = (
+        tables = (
             Table("Surfaces", ("surface", *numbers), surfaces),
             Table("What decided", ("pool", *numbers), decided),
         )
-        return [table for table in found if table.rows]
+        return [table for table in tables if table.rows]
 
     def to_dict(self) -> dict[str, Any]:
         """Content of the JSON file.
@@ -420,11 +420,11 @@ def github_lines(outcome: Outcome) -> list[str]:
         A notice where the pictures are the same; otherwise an error for the verdict and for the clearest pools.
     """
     file = Path(outcome.candidate)
-    place = f"file={_escaped(outcome.candidate)},line=1," if file.is_file() else ""
+    location = f"file={_escaped(outcome.candidate)},line=1," if file.is_file() else ""
     if outcome.same:
-        return [f"::notice {place}title=cbox regress::{_escaped(summary(outcome))}"]
-    return [f"::error {place}title=cbox regress::{_escaped(summary(outcome))}"] + [
-        f"::error {place}title=cbox regress::{_escaped(_pool_text(row))}"
+        return [f"::notice {location}title=cbox regress::{_escaped(summary(outcome))}"]
+    return [f"::error {location}title=cbox regress::{_escaped(summary(outcome))}"] + [
+        f"::error {location}title=cbox regress::{_escaped(_pool_text(row))}"
         for row in outcome.deciding[:_MAX_GITHUB_POOLS]
     ]
 

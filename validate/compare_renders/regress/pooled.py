@@ -310,16 +310,17 @@ def cancelling_patterns(
     """
     difference = difference_of(pooling)
     critical = {kind: pooling.false_alarms * SHARES[kind] for kind in CANCELLING}
-    found = [
+    findings = [
         ("grid", periodic(difference)),
         ("line", odd_lines(difference)),
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
         ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
     ]
-    rows = [pool_of_finding(kind, one, critical[kind]) for kind, one in found if one is not None]
+    rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)
-    return (*rows, *(pool_of_finding("texture", one, critical["texture"] / len(of_texture)) for one in of_texture))
+    share = critical["texture"] / max(len(of_texture), 1)
+    return (*rows, *(pool_of_finding("texture", finding, share) for finding in of_texture))
 
 
 def _pool_of(

@@ -85,7 +85,7 @@ class Side(FrozenMappings):
     #: that neighbouring pixels share. None for fine steps.
     rounding: NDArray[np.float64] | None = None
     #: Statements of the file by field of ``Declared``, where they overrule the user's.
-    stated: Mapping[str, str] = field(default_factory=dict)
+    file_statements: Mapping[str, str] = field(default_factory=dict)
     #: Place of the pixels in a larger picture; None for a complete picture.
     window: Window | None = None
     #: (b, y, x, w) radiance of the independent cubes whose mean the side is; None for a single cube.

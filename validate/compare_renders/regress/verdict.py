@@ -135,11 +135,11 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
 
 def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
     """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
-    known = surfaces or baseline.surfaces or candidate.surfaces
-    strata = strata_of(baseline.radiance.sum(axis=-1), known)
+    surface_map = surfaces or baseline.surfaces or candidate.surfaces
+    strata = strata_of(baseline.radiance.sum(axis=-1), surface_map)
     if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():
         return strata
-    others = strata_of(candidate.radiance.sum(axis=-1), known)
+    others = strata_of(candidate.radiance.sum(axis=-1), surface_map)
     return others if _SMOOTHER * strata.smooth.sum() < others.smooth.sum() else strata
 
 
@@ -147,11 +147,11 @@ def _without_pattern(comparison: Comparison, false_alarms: float) -> Comparison:
     """Comparison without a periodic pattern that decides; itself without one."""
     difference = difference_of(comparison.pooling)
     critical = false_alarms * SHARES["grid"]
-    found = periodic(difference)
-    if found is None or found.probability >= critical:
+    pattern = periodic(difference)
+    if pattern is None or pattern.probability >= critical:
         return comparison
     common = comparison.common
-    factor = 1 + without_period(difference, found)
+    factor = 1 + without_period(difference, pattern)
     side = common.candidate
     steady = replace(
         side,
@@ -159,7 +159,7 @@ def _without_pattern(comparison: Comparison, false_alarms: float) -> Comparison:
         variance=None if side.variance is None else side.variance / factor[..., None] ** 2,
     )
     again = _compared(replace(common, candidate=steady), comparison.strata, false_alarms)
-    return replace(again, removed=found.name)
+    return replace(again, removed=pattern.name)
 
 
 def regress_sides(

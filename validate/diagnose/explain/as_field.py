@@ -66,7 +66,7 @@ def fitted_field(data: ResidualData, candidate: FittedExplanation) -> FittedFiel
         image=candidate.maps,
         radius=candidate.radius,
         angle_deg=candidate.angle_deg,
-        place=candidate.picture_copy,
+        picture_copy=candidate.picture_copy,
         most_dn=candidate.most_dn,
         coefficients=coefficients,
     )

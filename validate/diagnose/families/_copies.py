@@ -63,7 +63,7 @@ def _fitted(
     data: ResidualData, family: Family, form: str, picture_copy: PictureCopy, num_choices: int
 ) -> FittedExplanation:
     def columns(band: int) -> NDArray[Any]:
-        each = exchanges("copy", data.signal[band], place=picture_copy)
+        each = exchanges("copy", data.signal[band], picture_copy=picture_copy)
         return np.array([part.ravel() for part in each], np.float32)
 
     fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))

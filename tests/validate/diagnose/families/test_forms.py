@@ -38,13 +38,13 @@ def test_a_copy_of_the_picture_is_light_astray(copy, words):
     assert found.family == "blur" and found.form.startswith(words)
     assert found.share > 0.9
     again = field_of_record(json.loads(json.dumps(field_record(found.field))), "field.toml")
-    assert again.place == found.field.place
+    assert again.picture_copy == found.field.picture_copy
     assert field_effect("copy", again, "", "").stage == "optics"
 
 
 def test_a_copy_is_that_of_numpy():
     picture = np.arange(12.0).reshape(3, 4)
-    middle = exchanges("copy", picture, place=PictureCopy(2, False, (0, 1)))[4]
+    middle = exchanges("copy", picture, picture_copy=PictureCopy(2, False, (0, 1)))[4]
     np.testing.assert_array_equal(middle[:, 1:], picture[::-1, ::-1][:, :-1])
     assert (middle[:, 0] == 0).all()
 

@@ -39,10 +39,32 @@ class SceneLight(Protocol):
         """(y, x) index of the surface that each pixel shows; negative for the lamp and outside."""
 
     def ratio(self, picture: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(y, x, w) another rendering over that of the scene."""
+        """(y, x, w) another rendering over that of the scene.
+
+        Parameters
+        ----------
+        picture
+            (c, y, x) the other rendering, radiance over the lamp's.
+
+        Returns
+        -------
+        NDArray
+            (y, x, w) ratio of the radiances.
+        """
 
     def rebuilt(self, scene: Scene) -> SceneLight:
-        """Rendering of another scene through the same camera."""
+        """Rendering of another scene through the same camera.
+
+        Parameters
+        ----------
+        scene
+            The other scene.
+
+        Returns
+        -------
+        SceneLight
+            The rendering, prepared for changes.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +86,7 @@ class Pictures:
     #: Function of templates and a fixed change that fits amplitudes.
     fit: Callable[[Sequence[NDArray[np.float64]], NDArray[np.float64] | None], NDArray[np.float64]]
     #: Function of the same arguments that states the chi-square that the fit leaves.
-    left: Callable[[Sequence[NDArray[np.float64]], NDArray[np.float64] | None], float]
+    chi2: Callable[[Sequence[NDArray[np.float64]], NDArray[np.float64] | None], float]
 
     def change(self, picture: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the baseline where the scene's rendering becomes another.

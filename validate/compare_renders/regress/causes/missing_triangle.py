@@ -26,20 +26,20 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
         return
     before, after = (p.sum(axis=-1) for p in (pictures.baseline, pictures.candidate))
     changed = np.abs(after - before) > _CLEAR_CHANGE * np.maximum(before, 1e-3 * before.mean())
-    tried = 0
+    triangles = 0
     for number, surface in enumerate(scene.scene.surfaces):
         if (changed & (scene.surface_index == number)).sum() < _MIN_PIXELS:
             continue
         count = len(surface.faces)
         for removed in ([n] for n in range(count)) if count > 1 else ():
-            tried += 1
-            if tried > _MOST_TRIANGLES:
+            triangles += 1
+            if triangles > _MOST_TRIANGLES:
                 return
             faces = np.delete(surface.faces, removed, axis=0)
             rest = (*scene.scene.surfaces[:number], replace(surface, faces=faces), *scene.scene.surfaces[number + 1 :])
             picture = scene.rebuilt(replace(scene.scene, surfaces=rest)).picture
-            found = {"surface": surface.name, "triangle": removed[0] + 1}
-            yield Trial(as_found(found), fixed=pictures.change(picture), selected=1)
+            parameters = {"surface": surface.name, "triangle": removed[0] + 1}
+            yield Trial(as_found(parameters), fixed=pictures.change(picture), selected=1)
         rest = (*scene.scene.surfaces[:number], *scene.scene.surfaces[number + 1 :])
         picture = scene.rebuilt(replace(scene.scene, surfaces=rest)).picture
         yield Trial(as_found({"surface": surface.name}), fixed=pictures.change(picture), selected=1)

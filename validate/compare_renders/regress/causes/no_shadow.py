@@ -26,8 +26,8 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     for group in groups:
         others = tuple(surface for number, surface in enumerate(surfaces) if number not in group)
         bare = scene.rebuilt(replace(scene.scene, surfaces=others))
-        seen = (scene.surface_index >= 0) & ~np.isin(scene.surface_index, group)
-        more = np.where(seen, np.maximum(bare.light.change(max_bounces=1).picture() - direct, 0), 0)
+        visible = (scene.surface_index >= 0) & ~np.isin(scene.surface_index, group)
+        more = np.where(visible, np.maximum(bare.light.change(max_bounces=1).picture() - direct, 0), 0)
         names = [surfaces[number].name for number in group]
         change = pictures.change(scene.picture + more)
         yield Trial(as_found({"of": names}), fixed=change, selected=1)

@@ -29,8 +29,8 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     for reach in _REACHES_PX:
         for width in _RANGES:
             filtered = _bilateral(base, reach, width)
-            found = {"filter": "bilateral", "reach_px": reach, "range": width}
-            yield Trial(as_found(found), fixed=filtered - base, selected=2)
+            parameters = {"filter": "bilateral", "reach_px": reach, "range": width}
+            yield Trial(as_found(parameters), fixed=filtered - base, selected=2)
 
 
 def _bilateral(picture: NDArray[np.float64], reach: int, width: float) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ class _Linear(FrozenMappings):
     """Effect to first order."""
 
     #: Chi-square that it leaves.
-    left: float
+    chi2: float
     #: The effect, with the null values of the scene.
     effect: Effect
     #: Its names.
@@ -45,19 +45,19 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     """Trials of the effects that explain most to first order, computed at their values."""
     if pictures.scene is None:
         return
-    found: list[_Linear] = []
+    linear_effects: list[_Linear] = []
     for effect in catalogue().values():
         usable = effect.stage in ("scene", "transport") and effect.id not in _NAMED_ELSEWHERE
         if usable and effect.numbers:
-            found += _linear(pictures, effect.within(pictures.scene.scene))
-    for one in sorted(found, key=lambda one: one.left)[:_REFINED]:
+            linear_effects += _linear(pictures, effect.within(pictures.scene.scene))
+    for linear in sorted(linear_effects, key=lambda linear: linear.chi2)[:_REFINED]:
         try:
-            values, change = _refined(pictures, one)
+            values, change = _refined(pictures, linear)
         except InputError:
             continue
-        stated = {n.name: float(v) for n, v in zip(one.effect.numbers, values, strict=True)}
-        parameters: dict[str, Any] = {"effect": one.effect.id, **one.names, **stated}
-        yield Trial(as_found(parameters), fixed=change, selected=len(stated) + (len(one.names) > 0))
+        numbers = {n.name: float(v) for n, v in zip(linear.effect.numbers, values, strict=True)}
+        parameters: dict[str, Any] = {"effect": linear.effect.id, **linear.names, **numbers}
+        yield Trial(as_found(parameters), fixed=change, selected=len(numbers) + (len(linear.names) > 0))
 
 
 def _linear(pictures: Pictures, effect: Effect) -> Iterator[_Linear]:
@@ -65,10 +65,10 @@ def _linear(pictures: Pictures, effect: Effect) -> Iterator[_Linear]:
     scene = pictures.scene
     if scene is None or any(n.null is None for n in effect.numbers):
         return
-    known = names_in(scene.scene)
+    names_by_kind = names_in(scene.scene)
     choices = [p for p in effect.parameters if p.choices]
-    for chosen in product(*(known.get(p.kind, ()) if p.kind else p.choices for p in choices)):
-        names = dict(zip((p.name for p in choices), chosen, strict=True))
+    for combination in product(*(names_by_kind.get(p.kind, ()) if p.kind else p.choices for p in choices)):
+        names = dict(zip((p.name for p in choices), combination, strict=True))
         null = _nulls(effect)
         step = np.array([_STEPS * n.step for n in effect.numbers])
         # a null value at a bound leaves one direction
@@ -77,20 +77,20 @@ def _linear(pictures: Pictures, effect: Effect) -> Iterator[_Linear]:
             slopes = tuple(_change(pictures, effect, names, null + s) / s.sum() for s in np.diag(step))
         except InputError:
             continue
-        yield _Linear(pictures.left(slopes, None), effect, names, slopes)
+        yield _Linear(pictures.chi2(slopes, None), effect, names, slopes)
 
 
-def _refined(pictures: Pictures, one: _Linear) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _refined(pictures: Pictures, linear: _Linear) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Values of an effect's numbers, and the change of the picture there."""
-    effect = one.effect
+    effect = linear.effect
     low, high = (np.array([getattr(n, key) for n in effect.numbers], float) for key in ("low", "high"))
     values, now = _nulls(effect), np.zeros_like(pictures.baseline)
     for _ in range(_ITERATIONS):
-        moved = np.clip(values + pictures.fit(one.slopes, now), low, high)
+        moved = np.clip(values + pictures.fit(linear.slopes, now), low, high)
         if np.all(np.abs(moved - values) < 0.1 * np.array([n.step for n in effect.numbers])):
             break
         values = moved
-        now = _change(pictures, effect, one.names, values)
+        now = _change(pictures, effect, linear.names, values)
     return values, now
 
 

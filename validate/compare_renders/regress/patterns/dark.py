@@ -45,11 +45,11 @@ def dark_pixels(
     """
     medians = [median_filter(picture, _WINDOW_PX, mode="nearest") for picture in (baseline, candidate)]
     dark = [_dark(p, m, smooth) for p, m in zip((baseline, candidate), medians, strict=True)]
-    lit = [p > _LIT_PART * m for p, m in zip((baseline, candidate), medians, strict=True)]
-    count = int((dark[0] & lit[1]).sum() + (dark[1] & lit[0]).sum())
+    bright = [p > _LIT_PART * m for p, m in zip((baseline, candidate), medians, strict=True)]
+    count = int((dark[0] & bright[1]).sum() + (dark[1] & bright[0]).sum())
     size = count / max(int(smooth.sum()), 1)
     probability = critical / 1e6 if count else 1.0
-    side = "" if not count else " of the candidate" if (dark[1] & lit[0]).any() else " of the baseline"
+    side = "" if not count else " of the candidate" if (dark[1] & bright[0]).any() else " of the baseline"
     return Finding(f"black pixels{side}", count, size, size / 10 if count else 1.0, 12.0, probability)
 
 

@@ -109,11 +109,11 @@ def odd_tiles(difference: Difference) -> Finding | None:
         tests.append(_Parts(name, (mean - beside).ravel(), allowed.ravel(), counts.ravel()))
     across = {f"one tile of {edge} px": difference.level.shape[1] // edge for edge in _TILES_PX}
 
-    def words(name: str, index: int) -> str:
+    def label(name: str, index: int) -> str:
         row, column = divmod(index, across[name])
         return f"{name}: row {row + 1}, column {column + 1} of tiles"
 
-    return _most_odd(tests, words)
+    return _most_odd(tests, label)
 
 
 def tile_steps(difference: Difference) -> Finding | None:
@@ -129,18 +129,18 @@ def tile_steps(difference: Difference) -> Finding | None:
     Finding or None
         The clearest edge of tiles; None for small pictures.
     """
-    found = []
+    tests = []
     for edge in _STEPS_PX:
         along_x = _steps(difference.relative, difference.smooth, edge)
         along_y = _steps(difference.relative.T, difference.smooth.T, edge)
         terms, sizes = (np.concatenate(pair) for pair in zip(along_x, along_y, strict=True))
         if terms.size >= _MIN_STEPS:
             statistic, probability = self_normalised(terms)
-            found.append((probability if statistic > 0 else 1.0, edge, terms.size, float(np.sqrt(np.mean(sizes**2)))))
-    if not found:
+            tests.append((probability if statistic > 0 else 1.0, edge, terms.size, float(np.sqrt(np.mean(sizes**2)))))
+    if not tests:
         return None
-    probability, edge, count, size = min(found)
-    share = min(1.0, len(found) * probability)
+    probability, edge, count, size = min(tests)
+    share = min(1.0, len(tests) * probability)
     student = float(student_quantile(max(share, 1e-300) / 2, count - 1))
     return Finding(
         f"tiles of {edge} px",
@@ -168,9 +168,9 @@ def _around(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([wide[:-2, 1:-1], wide[2:, 1:-1], wide[1:-1, :-2], wide[1:-1, 2:]])
 
 
-def _most_odd(tests: Sequence[_Parts], words: Callable[[str, int], str]) -> Finding | None:
+def _most_odd(tests: Sequence[_Parts], label: Callable[[str, int], str]) -> Finding | None:
     """Part whose distance from its neighbours is the largest among comparable parts."""
-    found, looks = [], 0
+    clearest, looks = [], 0
     for parts in tests:
         off, allowed = parts.off, parts.variance
         used = np.isfinite(off) & (allowed > 0)
@@ -188,10 +188,10 @@ def _most_odd(tests: Sequence[_Parts], words: Callable[[str, int], str]) -> Find
         degrees = min(_MAX_DEGREES, number - 1.0)
         probability = float(2 * student_tail(statistic[best], degrees))
         figures = float(off[index]), float(statistic[best]), degrees, int(parts.pixels[index])
-        found.append((probability, words(parts.name, index), *figures))
-    if not found:
+        clearest.append((probability, label(parts.name, index), *figures))
+    if not clearest:
         return None
-    probability, name, size, statistic, degrees, pixels = min(found)
+    probability, name, size, statistic, degrees, pixels = min(clearest)
     return Finding(name, pixels, size, abs(size) / max(statistic, 1e-12), degrees, min(1.0, looks * probability))
 
 

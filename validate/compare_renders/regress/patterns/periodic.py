@@ -120,12 +120,12 @@ def _hotelling(spectra: NDArray[np.complex128]) -> NDArray[np.float64]:
         single = count * mean.real**2 / a
     both = fisher_tail(np.nan_to_num(square, posinf=1e30) * (count - 2) / (2 * (count - 1)), 2, count - 2)
     # coefficients at 0 and at half a cycle a pixel are real along either axis
-    whole = [0] if edge % 2 else [0, edge // 2]
+    real_bins = [0] if edge % 2 else [0, edge // 2]
     alone = 2 * student_tail(np.sqrt(np.nan_to_num(single, posinf=1e30)), count - 1)
     result = np.asarray(both)
-    result[np.ix_(whole, whole)] = alone[np.ix_(whole, whole)]
+    result[np.ix_(real_bins, real_bins)] = alone[np.ix_(real_bins, real_bins)]
     # frequencies of u = 0 and u = edge / 2 stand twice, and the mean is removed
-    result[edge // 2 + 1 :][:, whole] = 1.0
+    result[edge // 2 + 1 :][:, real_bins] = 1.0
     result[0, 0] = 1.0
     return result
 

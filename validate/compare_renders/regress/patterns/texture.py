@@ -20,7 +20,7 @@ FIXED_TEXTURE = "fixed texture"
 
 #: Variance over the stated one that is allowed: errors of batches that share low-discrepancy numbers.
 _ALLOWED = 1.5
-#: Fine structure that a change carries, over the local change times the structure of the baseline: a power of 2 at most.
+#: Fine structure that a change carries, over the local change times the baseline's structure: for powers up to 2.
 _CARRIED = 2.0
 #: Pixels a side of a window whose mean is no texture.
 _WINDOW_PX = 5
@@ -47,12 +47,12 @@ def textures(difference: Difference) -> list[Finding]:
     """
     if difference.variance is None:
         return []
-    found = []
+    findings = []
     for name, group in difference.groups.items():
         finding = _tested(difference, difference.variance, name, group)
         if finding is not None:
-            found.append(finding)
-    return found
+            findings.append(finding)
+    return findings
 
 
 def fine_structure(difference: Difference) -> float:
@@ -102,8 +102,8 @@ def _tested(difference: Difference, variance: NDArray, name: str, group: NDArray
         return None
     pixels_alike = difference.clustering * terms.size / int(used.sum())
     statistic, probability = self_normalised(terms, max(1.0, pixels_alike))
-    lit = float(difference.level[used].mean())
-    size = float(np.sqrt(max(np.mean(off[used] ** 2 - variance[used]), 0.0))) / max(lit, 1e-300)
+    mean_level = float(difference.level[used].mean())
+    size = float(np.sqrt(max(np.mean(off[used] ** 2 - variance[used]), 0.0))) / max(mean_level, 1e-300)
     share_ = probability / 2 if statistic > 0 else 1.0
     student = float(student_quantile(max(share_, 1e-300) / 2, terms.size - 1)) if share_ < 1 else 0.0
     sigma = size / student if student > 0 and size > 0 else _FLOOR
