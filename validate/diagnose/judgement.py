@@ -246,7 +246,7 @@ def _verdict(
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
     certainty = amplitude / sigma
     steady = abs(amplitude - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma)
-    holds = evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady
+    holds = bool(evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady)
     return Verdict(name, evidence, certainty, amplitude, holds)
 
 
