@@ -94,8 +94,8 @@ def named_changes(
         progress.part(0.6)
         if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
             explanations += coats(evidence, variants)
-            left = min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS)
-            if scatter is None and left > _target(evidence) > 0:
+            remainder = min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS)
+            if scatter is None and remainder > _target(evidence) > 0:
                 explanations += _of_causes(evidence, pictures, costly=True)
         fit, free = smooth_over_surfaces(evidence, variants)
         unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
@@ -107,13 +107,13 @@ def named_changes(
 def _pictures(comparison: Comparison, evidence: Evidence, variants: Variants | None) -> Pictures:
     """Pictures as causes take them."""
     baseline, candidate = comparison.common.baseline, comparison.common.candidate
-    stated = baseline.camera or candidate.camera
+    camera = baseline.camera or candidate.camera
     return Pictures(
         evidence.baseline,
         evidence.candidate,
         None if baseline.in_colour else baseline.wavelength_nm,
         comparison.noise.total,
-        stated if variants is None else variants.camera,
+        camera if variants is None else variants.camera,
         variants,
         lambda templates, fixed: evidence.fit(templates, fixed).amplitudes,
         lambda templates, fixed: evidence.fit(templates, fixed).chi2,
@@ -135,12 +135,12 @@ def _of_causes(evidence: Evidence, pictures: Pictures, costly: bool) -> Iterator
                 yield Explanation(name, values, fit, free, (cause.shape_error, cause.edge_error))
 
 
-def pattern_alone(words: str) -> NamedChange:
+def pattern_alone(description: str) -> NamedChange:
     """Description of a difference that is a pattern and nothing else.
 
     Parameters
     ----------
-    words
+    description
         The pattern.
 
     Returns
@@ -148,17 +148,17 @@ def pattern_alone(words: str) -> NamedChange:
     NamedChange
         An unknown cause with a description.
     """
-    return NamedChange(UNKNOWN, {"description": words}, 1.0)
+    return NamedChange(UNKNOWN, {"description": description}, 1.0)
 
 
 def _unexplained_scatter(comparison: Comparison) -> str | None:
     """Texture or tiles in words, which none of the causes makes; None without any."""
     difference, critical = difference_of(comparison.pooling), comparison.pooling.false_alarms * SHARES["texture"]
     carried = _MAX_CARRIED * fine_structure(difference)
-    findings = [one for one in textures(difference) if one.name == FIXED_TEXTURE and one.size > carried]
+    findings = [finding for finding in textures(difference) if finding.name == FIXED_TEXTURE and finding.size > carried]
     steps = tile_steps(difference)
     findings += [] if steps is None else [steps]
-    return next((one.name for one in findings if one.probability < critical), None)
+    return next((finding.name for finding in findings if finding.probability < critical), None)
 
 
 def _nothing(evidence: Evidence) -> Explanation:

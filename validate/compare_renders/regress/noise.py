@@ -504,12 +504,12 @@ def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> fl
 
 def _second_differences(values: NDArray[np.float64], inside: NDArray[np.bool_], step: int) -> tuple[float, int]:
     """Mean square of second differences of pixels some steps apart, and their count."""
-    found = []
+    differences = []
     for picture, mask in ((values, inside), (values.T, inside.T)):
         middle, before, after = np.s_[step:-step], np.s_[: -2 * step], np.s_[2 * step :]
         used = mask[middle] & mask[before] & mask[after]
-        found.append((picture[before] - 2 * picture[middle] + picture[after])[used])
-    squares = np.concatenate(found) ** 2
+        differences.append((picture[before] - 2 * picture[middle] + picture[after])[used])
+    squares = np.concatenate(differences) ** 2
     if not squares.size:
         return float("nan"), 0
     return float(np.minimum(squares, _SQUARE_CUT * np.median(squares)).mean()), int(squares.size)
