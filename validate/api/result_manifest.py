@@ -71,7 +71,14 @@ class Verification:
         return [f"{path}: {difference}" for difference, paths in differences.items() for path in paths]
 
 
-def write_manifest(results: Path, outputs: Iterable[Path], inputs: Sequence[Path], *, seed: int | None = None) -> Path:
+def write_manifest(
+    results: Path,
+    outputs: Iterable[Path],
+    inputs: Sequence[Path],
+    *,
+    seed: int | None = None,
+    seconds: float | None = None,
+) -> Path:
     """Write the manifest of a folder of results, or of a file.
 
     Parameters
@@ -85,6 +92,8 @@ def write_manifest(results: Path, outputs: Iterable[Path], inputs: Sequence[Path
         of a packaged model, is omitted.
     seed
         Seed of the rendering or of the noise; None if there is none.
+    seconds
+        Wall time of the computation, s; None where it is not measured.
 
     Returns
     -------
@@ -99,6 +108,7 @@ def write_manifest(results: Path, outputs: Iterable[Path], inputs: Sequence[Path
         "versions": {"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
         "mitsuba_variant": None if mitsuba is None else mitsuba.variant(),
         "seed": seed,
+        "seconds": seconds,
         "inputs": {str(path): _content(path) for item in inputs for path in _files(item.resolve())},
         "outputs": {
             path.relative_to(manifest.parent).as_posix(): _content(path) for item in outputs for path in _files(item)

@@ -51,8 +51,6 @@ class Run:
     model: str
     #: Version of the program.
     version: str
-    #: Wall time, s.
-    seconds: float
     #: Camera of the rendering.
     camera: Camera
     #: Reprojection error of the surveyed points, px rms per coordinate.
@@ -156,7 +154,6 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
         "capture": run.capture,
         "model": run.model,
         "version": run.version,
-        "seconds": run.seconds,
         "camera": _camera(run, run.calibrated_camera or run.camera),
         "camera_refitted": _camera(run, run.camera) if run.calibrated_camera else None,
         "lamp_scale": {

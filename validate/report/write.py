@@ -73,7 +73,6 @@ def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]
         capture=prepared.calibration.capture.manifest.name or prepared.calibration.capture.folder.name,
         model=result.model.name,
         version=version("cboxlab"),
-        seconds=result.seconds,
         camera=fit.camera,
         calibrated_camera=prepared.calibrated_camera,
         reprojection_rms_px=prepared.camera_fit.reprojection_rms_px,

@@ -135,7 +135,6 @@ def fake_run(**changes: object) -> Run:
         "capture": "captures/fake",
         "model": "published Cornell Box",
         "version": "0.1.0",
-        "seconds": 12.3,
         "camera": moved,
         "reprojection_rms_px": 0.148,
         "lamp_scale": 1.004,

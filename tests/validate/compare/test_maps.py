@@ -89,7 +89,6 @@ def test_stable_keys(tmp_path, comparison):
         "capture",
         "model",
         "version",
-        "seconds",
         "chi2_per_dof",
         "pixels_used",
         "render_sigma_over_sensor_sigma_median",
