@@ -334,22 +334,23 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
 
     It frees the signatures, which take much of the memory.
     """
-    start = first.model
     progress.stage("trying every effect")
     signatures = signatures_of(first, first.model_effects, validation.model.render, share(progress, 0.0, 0.6))
     signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     effects, flaws, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
-    if flaws.evident or len(effects) < len(search.selected):
-        # the base is off: further effects, and all numbers, with what it may be off by in the covariance
+    residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
+    if something_remains(search.linearised.model, residual, rendered):
+        # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
         search = replace(by_size, linearised=again.linearised)
         return _Judged(by_size, search, again.selected, again.assessed, again.flaws, verdicts, cost, imitated)
-    if not effects and not something_remains(start, start.residual, start.residual):
+    verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
+    if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
     return _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
