@@ -291,15 +291,19 @@ def _explained(
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
     Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
-    given. What small flaws of the base explain is taken off beforehand. first : the picture without effects.
+    given. What small flaws of the base explain is taken off beforehand, unless something remains then: their fit contains
+    part of such a cause. first : the picture without effects.
     """
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
     rendered = residual_with_rendered(answer.linearised, effects)
-    if flaws.small:
-        change = flaws.model.change_dn(flaws.fitted)
-        residual, rendered = (vector - model.whiten_used(change) for vector in (residual, rendered))
-        start = replace(start, residual=start.residual - start.whiten_used(change))
     remains = something_remains(model, residual, rendered)
+    if remains and flaws.small:
+        change = flaws.model.change_dn(flaws.fitted)
+        without_flaws = residual - model.whiten_used(change)
+        remains = something_remains(model, without_flaws, rendered - model.whiten_used(change))
+        if not remains:
+            residual = without_flaws
+            start = replace(start, residual=start.residual - start.whiten_used(change))
     excess = residual_data_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
