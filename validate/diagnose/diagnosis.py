@@ -291,8 +291,8 @@ def _explained(
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
     Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
-    given. What small flaws of the base explain is taken off beforehand, unless something remains then: their fit contains
-    part of such a cause. first : the picture without effects.
+    given. What small flaws of the base explain is taken off beforehand, unless something remains then, since their fit
+    contains part of such a cause. first : the picture without effects.
     """
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
     rendered = residual_with_rendered(answer.linearised, effects)
