@@ -13,7 +13,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
-from ..compare import Comparison, FreeScale, Validation, compared
+from ..compare import Comparison, Validation, compared
 from .alternatives import Cause, SelectedEffect, groups, holds_beside_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
@@ -37,7 +37,7 @@ from .linearised_fit import (
     residual_with,
     residual_with_rendered,
 )
-from .search import Candidate, without_imitated
+from .search import Candidate, scale_notes, without_imitated
 from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
 from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
@@ -262,7 +262,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=_scale_notes(prepared.free_scale, judged.imitated),
+        notes=scale_notes(prepared.free_scale, judged.imitated),
         flaws=judged.flaws.reported,
         flaws_cost=judged.flaws_cost,
         verdicts=judged.verdicts,
@@ -270,19 +270,6 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
     )
-
-
-def _scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
-    """Note on the free scale of a capture; none for an absolute scale.
-
-    It names the effects that the scale imitates.
-    """
-    if scale is None:
-        return ()
-    sentence = scale.sentence
-    if imitated:
-        sentence += f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
-    return (sentence,)
 
 
 def _explained(

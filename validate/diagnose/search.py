@@ -19,6 +19,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
+from ..compare import FreeScale
 from ..predict import Predictor
 from .hypotheses import Hypothesis
 from .linear_model import LinearModel
@@ -34,6 +35,7 @@ __all__ = [
     "columns_of",
     "judged_by_priors",
     "least_squares",
+    "scale_notes",
     "screen",
     "signature",
     "steps_of",
@@ -509,3 +511,26 @@ def _is_imitated(basis: NDArray[np.float64], signature: Signature, sigma: NDArra
     remainder = changes - (changes @ basis) @ basis.T
     sizes = np.sum(changes**2, axis=1)
     return bool(np.all(np.sum(remainder**2, axis=1) <= _MIN_LEFT_SHARE * np.maximum(sizes, 1e-300)))
+
+
+def scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
+    """Note on the free scale of a capture; none for an absolute scale.
+
+    Parameters
+    ----------
+    scale
+        The free scale; None for an absolute one.
+    imitated
+        Identifiers of the effects that it imitates.
+
+    Returns
+    -------
+    tuple[str, ...]
+        At most one sentence.
+    """
+    if scale is None:
+        return ()
+    sentence = scale.sentence
+    if imitated:
+        sentence += f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
+    return (sentence,)

@@ -355,9 +355,9 @@ def noise_of(
     side_variances: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None],
     degrees: tuple[float, float],
     rounding: NDArray[np.float64] | float = 0.0,
+    *,
     stepped: bool = False,
     paired: bool = False,
-    *,
     variance: tuple[NDArray[np.float64], float] | None = None,
 ) -> Noise:
     """Noise of the difference of two pictures.
@@ -386,7 +386,7 @@ def noise_of(
     noise = Noise(*computed, correlation, np.zeros(()), 1.0, 1.0, estimated)
     total = noise.over(all_bands)
     sums = difference.sum(axis=-1), total, level.sum(axis=-1)
-    clustering, ratio = _clustering(*sums, smooth, computed[1], paired, stepped, estimated)
+    clustering, ratio = _clustering(*sums, smooth, computed[1], paired=paired, stepped=stepped, estimated=estimated)
     return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 
@@ -428,6 +428,7 @@ def _clustering(
     level: NDArray,
     smooth: NDArray,
     degrees: float,
+    *,
     paired: bool,
     stepped: bool,
     estimated: bool,

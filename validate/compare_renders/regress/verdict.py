@@ -119,7 +119,9 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     steps = tile_steps(Difference(*sums, None, strata.smooth, {}))
     stepped = steps is not None and steps.probability < _STEPPED
     paired = together is not None
-    noise = noise_of(cut.difference, cut.level, strata.smooth, *errors, stepped, paired, variance=computed)
+    noise = noise_of(
+        cut.difference, cut.level, strata.smooth, *errors, stepped=stepped, paired=paired, variance=computed
+    )
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
