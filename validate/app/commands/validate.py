@@ -49,7 +49,7 @@ def validate(
         result = run(loaded, model=checked, render=render, cache=cache, declared=declared, progress=report)
         report.stage("writing the report")
         inputs = [path for path in (capture, model, render, *checked.files) if path is not None]
-        write_manifest(out, result.write(out), inputs, seed=checked.render.seed, seconds=result.seconds)
+        write_manifest(out, result.write(out), inputs, seed=checked.render.seed, seconds=result.validation.seconds)
     print_result(result.lines(), result.tables())
     give_json(json, result.to_dict())
     say(f"Report: {out / 'report.html'}")
