@@ -306,7 +306,10 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         fitted_samples, floor = bright_samples, ((low + high) / 2, (high - low) / float(np.sqrt(12)))
     if not bright_samples and gain is not None:
         slope = 1 / gain, 1e-6 / gain
-    if bright_samples or (fitted_samples and gain is not None):
+    one_level = bool(fitted_samples) and np.ptp(np.concatenate([s.charge for s in fitted_samples])) == 0
+    if one_level and floor is _UNKNOWN and slope is _UNKNOWN:
+        notes.append("gain and read noise not measured: all frames with repeats have one level")
+    elif bright_samples or (fitted_samples and gain is not None):
         line, covariance = _fit_line(fitted_samples, floor, slope)
         if bright_samples:
             gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)

@@ -189,7 +189,7 @@ def test_a_packed_file_that_announces_more_than_it_holds(tmp_path):
     cards = ["SIMPLE  =                    T", "BITPIX  =                   16", "NAXIS   =                    2"]
     cards += [f"NAXIS{k}  =               100000" for k in (1, 2)] + ["END"]
     (tmp_path / "a.fits.gz").write_bytes(gzip.compress("".join(f"{card:80}" for card in cards).ljust(2880).encode()))
-    with pytest.raises(InputError, match="according to its header"):
+    with pytest.raises(InputError, match=r"according to its header|bytes of compressed data"):
         frame_header(tmp_path / "a.fits.gz")
 
 

@@ -106,7 +106,7 @@ def test_a_failed_write_leaves_what_was_there(cube, tmp_path, ending, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
-    monkeypatch.setattr(cube_files, "cube_to_srgb", fail)
+    monkeypatch.setattr("cboxlab.rendering.files.previews.cube_to_srgb", fail)
     monkeypatch.setattr(spectral_exr, "cube_to_linear_srgb", fail)
     monkeypatch.setattr(cube_files.Path, "write_bytes", fail)
     with pytest.raises(InputError, match="No space left"):

@@ -79,12 +79,12 @@ def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far
     for motion in motions_px:
         moved = replace(cameras[-1], principal_point_px=cameras[-1].principal_point_px + motion)
         cameras.append(moved)
-    prepared = SimpleNamespace(expected_camera=lambda effects: cameras[0], scene=cornell_box())
+    prepared = SimpleNamespace(expected_camera=lambda effects: cameras[0], scene=cornell_box(), free_scale=None)
     started = []
 
     def fitted(prepared, model, light, camera, pilot, progress):
         started.append(camera)
-        return cameras[len(started)], 0.5
+        return prepared, cameras[len(started)], 0.5
 
     final = []
     monkeypatch.setattr(pipeline, "solved_light", lambda *_: None)

@@ -57,11 +57,14 @@ def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twic
     bands = [SimpleNamespace(exposure_s=t) for t in seconds]
     capture = SimpleNamespace(manifest=SimpleNamespace(band=bands), band_ids=("a", "b"))
     optics = (8.0 * 50.0) ** 2 if stated else 1.0
-    monkeypatch.setattr(stacks, "load_capture", lambda folder: capture)
+    monkeypatch.setattr("cboxlab.calibration.capture.load_capture", lambda folder: capture)
     monkeypatch.setattr(
-        stacks, "calibrate", lambda capture: SimpleNamespace(capture=capture, images=images, camera=None)
+        "cboxlab.calibration.result.calibrate",
+        lambda capture: SimpleNamespace(capture=capture, images=images, camera=None),
     )
-    monkeypatch.setattr(stacks, "optical_factor", lambda _, band: band.exposure_s / optics if stated else None)
+    monkeypatch.setattr(
+        "cboxlab.calibration.radiometry.optical_factor", lambda _, band: band.exposure_s / optics if stated else None
+    )
     monkeypatch.setattr(stacks, "instrument_of", lambda *_: None)
     found = read_stack(tmp_path)
     np.testing.assert_allclose(found.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))

@@ -90,14 +90,21 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     """The picture's own variance counts at the power's square, the camera's noise at the light that it makes."""
     shape, given = (2, 3, 4), {}
     picture, own = np.full(shape, 100.0), np.full(shape, 9.0)
-    for name, value in {"camera_jacobian": np.zeros((10, *shape)), "tabulation_errors": None}.items():
+    values = {"camera_jacobian": np.zeros((10, *shape)), "tabulation_errors": None, "free_columns": []}
+    for name, value in values.items():
         monkeypatch.setattr(linearised_fit, name, lambda *_, value=value: value)
     monkeypatch.setattr(linearised_fit, "model_variance", lambda lit: 0.01 * lit)
     monkeypatch.setattr(linearised_fit, "Predicted", SimpleNamespace)
-    monkeypatch.setattr(linearised_fit, "build_linear_model", lambda **named: given.update(named))
+
+    def built(**named):
+        given.update(named)
+        return SimpleNamespace(marginalised_over=lambda columns: None)
+
+    monkeypatch.setattr(linearised_fit, "build_linear_model", built)
     calibration = SimpleNamespace(
         predicted_variance=lambda lit: 2 * lit + 5,
         noise=SimpleNamespace(rounding_error_dn=0.0),
+        bands=SimpleNamespace(shared_variance=lambda lit: 0.0),
         capture=SimpleNamespace(cell=None),
     )
     prepared = SimpleNamespace(
@@ -105,6 +112,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
         scene=SimpleNamespace(lamp_radiance=np.ones_like),
         measured=None,
         lamp_sigma=0.02,
+        free_scale=None,
         expected_camera=lambda given: None,
         responses=None,
         noise_reference_signal=lambda signal: 3 * signal,

@@ -26,7 +26,7 @@ def light():
 
 @pytest.fixture(scope="module")
 def image():
-    return render_final_gather(RenderJob(SCENE, CAMERA, WAVELENGTH_NM[::10], 16, 2))
+    return render_final_gather(RenderJob(SCENE, CAMERA, WAVELENGTH_NM[::10], 16, 8))
 
 
 @pytest.mark.parametrize("ending", ["nc", "exr"])
@@ -39,7 +39,8 @@ def test_a_cube_of_ours_read_as_another_renderers_is_the_same_picture(tmp_path, 
     expected, error = image.project(np.eye(image.wavelength_nm.size))
     np.testing.assert_allclose(mean, expected, rtol=2e-3, atol=1e-9)
     if ending == "nc":
-        np.testing.assert_allclose(variance, error, rtol=1e-2, atol=1e-12)
+        # a pixel's variance is pooled with those of its neighbours, and widened for few batches
+        assert 0.7 < variance.sum() / error.sum() < 2
     np.testing.assert_array_equal(other.surface, image.surface)
 
 

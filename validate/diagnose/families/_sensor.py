@@ -111,8 +111,10 @@ class SensorPatterns:
                 continue
             fit = replace(fit, coefficients=fit.coefficients * (spectrum / max(scale, 1e-300))[:, None])
             maps = ImageMaps("pixels")
+            # a rendering's own noise is alike in all bands: such pixels count only where something remains
+            sharp = form == self.exposure_form
             yield FittedExplanation(
-                self.family, f"single pixels, {form}", fit, self._columns(maps), self.acts, maps, sharp=True
+                self.family, f"single pixels, {form}", fit, self._columns(maps), self.acts, maps, sharp=sharp
             )
 
     def waves(self, of_one_band: Callable[[Wave, int], FittedExplanation] | None = None) -> Iterator[FittedExplanation]:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.fitted_fields import ImageMaps
-from cboxlab.validation.diagnose.explain import NOT_HELD, explain, explain_masked_families
+from cboxlab.validation.diagnose.explain import explain, explain_masked_families
 from cboxlab.validation.diagnose.families.blur import blur_equations, uneven_blurs
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.unexplained import explanation_to_report, is_significant_pattern
@@ -97,8 +97,6 @@ def test_pixels_that_scatter_in_one_place_are_no_pattern(seed):
     corner = np.hypot(ROWS - 12, COLUMNS - 10) < 3
     scatter = np.where(corner, np.random.default_rng(seed).standard_normal(corner.shape), 0.0)
     change = 0.1 * SIGNAL * scatter
-    found = explain(small_excess(change))
-    assert found.form == NOT_HELD and found.rivals[1].share > 0.9
     assert not _seen(change)
 
 
