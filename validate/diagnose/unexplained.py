@@ -109,8 +109,8 @@ def is_significant_pattern(
     """Whether a residual holds a pattern that is neither noise nor an error of the rendering.
 
     Smooth patterns, single pixels alike in all bands, and blurs are judged by `something_remains`: renderings have
-    such errors. Noise alone lets evidence exceed a factor k with a probability of 1 / k at most. A family must exceed that
-    for all forms together, gain as much chi2 as an effect must, and hold where it was not fitted.
+    such errors. Noise alone lets evidence exceed a factor k with a probability of 1 / k at most. A family must exceed
+    that for all forms together, gain as much chi2 as an effect must, and hold where it was not fitted.
 
     Parameters
     ----------
