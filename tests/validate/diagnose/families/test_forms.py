@@ -82,7 +82,8 @@ def test_trails_keep_the_charge_and_their_way(angle, words):
 def test_single_pixels_that_bands_share_are_the_sensors(change, family, words):
     found = explain(small_excess(change))
     assert (found.family, found.form) == (family, words)
-    assert found.heldout > 0.3 and found.sharp
+    assert found.heldout > 0.3
+    assert found.sharp == (family == "sensor-offset")  # a rendering's own noise is alike in all bands
     assert np.corrcoef(found.change.ravel(), change.ravel())[0, 1] > 0.9
     assert found.registration.in_pixels > 0.2 or family == "sensor-offset"
 
