@@ -49,8 +49,9 @@ class ColourStudy(FrozenMappings):
             for method, error in self.errors.items()
         )
         return (
-            f"XYZ uses {self.recommended} filter weights, with the smallest mean CIEDE2000. Over {self.spectra} it is, "
-            f"next to the rms error of Z: {errors}. Trained weights are fitted to {self.ensemble}."
+            f"XYZ uses {self.recommended} filter weights, with the smallest mean CIEDE2000. The means are over "
+            f"{self.spectra}, with the rms error of Z in brackets: {errors}. "
+            f"Trained weights are fitted to {self.ensemble}."
         )
 
 

@@ -38,6 +38,9 @@ __all__ = [
 ]
 
 
+#: Factor on the detectable size from which it is worth a sentence.
+_MIN_COST = 1.1
+
 #: Descriptions of the kinds of flaws of a base.
 _FLAWS = {
     "creases": "corners, which are softer or darker than in the model",
@@ -210,10 +213,11 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.flaws:
         return []
     kinds = "; ".join(f"by {flaw.chi2_per_dof:.2f} at {_FLAWS[flaw.kind]}" for flaw in diagnosis.flaws)
-    sentences = [
-        f"The base itself is off (χ² per sample): {kinds}.",
-        f"With these flaws free, an effect must be {diagnosis.flaws_cost:.1f} times as large to be seen.",
-    ]
+    sentences = [f"The base itself is off (χ² per sample): {kinds}."]
+    if diagnosis.flaws_cost >= _MIN_COST:
+        sentences.append(
+            f"With these flaws free, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
+        )
     sentences += [
         f"{verdict.effect} fits, but not next to these flaws: with them its size is {verdict.certainty:.1f} standard "
         f"deviations, {100 * verdict.stability:.0f} % of its size without."

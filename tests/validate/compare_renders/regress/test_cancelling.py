@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.compare_renders.regress import UNKNOWN, regress_pictures, regress_sides
+from cboxlab.validation.compare_renders.regress.patterns import Difference, textures
 from pictures import SIZE, noisy, rendered
 from scipy.ndimage import gaussian_filter, median_filter
 
@@ -89,3 +90,16 @@ def filtered(seed, by):
 def test_equal_pictures_through_a_filter_are_the_same(by):
     """Their noise is correlated over several pixels."""
     assert all(regress_sides(filtered(2 * s, by), filtered(2 * s + 1, by))[0].same for s in range(4))
+
+
+@pytest.mark.parametrize(("factor", "is_found"), [(0.3, False), (1.0, True)])
+def test_structure_that_a_factor_carries_is_no_texture(factor, is_found):
+    """The picture itself has grains of 6 %: a factor of 0.3 shows them in the difference, new grains do not pass."""
+    random = np.random.default_rng(8)
+    smooth = 10 + np.add.outer(np.linspace(0, 2, 48), np.linspace(0, 1, 48))
+    level = smooth * (1 + 0.06 * random.standard_normal(smooth.shape))
+    grains = 0.1 * smooth * random.standard_normal(smooth.shape) if is_found else 0.0
+    sigma = 0.01 * smooth
+    total = (factor - 1) * level + grains + sigma * random.standard_normal(smooth.shape)
+    (finding,) = textures(Difference(level, total, sigma**2, np.ones(smooth.shape, bool), {"smooth parts": level > 0}))
+    assert (finding.probability < 1e-3) == is_found
