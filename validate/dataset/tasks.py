@@ -14,6 +14,7 @@ import numpy as np
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.model import write_model
 from cboxlab.utils.errors import InputError
+from threadpoolctl import threadpool_limits
 
 from .checks import check_picture
 from .layout import Layout, file_hash, versions, write_json
@@ -151,9 +152,14 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
 
 
 def _rendered(box: Box, camera: str, recipe: Recipe, folder: Path, layout: Layout) -> dict[str, Any]:
-    """Record of a picture that is rendered, checked and written; boxes that fail are kept apart."""
+    """Record of a picture that is rendered, checked and written; boxes that fail are kept apart.
+
+    Linear algebra runs in one thread: sums over several threads round differently, and a picture has the same bits on
+    any number of processors.
+    """
     begun = time.monotonic()
-    cube = render_picture(box, camera, recipe, folder)
+    with threadpool_limits(1):
+        cube = render_picture(box, camera, recipe, folder)
     checks = check_picture(cube, box, recipe.picture.noise, recipe.picture.mantissa_bits)
     target = layout.box(box.number, bool(checks.faults))
     target.mkdir(parents=True, exist_ok=True)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from typing import Any
 
 from cboxlab.rendering.device import dr
@@ -24,23 +23,8 @@ _MOST_ENDS = 3
 #: Time that the first worker of a scheduler has to join, s: a busy machine takes half a minute to start one.
 _WORKER_S = 60.0
 
-#: Variables that limit the threads of linear algebra in a new process.
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
 #: Interval at which a run looks whether it was cancelled, s.
 _LOOK_S = 0.5
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """New processes compute linear algebra in one thread; their kernels share the processors."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
 def _share_processors(threads: int) -> None:
@@ -77,11 +61,10 @@ def in_processes(
     threads = max(1, (os.cpu_count() or 1) // count)
     remaining, ends = list(tasks), 0
     while remaining:
-        with _one_thread_each():
-            pool = ProcessPoolExecutor(
-                count, multiprocessing.get_context("spawn"), initializer=_share_processors, initargs=(threads,)
-            )
-            waiting: dict[Future[list[dict[str, Any]]], Task] = {pool.submit(run, task): task for task in remaining}
+        pool = ProcessPoolExecutor(
+            count, multiprocessing.get_context("spawn"), initializer=_share_processors, initargs=(threads,)
+        )
+        waiting: dict[Future[list[dict[str, Any]]], Task] = {pool.submit(run, task): task for task in remaining}
         try:
             while waiting:
                 over, _ = wait(waiting, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
@@ -169,19 +152,24 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
         As ``on_scheduler``.
     """
     dask = _dask()
-    with _one_thread_each():
-        cluster = dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
-    with cluster, dask.Client(cluster) as client:
+    with (
+        dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
+        dask.Client(cluster) as client,
+    ):
         client.run(_share_processors, max(1, (os.cpu_count() or 1) // count))
         yield from _on_client(dask, client, tasks, idle)
 
 
 def _run_on_worker(task: Task) -> list[dict[str, Any]]:
-    """Run a task on a worker of Dask; its scheduler takes no part in the writing of files."""
+    """Run a task on a worker of Dask, in a thread that Dask does not sample.
+
+    Dask's profiler holds the frames of its own threads for a moment. HDF5 objects then close later, and the layout of
+    a file, though not its content, changes from run to run.
+    """
     import dask
 
-    with dask.config.set(scheduler="threads"):
-        return run_task(task)
+    with dask.config.set(scheduler="threads"), ThreadPoolExecutor(1) as thread:
+        return thread.submit(run_task, task).result()
 
 
 def _on_client(
