@@ -26,7 +26,7 @@ Kind = TypeVar("Kind")
 
 
 class _Surroundings:
-    """Standard output and working directory while code of other packages runs, on any number of threads."""
+    """Standard output and working directory while code of other packages runs."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -34,8 +34,8 @@ def checked_effect(effect: Effect, where: str) -> Effect:
     Returns
     -------
     Effect
-        A copy. Its function raises InputError where that of the package raises any exception, changes its input, or
-        returns a value of another type or shape, or with numbers that are not finite.
+        A copy. Its function raises InputError where that of the package raises any exception or changes its input.
+        So it does for a returned value of another type or shape, or with numbers that are not finite.
 
     Raises
     ------
