@@ -169,9 +169,11 @@ class Pooling:
         _Sums
             Its pictures.
         """
-        difference = self.trimmed.difference[..., number]
+        level, difference = (
+            np.ascontiguousarray(cube[..., number]) for cube in (self.trimmed.level, self.trimmed.difference)
+        )
         return _Sums(
-            self.trimmed.level[..., number],
+            level,
             difference,
             self.noise.of_band(number),
             None if self.shared is None else self.shared[..., number],
