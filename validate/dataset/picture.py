@@ -30,7 +30,7 @@ from cboxlab.utils.files import writing_hdf5
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
-from ..predict import transported
+from ..predict import Coated, coated
 
 __all__ = ["mean_spectrum", "render_picture", "rounded", "sensor_camera", "visible_weights", "write_picture"]
 
@@ -81,8 +81,9 @@ def render_picture(
         first_batch=MOST_PASSES * order,
     )
     image = render_to_precision(job, recipe.picture.noise, progress=progress)
-    changed = transported(image, scene, camera, box.model.effects, box.seed, bounces)
-    data = {**_light(image, changed, scene), **_geometry(image, scene, camera, box.seed)}
+    changes = coated(image, scene, camera, box.model.effects, box.seed, bounces)
+    changed = changes.image
+    data = {**_light(image, changes, scene), **_geometry(image, scene, camera, box.seed)}
     cube = xr.Dataset(
         {name: value for name, value in data.items() if name in _wanted(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
@@ -110,13 +111,20 @@ def _wanted(recipe: Recipe) -> set[str]:
     return {"radiance", "standard_error", "surface", "material", *recipe.picture.truths}
 
 
-def _light(image: RenderedImage, changed: RenderedImage, scene: Scene) -> dict[str, Any]:
-    """Radiance, its errors and its parts; `changed` has the effects of light transport."""
+def _light(image: RenderedImage, changes: Coated, scene: Scene) -> dict[str, Any]:
+    """Radiance, its errors and its parts; `changes` has the effects of light transport."""
     every = np.eye(image.wavelength_nm.size)
+    changed = changes.image
     mean, variance = changed.project(every)
     axes, unit = ("y", "x", "wavelength"), {"units": RADIANCE_UNIT}
     parts = light_parts(image, scene)
     added = changed.mean(every) - image.mean(every) if changed is not image else np.zeros_like(mean)
+    irradiance, specular = parts.irradiance, changes.specular
+    if changes.coats is not image:
+        at_base = changes.coats.mean(every) - image.mean(every) - specular
+        reflects = parts.albedo > 0
+        irradiance = irradiance + np.pi * np.divide(at_base, parts.albedo, out=np.zeros_like(mean), where=reflects)
+        specular = np.where(reflects, specular, specular + at_base)  # the difference is of rounding
     names = ("order", *axes)
     return {
         "radiance": (axes, mean, unit),
@@ -127,7 +135,8 @@ def _light(image: RenderedImage, changed: RenderedImage, scene: Scene) -> dict[s
             {"units": "cd m^-2", "names": "X, Y, Z"},
         ),
         "albedo": (axes, parts.albedo, {"units": "1"}),
-        "irradiance": (axes, parts.irradiance, {"units": _IRRADIANCE_UNIT}),
+        "irradiance": (axes, irradiance, {"units": _IRRADIANCE_UNIT}),
+        "specular": (axes, specular, unit),
         "reflections": (names, parts.reflections, {**unit, "names": ", ".join(REFLECTIONS)}),
         "effects_light": (axes, added, unit),
     }
