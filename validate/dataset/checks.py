@@ -112,13 +112,16 @@ def _energy_faults(cube: xr.Dataset, box: Box, radiance: NDArray, error: NDArray
 def _split_faults(cube: xr.Dataset, box: Box, radiance: NDArray, rounding: float) -> list[str]:
     """Faults of the split into lamp, albedo times irradiance over pi, and specular light.
 
-    Pixels of one flat surface count, in boxes whose only effects on light transport are coats.
+    Pixels of one flat surface that do not touch a sphere count, in boxes whose only effects on light transport are
+    coats.
     """
     wanted = {"albedo", "irradiance", "specular", "reflections", "coverage"}
     if not wanted <= set(cube) or any(e.stage == "transport" and e.id != COAT for e in box.model.effects):
         return []
-    flat = [index for index, surface in enumerate(box.model.scene.surfaces) if not surface.ball]
-    alone = (cube["coverage"].values[..., flat] > 1 - 1e-6).any(axis=-1)
+    coverage = cube["coverage"].values
+    balls = [index for index, surface in enumerate(box.model.scene.surfaces) if surface.ball]
+    near = maximum_filter((coverage[..., balls] > 0).any(axis=-1), 3)  # their silhouettes are found by rays
+    alone = (coverage > 1 - 1e-6).any(axis=-1) & ~near
     parts = {name: cube[name].values.astype(np.float64) for name in ("albedo", "irradiance", "specular")}
     split = cube["reflections"].values[0] + parts["albedo"] * parts["irradiance"] / np.pi + parts["specular"]
     size = float(radiance.max())

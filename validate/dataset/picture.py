@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ from cboxlab.rendering.dataset import (
     Box,
     Recipe,
     SensorTable,
+    joined_scene,
     light_parts,
     shadow_fraction,
+    split_image,
     visible_points,
 )
 from cboxlab.rendering.files import RADIANCE_UNIT, camera_attribute, raw_to_srgb, scene_white
@@ -32,7 +34,7 @@ from numpy.typing import NDArray
 
 from ..predict import Coated, coated
 
-__all__ = ["mean_spectrum", "render_picture", "rounded", "sensor_camera", "visible_weights", "write_picture"]
+__all__ = ["mean_spectrum", "render_pictures", "rounded", "sensor_camera", "visible_weights", "write_picture"]
 
 #: Bits of the mantissa of a number in single precision.
 _FULL_BITS = 23
@@ -41,15 +43,15 @@ _FULL_BITS = 23
 _IRRADIANCE_UNIT = "W m^-2 nm^-1"
 
 
-def render_picture(
-    box: Box, camera_name: str, recipe: Recipe, folder: Path, progress: Progress = NO_PROGRESS
-) -> xr.Dataset:
-    """Picture of a box by one of its cameras.
+def render_pictures(
+    boxes: Sequence[Box], camera_name: str, recipe: Recipe, folder: Path, progress: Progress = NO_PROGRESS
+) -> Iterator[xr.Dataset]:
+    """Pictures of boxes by one of their cameras, from the same rays.
 
     Parameters
     ----------
-    box
-        The box.
+    boxes
+        Boxes that may share rays (``sharing_rays``).
     camera_name
         Name of the camera.
     recipe
@@ -59,31 +61,50 @@ def render_picture(
     progress
         Receives the completed share.
 
-    Returns
-    -------
+    Yields
+    ------
     xr.Dataset
-        The variables of docs/reference/data-set-format.md; their numbers are rounded as the recipe asks.
+        Picture of each box: the variables of docs/reference/data-set-format.md, rounded as the recipe asks.
 
     Raises
     ------
     InputError
         If an effect or a sensor does not fit.
     """
-    scene, camera, bounces = model_cube_inputs(box.model, box.cameras[camera_name])
+    inputs = [model_cube_inputs(box.model, box.cameras[camera_name]) for box in boxes]
+    scenes, camera, bounces = [scene for scene, _, _ in inputs], *inputs[0][1:]
+    each_nm, seed = recipe.picture.wavelength_nm, boxes[0].seed
+    joined, grid = joined_scene(scenes, each_nm)
+    first = MOST_PASSES * _order(boxes[0], camera_name, recipe)
+    job = RenderJob(joined, camera, grid, seed=seed, max_bounces=bounces, first_batch=first)
+    image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
+    geometry = _geometry(image, joined, camera, seed)
+    for box, scene, own in zip(boxes, scenes, split_image(image, len(boxes), each_nm), strict=True):
+        yield _picture(box, camera_name, recipe, folder, own, scene, camera, bounces, geometry)
+
+
+def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
+    """Number of a picture among those of one geometry."""
     variant = box.number % recipe.boxes_per_geometry
-    order = variant * len(box.cameras) + list(box.cameras).index(camera_name)
-    job = RenderJob(
-        scene,
-        camera,
-        recipe.picture.wavelength_nm,
-        seed=box.seed,
-        max_bounces=bounces,
-        first_batch=MOST_PASSES * order,
-    )
-    image = render_to_precision(job, recipe.picture.noise, progress=progress)
+    return variant * len(box.cameras) + list(box.cameras).index(camera_name)
+
+
+def _picture(
+    box: Box,
+    camera_name: str,
+    recipe: Recipe,
+    folder: Path,
+    image: RenderedImage,
+    scene: Scene,
+    camera: Camera,
+    bounces: int | None,
+    geometry: Mapping[str, Any],
+) -> xr.Dataset:
+    """Picture of a box from its image without effects on light transport."""
+    order = _order(box, camera_name, recipe)
     changes = coated(image, scene, camera, box.model.effects, box.seed, bounces)
     changed = changes.image
-    data = {**_light(image, changes, scene), **_geometry(image, scene, camera, box.seed)}
+    data = {**_light(image, changes, scene), **geometry}
     cube = xr.Dataset(
         {name: value for name, value in data.items() if name in _wanted(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},

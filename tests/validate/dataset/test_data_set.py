@@ -15,7 +15,7 @@ from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, workers
 from cboxlab.validation.dataset.checks import check_picture
 from cboxlab.validation.dataset.layout import Layout, begin
-from cboxlab.validation.dataset.picture import render_picture, rounded
+from cboxlab.validation.dataset.picture import render_pictures, rounded
 from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
 from cboxlab.validation.dataset.workers import in_processes
 from helpers.command_line import assert_one_line_of_help
@@ -23,6 +23,9 @@ from helpers.ending import ends_once
 from helpers.recipes import write_recipe
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+
+#: Two boxes that share rays.
+PAIR = ("boxes = 2", "boxes = 2\nboxes_per_geometry = 2")
 
 #: A second camera, an effect of light transport and a sensor.
 MORE = (
@@ -49,7 +52,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recipe_file(folder):
-    return write_recipe(folder, ("step_nm = 100.0", "step_nm = 30.0"), ("{ integer = [1, 2] }", "1"), MORE)
+    return write_recipe(folder, ("step_nm = 100.0", "step_nm = 30.0"), ("{ integer = [1, 2] }", "1"), PAIR, MORE)
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +163,7 @@ def test_a_coated_box_splits_into_albedo_irradiance_and_specular_light(tmp_path,
     path = write_recipe(tmp_path, ("[room]", gloss))
     recipe = load_recipe(path)
     box = draw_box(recipe, 0, tmp_path)
-    picture = render_picture(box, "main", recipe, tmp_path)
+    (picture,) = render_pictures([box], "main", recipe, tmp_path)
     single = picture["coverage"].values.max(axis=-1) > 1 - 1e-6
     split = picture["reflections"][0] + picture["albedo"] * picture["irradiance"] / np.pi + picture["specular"]
     difference = np.abs(split - picture["radiance"]).values[single]
@@ -199,7 +202,8 @@ def test_a_worker_with_other_versions_is_named(tmp_path):
 def test_tasks_hold_boxes_of_one_geometry(tmp_path):
     path = write_recipe(tmp_path, ("boxes = 2", "boxes = 25\nboxes_per_geometry = 10"))
     tasks = tasks_of(load_recipe(path), path, Layout(tmp_path / "set"))
-    assert sorted(n for task in tasks for n in task.boxes) == list(range(25))
+    numbers = [n for task in tasks for n in task.boxes]
+    assert numbers == list(range(28)) and len(tasks[-1].boxes) == 8  # whole blocks, also at the end of the set
     assert all(len({n // 10 for n in task.boxes}) == 1 for task in tasks)
 
 
