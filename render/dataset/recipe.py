@@ -49,6 +49,7 @@ TRUTHS = (
     "normal",
     "albedo",
     "irradiance",
+    "specular",
     "reflections",
     "shadow",
     "effects_light",
