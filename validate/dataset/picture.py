@@ -80,7 +80,17 @@ def render_pictures(
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
     geometry = _geometry(image, joined, camera, seed)
     for box, scene, own in zip(boxes, scenes, split_image(image, len(boxes), each_nm), strict=True):
-        yield _picture(box, camera_name, recipe, folder, own, scene, camera, bounces, geometry)
+        yield _picture(
+            box,
+            camera_name,
+            recipe,
+            image=own,
+            scene=scene,
+            camera=camera,
+            max_bounces=bounces,
+            geometry=geometry,
+            folder=folder,
+        )
 
 
 def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
@@ -93,16 +103,17 @@ def _picture(
     box: Box,
     camera_name: str,
     recipe: Recipe,
-    folder: Path,
+    *,
     image: RenderedImage,
     scene: Scene,
     camera: Camera,
-    bounces: int | None,
+    max_bounces: int | None,
     geometry: Mapping[str, Any],
+    folder: Path,
 ) -> xr.Dataset:
     """Picture of a box from its image without effects on light transport."""
     order = _order(box, camera_name, recipe)
-    changes = coated(image, scene, camera, box.model.effects, box.seed, bounces)
+    changes = coated(image, scene, camera, box.model.effects, box.seed, max_bounces)
     changed = changes.image
     data = {**_light(image, changes, scene), **geometry}
     cube = xr.Dataset(

@@ -169,11 +169,9 @@ class Pooling:
         _Sums
             Its pictures.
         """
-        level, difference = (
-            np.ascontiguousarray(cube[..., number]) for cube in (self.trimmed.level, self.trimmed.difference)
-        )
+        difference = np.ascontiguousarray(self.trimmed.difference[..., number])
         return _Sums(
-            level,
+            np.ascontiguousarray(self.trimmed.level[..., number]),
             difference,
             self.noise.of_band(number),
             None if self.shared is None else self.shared[..., number],
