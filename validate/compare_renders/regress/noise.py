@@ -35,6 +35,14 @@ _LITTLE_CORRELATION = 0.05
 _MOST_APART = 0.1
 #: The same over the stated errors: errors of batches contain correlated noise.
 _MOST_SPREAD = 1.5
+#: Growth of second differences from a distance to twice as far, below which noise reaches no further.
+_NO_GROWTH = 1.35
+#: Second differences of independent numbers over their variance: 1 + 4 + 1.
+_SECOND_DIFFERENCE = 6.0
+#: Relative difference of pictures from which it is none of denoised noise, and no noise widens errors by more than ...
+_GROSS = 0.15
+#: ... this ratio of variances of means, that of a pixel filter three pixels wide.
+_WIDEST_FILTER = 6.0
 #: Largest part of the correlation that the means of small regions remove and that is made up for.
 _MOST_REMOVED = 0.5
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
@@ -452,7 +460,12 @@ def _clustering(
     ratio = _of_blocks(clipped, smooth)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
-    if not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
+    reach = _reach(clipped, smooth) if estimated else None
+    if reach is not None:
+        ratio = max(ratio, _of_filter(clipped, smooth, reach))
+    elif estimated and apart >= _GROSS:
+        ratio = min(ratio, _WIDEST_FILTER)
+    elif not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
         ratio = max(ratio, _of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
@@ -467,6 +480,43 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
     inside = np.asarray(smooth[:height, :width].reshape(shape).all(axis=(1, 3)))
     blocks = _difference_variance(means, inside) * _BLOCK_PX**2
     return blocks / max(_difference_variance(values, smooth), 1e-12) if np.isfinite(blocks) else 1.0
+
+
+def _reach(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> int | None:
+    """Distance in px beyond which noise is independent; None where differences grow over many pixels.
+
+    Second differences of filtered noise stop growing there. A smooth difference of the pictures makes them grow later.
+    """
+    sizes = {}
+    for step in (1, 2, 3, 4, 6, 8):
+        sizes[step], pixels = _second_differences(values, smooth, step)
+        if pixels < _MIN_PAIRS:
+            return None
+    for step in (1, 2, 3, 4):
+        if sizes[2 * step] <= _NO_GROWTH * sizes[step]:
+            return step
+    return None
+
+
+def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_], reach: int) -> float:
+    """Sum of the correlation between pixels up to a distance, from differences of pixels that far apart."""
+    if reach == 1:
+        return 1.0
+    variance = _second_differences(values, smooth, 2 * reach)[0] / _SECOND_DIFFERENCE
+    total = 1.0
+    for down in range(reach + 1):
+        for right in range(-reach, reach + 1):
+            if (down, right) <= (0, 0):
+                continue  # each pair of pixels once
+            columns = np.s_[right:] if right >= 0 else np.s_[:right]
+            others = np.s_[: values.shape[1] - right] if right >= 0 else np.s_[-right:]
+            pairs = values[down:, columns] - values[: len(values) - down, others]
+            both = smooth[down:, columns] & smooth[: len(values) - down, others]
+            squares = pairs[both] ** 2
+            if squares.size >= _MIN_PAIRS:
+                cut = np.minimum(squares, _SQUARE_CUT * np.median(squares))
+                total += 2 * (1 - 0.5 * float(cut.mean()) / max(variance, 1e-300))
+    return total
 
 
 def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:

@@ -239,9 +239,7 @@ def _remarks(comparison: Comparison) -> list[str]:
     if comparison.pooling.paired:
         notes.append("both sides have the same random numbers: they are compared cube by cube")
     if comparison.noise.estimated:
-        notes.append(
-            f"noise assumed: {_typical_noise(comparison):.2%} of the light per pixel"
-        )
+        notes.append(f"noise assumed: {_typical_noise(comparison):.2%} of the light per pixel")
     notes += _changed_guides(comparison)
     if not comparison.strata.mapped:
         notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
