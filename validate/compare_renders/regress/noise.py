@@ -37,8 +37,8 @@ _MOST_APART = 0.1
 _MOST_SPREAD = 1.5
 #: Growth of second differences from a distance to twice as far, below which noise reaches no further.
 _NO_GROWTH = 1.35
-#: Second differences of independent numbers over their variance: 1 + 4 + 1.
-_SECOND_DIFFERENCE = 6.0
+#: Distances in px at which noise of a pixel filter may end.
+_FILTER_PX = (1, 2, 3)
 #: Relative difference of pictures from which it is none of denoised noise, and no noise widens errors by more than ...
 _GROSS = 0.15
 #: ... this ratio of variances of means, that of a pixel filter three pixels wide.
@@ -460,9 +460,9 @@ def _clustering(
     ratio = _of_blocks(clipped, smooth)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
-    reach = _reach(clipped, smooth) if estimated else None
-    if reach is not None:
-        ratio = max(ratio, _of_filter(clipped, smooth, reach))
+    by_filter = _of_filter(clipped, smooth) if estimated else None
+    if by_filter is not None:
+        ratio = max(ratio, by_filter)
     elif estimated and apart >= _GROSS:
         ratio = min(ratio, _WIDEST_FILTER)
     elif not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
@@ -482,41 +482,28 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
     return blocks / max(_difference_variance(values, smooth), 1e-12) if np.isfinite(blocks) else 1.0
 
 
-def _reach(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> int | None:
-    """Distance in px beyond which noise is independent; None where differences grow over many pixels.
+def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
+    """Sum of the correlation between pixels of filtered noise; None where differences grow over many pixels.
 
-    Second differences of filtered noise stop growing there. A smooth difference of the pictures makes them grow later.
+    Second differences of filtered noise stop growing at some distance. A smooth difference of the pictures makes them
+    grow later, and adds nothing here. Their size at one pixel gives the width of a Gaussian filter.
     """
     sizes = {}
-    for step in (1, 2, 3, 4, 6, 8):
+    for step in (1, *_FILTER_PX, *(2 * px for px in _FILTER_PX)):
         sizes[step], pixels = _second_differences(values, smooth, step)
         if pixels < _MIN_PAIRS:
             return None
-    for step in (1, 2, 3, 4):
-        if sizes[2 * step] <= _NO_GROWTH * sizes[step]:
-            return step
-    return None
-
-
-def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_], reach: int) -> float:
-    """Sum of the correlation between pixels up to a distance, from differences of pixels that far apart."""
-    if reach == 1:
+    reach = next((px for px in _FILTER_PX if sizes[2 * px] <= _NO_GROWTH * sizes[px]), None)
+    if reach is None:
+        return None
+    part = sizes[1] / max(sizes[reach], sizes[2 * reach], 1e-300)
+    if part >= 1:
         return 1.0
-    variance = _second_differences(values, smooth, 2 * reach)[0] / _SECOND_DIFFERENCE
-    total = 1.0
-    for down in range(reach + 1):
-        for right in range(-reach, reach + 1):
-            if (down, right) <= (0, 0):
-                continue  # each pair of pixels once
-            columns = np.s_[right:] if right >= 0 else np.s_[:right]
-            others = np.s_[: values.shape[1] - right] if right >= 0 else np.s_[-right:]
-            pairs = values[down:, columns] - values[: len(values) - down, others]
-            both = smooth[down:, columns] & smooth[: len(values) - down, others]
-            squares = pairs[both] ** 2
-            if squares.size >= _MIN_PAIRS:
-                cut = np.minimum(squares, _SQUARE_CUT * np.median(squares))
-                total += 2 * (1 - 0.5 * float(cut.mean()) / max(variance, 1e-300))
-    return total
+    # second differences over 6 variances are 1 - (4 c - c^4) / 3 for a correlation c of neighbours
+    grid = np.linspace(0.0, 1.0, 1001)[1:-1]
+    correlation = float(np.interp(3 * (1 - part), 4 * grid - grid**4, grid))
+    lags = np.arange(-4 * reach, 4 * reach + 1)
+    return float((correlation ** (lags**2)).sum() ** 2)
 
 
 def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
