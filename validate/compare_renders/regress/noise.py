@@ -37,6 +37,8 @@ _MOST_APART = 0.1
 _MOST_SPREAD = 1.5
 #: Growth of second differences from a distance to twice as far, below which noise reaches no further.
 _NO_GROWTH = 1.35
+#: Square of second differences of independent numbers over their variance: 1 + 4 + 1.
+_SECOND_DIFFERENCE = 6.0
 #: Distances in px at which noise of a pixel filter may end.
 _FILTER_PX = (1, 2, 3)
 #: Relative difference of pictures from which it is none of denoised noise, and no noise widens errors by more than ...
@@ -462,7 +464,7 @@ def _clustering(
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
     by_filter = _of_filter(clipped, smooth) if estimated else None
     if by_filter is not None:
-        ratio = max(ratio, by_filter)
+        ratio = max(_of_blocks(clipped, smooth, curved=True), by_filter)
     elif estimated and apart >= _GROSS:
         ratio = min(ratio, _WIDEST_FILTER)
     elif not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
@@ -470,15 +472,23 @@ def _clustering(
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
 
-def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Scatter of block means over that of independent pixels; 1 where there are few."""
+def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved: bool = False) -> float:
+    """Scatter of block means over that of independent pixels; 1 where there are few.
+
+    curved : whether second differences of blocks count, which a gradient does not change.
+    """
     height, width = (size // _BLOCK_PX * _BLOCK_PX for size in values.shape)
     if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
         return 1.0
     shape = height // _BLOCK_PX, _BLOCK_PX, width // _BLOCK_PX, _BLOCK_PX
     means = values[:height, :width].reshape(shape).mean(axis=(1, 3))
     inside = np.asarray(smooth[:height, :width].reshape(shape).all(axis=(1, 3)))
-    blocks = _difference_variance(means, inside) * _BLOCK_PX**2
+    if curved:
+        square, count = _second_differences(means, inside, 1)
+        scatter = square / _SECOND_DIFFERENCE if count >= _MIN_PAIRS else float("nan")
+    else:
+        scatter = _difference_variance(means, inside)
+    blocks = scatter * _BLOCK_PX**2
     return blocks / max(_difference_variance(values, smooth), 1e-12) if np.isfinite(blocks) else 1.0
 
 

@@ -55,7 +55,9 @@ class Strata(FrozenMappings):
         return self.used & ~self.lamp
 
 
-def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata:
+def strata_of(
+    level: NDArray[np.float64], surfaces: SurfaceMap | None, other: NDArray[np.float64] | None = None
+) -> Strata:
     """Parts of a picture.
 
     Parameters
@@ -64,6 +66,8 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
         (y, x) radiance of the baseline, summed over wavelengths.
     surfaces
         Map of surfaces; None where unknown. Lamp and edges then follow from the radiance alone.
+    other
+        (y, x) radiance of the candidate: pixels count that are lit in either picture, or few samples would bias them.
 
     Returns
     -------
@@ -71,6 +75,8 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
         The parts.
     """
     used = level > 1e-9 * max(float(level.max()), 1e-300)
+    if other is not None:
+        used |= other > 1e-9 * max(float(level.max()), 1e-300)
     quiet = median_filter(level, 3, mode="nearest")
     span = local_range(level)
     edges = _sharp(quiet, span, level)

@@ -143,10 +143,11 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
 def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
     """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
     surface_map = surfaces or baseline.surfaces or candidate.surfaces
-    strata = strata_of(baseline.radiance.sum(axis=-1), surface_map)
+    levels = _total(baseline), _total(candidate)
+    strata = strata_of(levels[0], surface_map, levels[1])
     if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():
         return strata
-    others = strata_of(candidate.radiance.sum(axis=-1), surface_map)
+    others = strata_of(levels[1], surface_map, levels[0])
     return others if _SMOOTHER * strata.smooth.sum() < others.smooth.sum() else strata
 
 
