@@ -28,7 +28,7 @@ from .evidence import (
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
-from .judgement import BesideFlaws, Verdict, confirmed_beside_flaws, cost_in_power, selected_beside_flaws
+from .judgement import BaseFlaws, Verdict, confirmed_beside_flaws, cost_in_power, selected_beside_flaws
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -192,7 +192,7 @@ class _Judged:
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
     #: What the base is off by, with them.
-    flaws: BesideFlaws
+    flaws: BaseFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
     #: Factor by which flaws raise the size that an effect must have, see `cost_in_power`.
@@ -273,7 +273,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
 
 
 def _explained(
-    first: LinearisedFit, answer: _Answer, flaws: BesideFlaws, capture: Capture, progress: Progress
+    first: LinearisedFit, answer: _Answer, flaws: BaseFlaws, capture: Capture, progress: Progress
 ) -> _Answer:
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
@@ -285,12 +285,12 @@ def _explained(
     rendered = residual_with_rendered(answer.linearised, effects)
     remains = something_remains(model, residual, rendered)
     if remains and flaws.small:
-        change = flaws.model.change_dn(flaws.fitted)
-        without_flaws = residual - model.whiten_used(change)
-        remains = something_remains(model, without_flaws, rendered - model.whiten_used(change))
+        change = model.whiten_used(flaws.change_dn)
+        without_flaws = residual - change
+        remains = something_remains(model, without_flaws, rendered - change)
         if not remains:
             residual = without_flaws
-            start = replace(start, residual=start.residual - start.whiten_used(change))
+            start = replace(start, residual=start.residual - start.whiten_used(flaws.change_dn))
     excess = residual_data_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
@@ -330,7 +330,9 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
-    effects, flaws, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
+    effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
+    flaws = beside.found
+    del beside  # its columns take much of the memory
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
     if something_remains(search.linearised.model, residual, rendered):
         # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
@@ -339,7 +341,7 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
         search = replace(by_size, linearised=again.linearised)
-        return _Judged(by_size, search, again.selected, again.assessed, again.flaws, verdicts, cost, imitated)
+        return _Judged(by_size, search, again.selected, again.assessed, again.flaws.found, verdicts, cost, imitated)
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors

@@ -25,6 +25,7 @@ from .search import Candidate, Problem, Signature, columns_of, screen
 from .stepwise import MAX_EFFECTS, refitted
 
 __all__ = [
+    "BaseFlaws",
     "BesideFlaws",
     "SelectedBesideFlaws",
     "Verdict",
@@ -118,11 +119,28 @@ class BesideFlaws:
         return self.evident and size < _MAX_FLAWED
 
     @property
+    def found(self) -> BaseFlaws:
+        """The flaws without their columns."""
+        return BaseFlaws(self.reported, self.small, self.model.change_dn(self.fitted))
+
+    @property
     def reported(self) -> tuple[Flaw, ...]:
         """Flaws worth a sentence, the largest first."""
         if not self.evident:
             return ()
         return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > _MIN_HELDOUT)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFlaws:
+    """What the base is off by, without the columns, which take much of the memory."""
+
+    #: Flaws worth a sentence, the largest first.
+    reported: tuple[Flaw, ...]
+    #: Whether flaws of the sizes expected explain it, see `BesideFlaws.small`.
+    small: bool
+    #: (n,) change of the used samples by all flaws, DN.
+    change_dn: NDArray[np.float64]
 
 
 def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
@@ -213,11 +231,12 @@ def confirmed_beside_flaws(
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
         residual = residual_with(linearised, confirmed)
-        flaws = _fitted_to(_flaw_model(linearised, residual), residual)
+        flaws = _beside(linearised, confirmed)
         verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
+        del flaws  # the next one is as large
         worst = min(failing, key=lambda index: verdicts[index].evidence)
         rejected.append(verdicts[worst])
         del confirmed[worst]
@@ -299,7 +318,9 @@ def selected_beside_flaws(
             break
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, flaws), [*selected, best])
+        del flaws  # the next one is as large
         flaws = _beside(linearised, selected)
+    del flaws
     selected, flaws, verdicts = confirmed_beside_flaws(linearised, selected)
     if selected:
         selected = refitted_together(_judged(linearised, flaws), selected)
@@ -337,14 +358,15 @@ def _best_beside(
     model, whitened = flaws.model, flaws.model.whitened(residual)
     gains = []
     for signature in signatures:
-        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        columns = _whitened_columns(model, problem, signature)
         for weighted in (columns, model.weighted(flaws.fitted, columns)):
             amount = _amount(weighted, columns, whitened)
-            gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, columns, amount))
+            gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, amount))
     first = sorted(gains[::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     second = sorted(gains[1::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
-    for _, signature, columns, start in (*first, *second):
+    for _, signature, start in (*first, *second):
+        columns = _whitened_columns(model, problem, signature)
         amount, fitted = _amount_beside(model, columns, whitened, start)
         evidence = flaws.score - fitted.score - price_of(len(amount))
         candidate = _started(screen(problem, signature, residual), signature, amount)
@@ -375,10 +397,15 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: Besi
     model, ratios = flaws.model, [1.0]
     usable = [signature for signature in signatures if not signature.by_priors]
     for signature in usable[:: max(len(usable) // _NUM_SAMPLED, 1)]:
-        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        columns = _whitened_columns(model, problem, signature)
         plain, with_flaws = (float(np.sum(each * columns)) for each in (columns, model.weighted(flaws.fitted, columns)))
         ratios.append(float(np.sqrt(plain / max(with_flaws, 1e-12 * plain))) if plain > 0 else 1.0)
     return max(float(np.median(ratios)), 1.0)
+
+
+def _whitened_columns(model: FlawModel[LinearModel], problem: Problem, signature: Signature) -> NDArray[np.float64]:
+    """(n + 11, p) changes by an effect's numbers, whitened beside the flaws."""
+    return np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
 
 
 def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ within the kind's bound. Deviations of single pixels, alike in all bands, whiten
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol, Self, TypeVar
@@ -108,8 +108,8 @@ class FlawModel(Generic[W]):
     kind: NDArray[np.str_]
     #: (n + 11, k) whitened, projected columns.
     columns: NDArray[np.float32]
-    #: (k, n) the same as given, DN.
-    change: NDArray[np.float32]
+    #: (n,) each, the same as given, DN.
+    change: tuple[NDArray[np.float32], ...]
     #: (band, y, x) predicted signal, DN.
     signal: NDArray[np.float64]
 
@@ -248,7 +248,7 @@ class FlawModel(Generic[W]):
             (n + 11,) in the whitened model.
         """
         members = self._of_kind(kind) if kind else self.kind != _SHARED
-        return np.asarray(self.columns[:, members] @ fitted.amount[members].astype(np.float32), float)
+        return np.asarray(self.columns @ np.where(members, fitted.amount, 0.0).astype(np.float32), float)
 
     def _of_kind(self, kind: str) -> NDArray[np.bool_]:
         """(k,) columns of a kind, in all its forms."""
@@ -267,8 +267,11 @@ class FlawModel(Generic[W]):
         NDArray
             (n,) DN.
         """
-        members = self.kind != _SHARED
-        return np.asarray(fitted.amount[members].astype(np.float32) @ self.change[members], float)
+        total = np.zeros(self.model.count)
+        for kind, amount, change in zip(self.kind, fitted.amount, self.change, strict=True):
+            if kind != _SHARED:
+                total += amount * change
+        return total
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model with the flaws in its covariance.
@@ -285,10 +288,9 @@ class FlawModel(Generic[W]):
         LinearModel
             Shared errors are counted as well.
         """
-        columns = [
-            width * change / plain.sigma for width, change in zip(self._prior(fitted.width), self.change, strict=True)
-        ]
-        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns))
+        prior = self._prior(fitted.width)
+        columns = (width * change / plain.sigma for width, change in zip(prior, self.change, strict=True))
+        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns, len(prior)))
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a residual.
@@ -322,18 +324,18 @@ class FlawModel(Generic[W]):
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
         members, count = self._of_kind(kind), self.model.count
         rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
-        rows, columns = np.indices(self.model.used.shape[1:])
-        board = (rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2 == 1
+        columns = self.columns[:count, members]
+        v, u = np.indices(self.model.used.shape[1:])
+        board = (v // _HELDOUT_BLOCK_PX + u // _HELDOUT_BLOCK_PX) % 2 == 1
         white = np.broadcast_to(board, self.model.used.shape)[self.model.used]
         gains = np.zeros(2)
         for inside in (white, ~white):
-            fitted_rows = self.columns[:count, members][inside]
+            fitted_rows = np.where(inside[:, None], columns, np.float32(0))
             ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)
-            products = fitted_rows.T.astype(float) @ fitted_rows
-            amount = np.linalg.solve(products + ridge, fitted_rows.T @ rest[inside])
+            products = (fitted_rows.T @ fitted_rows).astype(float)
+            change = columns @ np.linalg.solve(products + ridge, fitted_rows.T @ rest)
             for index, part in enumerate((inside, ~inside)):
-                change = self.columns[:count, members][part] @ amount
-                gains[index] += float(2 * change @ rest[part] - change @ change)
+                gains[index] += float(2 * change[part] @ rest[part] - change[part] @ change[part])
         return float(gains[1] / max(gains[0], 1e-30))
 
 
@@ -363,6 +365,7 @@ def build_flaw_model(
     error = _pixel_error(model, signal, remaining)
     if error == 0:
         return plain
+    del plain  # its columns are as large as those to come
     return _with_columns(model, error, flaws, signal)
 
 
@@ -370,10 +373,12 @@ def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: ND
     """Columns whitened and projected, with the errors that bands and faces share."""
     model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
     shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
-    change = np.vstack([flaws.change, shared])
-    columns = np.array([model.whiten_used(column.astype(float)) for column in change], np.float32)
+    changes = (*flaws.change, *shared)
+    columns = np.empty((len(changes), len(plain.shared_errors)), np.float32)
+    for column, change in zip(columns, changes, strict=True):
+        column[:] = model.whiten_used(change.astype(float))
     kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
-    return FlawModel(model, error, kind, columns.T.copy(), change, signal)
+    return FlawModel(model, error, kind, columns.T, changes, signal)
 
 
 def _pixel_index(model: Whitening) -> NDArray[np.int64]:
@@ -399,8 +404,8 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
 
 
 def _pixel_errors(
-    model: Whitening, signal: NDArray[np.float64], error: float, columns: Sequence[NDArray] = ()
+    model: Whitening, signal: NDArray[np.float64], error: float, columns: Iterable[NDArray] = (), count: int = 0
 ) -> PictureErrors:
-    """Deviations of single pixels as a covariance, with further errors (n,) over sigma."""
+    """Deviations of single pixels as a covariance, with ``count`` further errors (n,) over sigma."""
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
-    return cells_and_columns(cell, error * signal[model.used] / model.sigma, columns)
+    return cells_and_columns(cell, error * signal[model.used] / model.sigma, columns, count)
