@@ -54,9 +54,6 @@ _MIN_CHI2_FOR_FAMILY = 0.03
 #: Probability that nothing is missing, where no effect was accepted. Set by judgement.
 NOTHING_MISSING = 0.95
 
-#: Probability of an unknown cause where something remains next to effects. Set by judgement.
-_UNKNOWN_REMAINS = 0.3
-
 #: Probability of an unknown cause where nothing remains. Set by judgement.
 _UNKNOWN_EXPLAINED = 0.02
 
@@ -177,6 +174,8 @@ class _Answer:
     selected: tuple[str, ...] = ()
     #: Explanation of what remains; None where nothing does.
     explanation: Explanation | None = None
+    #: Probability of an unknown cause: where effects are selected, that they only imitate it.
+    unknown: float = _UNKNOWN_EXPLAINED
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +247,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=_ranking(by_size.singles, search, answer.assessed, start, answer.explanation, answer.selected),
+        ranking=_ranking(by_size.singles, search, answer.assessed, start, answer.unknown, answer.selected),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -294,9 +293,12 @@ def _explained(
     excess = residual_data_of(answer.linearised, residual, capture)
     best, by_effects = explain(excess, share(progress, 0.95, 0.97)), start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
-    selected = tuple(c.hypothesis.effect.id for c in effects)
+    selected, unknown = tuple(c.hypothesis.effect.id for c in effects), _UNKNOWN_EXPLAINED
     if explanation is not None:
-        hold = holds_beside_remainder(answer.assessed, explained_part(start, residual))
+        explained = explained_part(start, residual)
+        # an imitation of another cause explains a part of it
+        unknown = best.cause_probability * (1 - max(explained, 0.0))
+        hold = holds_beside_remainder(answer.assessed, explained)
         selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
@@ -306,8 +308,10 @@ def _explained(
     if explanation is not None:
         explanation = explanation.named_if_likely()
     if selected == (UNKNOWN,):
-        return _Answer(first, [], [], first.model.residual, selected, explanation)
-    return replace(answer, selected=selected, explanation=explanation)
+        if explanation is not None:
+            unknown = explanation.cause_probability
+        return _Answer(first, [], [], first.model.residual, selected, explanation, unknown)
+    return replace(answer, selected=selected, explanation=explanation, unknown=unknown)
 
 
 def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[Step, ...]:
@@ -404,7 +408,7 @@ def _ranking(
     search: Selection,
     assessed: Sequence[SelectedEffect],
     start: LinearModel,
-    explanation: Explanation | None,
+    unknown: float,
     selected: tuple[str, ...],
 ) -> tuple[Ranked, ...]:
     """Effects by probability: the selected ones, then their alternatives, then all others.
@@ -415,9 +419,6 @@ def _ranking(
     """
     singles = search.singles
     offset = start.chi2 - search.first.chi2
-    unknown = _UNKNOWN_EXPLAINED if explanation is None else _UNKNOWN_REMAINS
-    if selected == (UNKNOWN,) and explanation is not None:
-        unknown = explanation.cause_probability
     entries = {c.hypothesis.effect.id: _ranked(c, 0.0, start.count, 0.0) for c in by_size}
     entries |= {c.hypothesis.effect.id: _ranked(c, offset, start.count, 0.0) for c in singles}
     if set(selected) - {UNKNOWN}:

@@ -99,6 +99,8 @@ class BesideFlaws:
     evidence: float
     #: (n + 11,) whitened residual with the effects.
     residual: NDArray[np.float64]
+    #: (n,) change of the used samples by all flaws, DN.
+    change_dn: NDArray[np.float64]
     #: Every kind's size, the largest first.
     flaws: tuple[Flaw, ...]
 
@@ -116,12 +118,12 @@ class BesideFlaws:
     def small(self) -> bool:
         """Whether flaws of the sizes expected explain it, also where they were not fitted."""
         size = sum(flaw.chi2_per_dof for flaw in self.flaws)
-        return self.evident and size < _MAX_FLAWED
+        return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
 
     @property
     def found(self) -> BaseFlaws:
         """The flaws without their columns."""
-        return BaseFlaws(self.reported, self.small, self.model.change_dn(self.fitted))
+        return BaseFlaws(self.reported, self.small, self.change_dn)
 
     @property
     def reported(self) -> tuple[Flaw, ...]:
@@ -177,32 +179,6 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
         reflectance,
     )
     return build_flaw_model(linearised.model, columns, signal, residual)
-
-
-def _fitted_to(model: FlawModel[LinearModel], residual: NDArray[np.float64]) -> BesideFlaws:
-    """Flaws of the base, fitted to a residual.
-
-    Parameters
-    ----------
-    model
-        Columns of the flaws.
-    residual
-        (n + 11,) residual of the plain model.
-
-    Returns
-    -------
-    BesideFlaws
-        Widths, amounts and sizes.
-    """
-    whitened = model.whitened(residual)
-    fitted = model.fit(whitened)
-    return BesideFlaws(
-        model,
-        fitted,
-        model.score(model.without(fitted), whitened) - fitted.score,
-        whitened,
-        tuple(model.flaws(fitted, whitened)),
-    )
 
 
 def confirmed_beside_flaws(
@@ -335,7 +311,17 @@ def selected_beside_flaws(
 def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
     """Flaws of the base with effects in place."""
     residual = residual_with(linearised, selected)
-    return _fitted_to(_flaw_model(linearised, residual), residual)
+    model = _flaw_model(linearised, residual)
+    whitened = model.whitened(residual)
+    fitted = model.fit(whitened)
+    return BesideFlaws(
+        model,
+        fitted,
+        model.nothing - fitted.score,
+        whitened,
+        model.change_dn(linearised.model, fitted, residual),
+        tuple(model.flaws(fitted, whitened)),
+    )
 
 
 def _judged(linearised: LinearisedFit, flaws: BesideFlaws) -> LinearisedFit:

@@ -78,6 +78,32 @@ class PictureErrors:
             apart[some] -= self.common[some] @ along
         return apart
 
+    def of_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Likeliest errors of the cells in a vector over sigma, all other errors taken off.
+
+        Parameters
+        ----------
+        pixels
+            (n,) values over sigma.
+
+        Returns
+        -------
+        NDArray
+            (n,) over sigma.
+        """
+        amount = np.bincount(self.cell, self.weight * pixels, len(self.shrink)) / (1 + self._cell_squares)
+        return np.asarray(self.weight * amount[self.cell])
+
+    @property
+    def volume_of_cells(self) -> float:
+        """Logarithm of the determinant of the covariance by noise and cells over that by noise."""
+        return float(np.log1p(self._cell_squares).sum())
+
+    @property
+    def _cell_squares(self) -> NDArray[np.float64]:
+        """(cells,) variance by a cell's error along it, over that of noise."""
+        return np.bincount(self.cell, self.weight.astype(float) ** 2, len(self.shrink))
+
     def _by_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Vector (n,) whitened by the errors of cells alone."""
         sums = np.bincount(self.cell, self.weight * pixels, len(self.shrink))

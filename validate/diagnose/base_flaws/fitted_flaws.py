@@ -37,7 +37,7 @@ _MAX_WIDTH = 3.0
 #: Smallest width, in its tolerance.
 _MIN_WIDTH = 0.01
 
-#: Largest relative deviation of single pixels.
+#: Largest relative deviation of single pixels: a flaw is small, or it is a cause.
 _MAX_PIXEL_ERROR = 0.005
 
 #: Rounds of the widths' fit.
@@ -102,8 +102,10 @@ class FlawModel(Generic[W]):
 
     #: The capture's linear model, single pixels' deviations in its covariance.
     model: W
-    #: Relative standard deviation of single pixels.
+    #: Relative standard deviation of single pixels, as estimated.
     pixel_error: float
+    #: -2 ln(evidence) of the residual without flaws, over that of this model's covariance without columns.
+    nothing: float
     #: (k,) kind of each column.
     kind: NDArray[np.str_]
     #: (n + 11, k) whitened, projected columns.
@@ -136,6 +138,11 @@ class FlawModel(Generic[W]):
             return residual
         pixels = self.model.errors.whitened(residual[:count])
         return self.model.project(np.append(pixels, residual[count:]))
+
+    @property
+    def beyond_flaws(self) -> bool:
+        """Whether single pixels deviate by more than flats do that were taken a while ago."""
+        return self.pixel_error > _MAX_PIXEL_ERROR
 
     def _aim(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(self.columns.T @ residual.astype(np.float32), float)
@@ -254,24 +261,30 @@ class FlawModel(Generic[W]):
         """(k,) columns of a kind, in all its forms."""
         return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
-    def change_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
-        """Change of the used samples by all fitted flaws.
+    def change_dn(self, plain: W, fitted: FittedFlaws, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Change of the used samples by all fitted flaws, single pixels included.
 
         Parameters
         ----------
+        plain
+            The model without errors in its covariance.
         fitted
             Fitted widths and amounts.
+        residual
+            (n + 11,) residual of the plain model.
 
         Returns
         -------
         NDArray
             (n,) DN.
         """
-        total = np.zeros(self.model.count)
+        flaws, shared = np.zeros(self.model.count), np.zeros(self.model.count)
         for kind, amount, change in zip(self.kind, fitted.amount, self.change, strict=True):
-            if kind != _SHARED:
-                total += amount * change
-        return total
+            (shared if kind == _SHARED else flaws)[:] += amount * change
+        if self.model.errors is not None:
+            rest = residual[: self.model.count] - (flaws + shared) / plain.sigma
+            flaws += plain.sigma * self.model.errors.of_cells(rest)
+        return flaws
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model with the flaws in its covariance.
@@ -317,7 +330,7 @@ class FlawModel(Generic[W]):
         if self.pixel_error > 0 and self.model.errors is not None:
             cells = self.model.errors
             weight = float(cells.weight @ cells.weight)
-            flaws.append(Flaw(_PIXELS, weight / count, self.pixel_error, 1.0))
+            flaws.append(Flaw(_PIXELS, weight / count, min(self.pixel_error, _MAX_PIXEL_ERROR), 1.0))
         return sorted(flaws, key=lambda flaw: -flaw.chi2_per_dof)
 
     def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
@@ -361,12 +374,16 @@ def build_flaw_model(
         In the covariance with single pixels' deviations.
     """
     plain = _with_columns(model, 0.0, flaws, signal)
-    remaining = residual - plain.part(fitted := plain.fit(residual)) - plain.part(fitted, _SHARED)
+    fitted = plain.fit(residual)
+    nothing = plain.score(plain.without(fitted), residual)
+    remaining = residual - plain.part(fitted) - plain.part(fitted, _SHARED)
     error = _pixel_error(model, signal, remaining)
     if error == 0:
-        return plain
+        return replace(plain, nothing=nothing)
     del plain  # its columns are as large as those to come
-    return _with_columns(model, error, flaws, signal)
+    beside = _with_columns(model, error, flaws, signal)
+    cells = beside.model.errors
+    return replace(beside, nothing=nothing - (0.0 if cells is None else cells.volume_of_cells))
 
 
 def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
@@ -378,7 +395,7 @@ def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: ND
     for column, change in zip(columns, changes, strict=True):
         column[:] = model.whiten_used(change.astype(float))
     kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
-    return FlawModel(model, error, kind, columns.T, changes, signal)
+    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal)
 
 
 def _pixel_index(model: Whitening) -> NDArray[np.int64]:
@@ -400,7 +417,7 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
     e, w = each.reshape(shape), weight.reshape(shape)
     shared = sum(float(np.sum(a * b)) for a, b in ((e[1:], e[:-1]), (e[:, 1:], e[:, :-1])))
     weights = sum(float(np.sum(a * b)) for a, b in ((w[1:], w[:-1]), (w[:, 1:], w[:, :-1])))
-    return float(np.sqrt(np.clip(common - max(shared / max(weights, 1e-300), 0.0), 0.0, _MAX_PIXEL_ERROR**2)))
+    return float(np.sqrt(max(common - max(shared / max(weights, 1e-300), 0.0), 0.0)))
 
 
 def _pixel_errors(
@@ -408,4 +425,5 @@ def _pixel_errors(
 ) -> PictureErrors:
     """Deviations of single pixels as a covariance, with ``count`` further errors (n,) over sigma."""
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
-    return cells_and_columns(cell, error * signal[model.used] / model.sigma, columns, count)
+    weight = min(error, _MAX_PIXEL_ERROR) * signal[model.used] / model.sigma
+    return cells_and_columns(cell, weight, columns, count)
