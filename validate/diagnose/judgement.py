@@ -135,7 +135,7 @@ class BesideFlaws:
 
 @dataclass(frozen=True, eq=False)
 class BaseFlaws:
-    """What the base is off by, without the columns, which take much of the memory."""
+    """Flaws of the base without their columns, whose size is that of many pictures."""
 
     #: Flaws worth a sentence, the largest first.
     reported: tuple[Flaw, ...]
@@ -390,7 +390,7 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: Besi
 
 
 def _whitened_columns(model: FlawModel[LinearModel], problem: Problem, signature: Signature) -> NDArray[np.float64]:
-    """(n + 11, p) changes by an effect's numbers, whitened beside the flaws."""
+    """(n + 11, p) changes by an effect's numbers, whitened next to the flaws."""
     return np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
 
 

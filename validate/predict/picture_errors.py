@@ -102,7 +102,7 @@ class PictureErrors:
     @property
     def _cell_squares(self) -> NDArray[np.float64]:
         """(cells,) variance by a cell's error along it, over that of noise."""
-        return np.bincount(self.cell, self.weight.astype(float) ** 2, len(self.shrink))
+        return np.asarray(np.bincount(self.cell, self.weight.astype(float) ** 2, len(self.shrink)), float)
 
     def _by_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Vector (n,) whitened by the errors of cells alone."""
