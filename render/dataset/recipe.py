@@ -178,6 +178,10 @@ class PictureTable(_Table):
     truths: list[str] = list(TRUTHS)
     #: Bits of the mantissa of every number that is stored, 1 to 23; 23 is lossless.
     mantissa_bits: Annotated[int, Field(ge=4, le=23)] = 23
+    #: Format of a picture with its truths.
+    format: Literal["netcdf", "zarr"] = "netcdf"
+    #: Formats of further files of its radiance.
+    copies: list[Literal["exr", "envi", "hdf5", "png"]] = []
 
     @property
     def wavelength_nm(self) -> NDArray[np.float64]:

@@ -28,13 +28,12 @@ from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.files import writing_hdf5
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
 from ..predict import Coated, coated
 
-__all__ = ["mean_spectrum", "render_pictures", "rounded", "sensor_camera", "visible_weights", "write_picture"]
+__all__ = ["mean_spectrum", "render_pictures", "rounded", "sensor_camera", "visible_weights"]
 
 #: Bits of the mantissa of a number in single precision.
 _FULL_BITS = 23
@@ -286,30 +285,6 @@ def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> M
         return arrays
     arrays[f"developed_{name}"] = ((*along, "rgb"), np.stack(pictures), {"colour_space": "sRGB"})
     return arrays
-
-
-def write_picture(path: Path, cube: xr.Dataset) -> None:
-    """Write a picture as NetCDF-4, each array deflated in one chunk.
-
-    Parts of light have a chunk each.
-
-    Parameters
-    ----------
-    path
-        File to write, completely or not at all.
-    cube
-        The picture.
-    """
-    encoding = {str(name): _packed(value) for name, value in cube.data_vars.items()}
-    with writing_hdf5(path) as file:
-        cube.to_netcdf(file, engine="h5netcdf", encoding=encoding)
-
-
-def _packed(values: xr.DataArray) -> dict[str, Any]:
-    """Chunk and compression of an array."""
-    first = values.dims[0]
-    chunk = values.shape if first == "y" else (1, *values.shape[1:])
-    return {"zlib": True, "complevel": 4, "shuffle": True, "chunksizes": chunk}
 
 
 def mean_spectrum(cube: xr.Dataset) -> NDArray[np.float64]:

@@ -15,7 +15,8 @@ from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .create import read_recipe
-from .picture import render_pictures, write_picture
+from .formats import PICTURE_ENDINGS, write_picture
+from .picture import render_pictures
 from .sheet import drawn_values, histograms, thumbnail, write_page
 from .tasks import block_of, camera_names
 
@@ -115,9 +116,10 @@ def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress
     list(render_pictures(group, name, recipe, path.parent))  # the first pictures compile their kernels
     begun = time.monotonic()
     with temporary_folder() as folder:
+        file = folder / f"picture{PICTURE_ENDINGS[recipe.picture.format]}"
         for cube in render_pictures(group, name, recipe, path.parent):
-            write_picture(folder / "picture.nc", cube)
-        seconds, size = (time.monotonic() - begun) / len(group), (folder / "picture.nc").stat().st_size
+            write_picture(file, cube)
+        seconds, size = (time.monotonic() - begun) / len(group), file.stat().st_size
     rejected = sum(sum(box.record["rejected"].values()) for box in boxes) / len(boxes)
     count = recipe.boxes * len(camera_names(recipe))
     preview = Preview(Path(page), count, seconds, size, rejected)

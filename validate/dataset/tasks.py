@@ -18,8 +18,9 @@ from cboxlab.utils.errors import InputError
 from threadpoolctl import threadpool_limits
 
 from .checks import check_picture
+from .formats import COPY_ENDINGS, PICTURE_ENDINGS, write_copy, write_picture
 from .layout import Layout, file_hash, versions, write_json
-from .picture import mean_spectrum, render_pictures, visible_weights, write_picture
+from .picture import mean_spectrum, render_pictures, visible_weights
 
 __all__ = ["Task", "block_of", "camera_names", "run_task", "tasks_of"]
 
@@ -201,8 +202,10 @@ def _stored(cube: xr.Dataset, box: Box, camera: str, recipe: Recipe, layout: Lay
     if not (target / "box.json").exists():
         write_model(target / "model.toml", box.model)
         write_json(target / "box.json", box.record)
-    file = target / f"{camera}.nc"
+    file = target / f"{camera}{PICTURE_ENDINGS[recipe.picture.format]}"
     write_picture(file, cube)
+    for kind in recipe.picture.copies:
+        write_copy(target / f"{camera}{COPY_ENDINGS[kind]}", cube)
     spectrum = mean_spectrum(cube)
     luminance = spectrum @ visible_weights(cube["wavelength"].values)[:, 1]
     record = {

@@ -5,15 +5,18 @@ import json
 import shutil
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.dataset import draw_box, load_recipe
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files import read_cube
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, workers
 from cboxlab.validation.dataset.checks import check_picture
+from cboxlab.validation.dataset.formats import COPY_ENDINGS, open_picture, write_copy, write_picture
 from cboxlab.validation.dataset.layout import Layout, begin
 from cboxlab.validation.dataset.picture import render_pictures, rounded
 from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
@@ -174,6 +177,38 @@ def test_a_coated_box_splits_into_albedo_irradiance_and_specular_light(tmp_path,
     assert check_picture(picture, box, 0.1, 23).faults == ()
     picture["specular"] += 0.01 * picture["radiance"].max()
     assert any("specular light miss" in fault for fault in check_picture(picture, box, 0.1, 23).faults)
+
+
+def test_formats_hold_the_same_picture(run, tmp_path):
+    """Zarr is equal to the bit, and its file, too; copies hold the radiance, HDF5 in the order of the benchmarks."""
+    pytest.importorskip("zarr")
+    with run.dataset[0] as picture:
+        cube = picture.load()
+    files = [tmp_path / name for name in ("a.zarr.zip", "b.zarr.zip")]
+    for file in files:
+        write_picture(file, cube)
+    with open_picture(files[0]) as again:
+        xr.testing.assert_identical(again.load().drop_encoding(), cube.drop_encoding())
+    assert files[0].read_bytes() == files[1].read_bytes()
+    for ending in COPY_ENDINGS.values():
+        write_copy(tmp_path / f"copy{ending}", cube)
+    for ending in (".exr", ".hdr"):
+        np.testing.assert_array_equal(read_cube(tmp_path / f"copy{ending}")["radiance"], cube["radiance"])
+    with h5py.File(tmp_path / "copy.mat") as file:
+        bands, most = file["bands"][()].squeeze(), file["norm_factor"][()].item()
+        radiance = np.array(file["cube"]).T * most  # as readers of the benchmarks turn it
+    np.testing.assert_array_equal(bands, cube["wavelength"])
+    np.testing.assert_allclose(radiance, cube["radiance"], rtol=1e-6)
+
+
+def test_a_set_in_zarr_with_copies(tmp_path):
+    pytest.importorskip("zarr")
+    formats = ("noise = 0.1", 'noise = 0.1\ntruths = ["albedo"]\nformat = "zarr"\ncopies = ["hdf5", "exr"]')
+    made = create_dataset(write_recipe(tmp_path, formats, ("boxes = 2", "boxes = 1")), tmp_path / "set")
+    assert [row["file"] for row in made.dataset.index] == ["boxes/000000/main.zarr.zip"]
+    assert {"main.mat", "main.exr", "main.json"} <= {path.name for path in (tmp_path / "set/boxes/000000").iterdir()}
+    assert set(made.dataset.arrays("radiance", "albedo")[0]) == {"radiance", "albedo"}
+    assert not made.dataset.damaged()
 
 
 def test_fewer_bits_round_to_the_stated_error():
