@@ -76,7 +76,8 @@ def measured(tree: Path, arguments: list[str]) -> tuple[float, float]:
     """CPU seconds and GB of one run."""
     settings = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", _START, *arguments]
-    process = subprocess.Popen(command, env=settings, stdout=subprocess.DEVNULL)
+    # Python looks for modules in the current folder first
+    process = subprocess.Popen(command, env=settings, cwd=tree, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode not in _FINISHED:

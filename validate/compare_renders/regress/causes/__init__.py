@@ -9,12 +9,11 @@ from __future__ import annotations
 import os
 from functools import lru_cache, partial
 from importlib import import_module
-from importlib.metadata import entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from pkgutil import iter_modules
 
-from cboxlab.utils.errors import InputError
+from cboxlab.utils.plug_ins import add_record, add_records, loaded_record
 
 from .cause import Cause, Pictures, SceneLight, Trial, as_found
 
@@ -42,19 +41,10 @@ def causes() -> tuple[Cause, ...]:
     """
     modules = [import_module(f"{__name__}.{m.name}") for m in iter_modules(__path__) if m.name != "cause"]
     catalogue: dict[str, Cause] = {module.CAUSE.id: module.CAUSE for module in modules}
-    others = [(f"entry point {_GROUP}: {entry.name}", entry.load) for entry in entry_points(group=_GROUP)]
-    files = [Path(text) for text in os.environ.get(_FILES, "").split(os.pathsep) if text]
-    others += [(str(file), partial(_of_file, file)) for file in files]
-    for where, load in others:
-        try:
-            cause = load()
-        except Exception as error:  # whatever the other package raises
-            raise InputError(where, f"{type(error).__name__}: {error}", "a Cause named CAUSE") from error
-        if not isinstance(cause, Cause):
-            raise InputError(where, f"a {type(cause).__name__}", "a Cause")
-        if cause.id in catalogue:
-            raise InputError(where, f"'{cause.id}', which is there already", "another identifier")
-        catalogue[cause.id] = cause
+    add_records(catalogue, _GROUP, Cause)
+    for file in os.environ.get(_FILES, "").split(os.pathsep):
+        if file:
+            add_record(catalogue, file, loaded_record(file, partial(_of_file, Path(file)), Cause))
     return tuple(catalogue[name] for name in sorted(catalogue))
 
 
