@@ -75,7 +75,7 @@ def test_the_cheap_commands_of_the_tutorial_run(monkeypatch, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    """A folder for notebooks, beside a small capture in the place of the bundled one."""
+    """A folder for notebooks, next to a small capture in the place of the bundled one."""
     matplotlib.use("Agg")
     root = tmp_path_factory.mktemp("manual")
     (root / "validate" / "data").mkdir(parents=True)

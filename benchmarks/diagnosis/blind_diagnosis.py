@@ -1,7 +1,7 @@
 """Blind practice: captures with hidden effects, diagnosed and scored as a stranger would.
 
 Four laboratories take turns, each with its own camera, detector, exposures and survey, and with blocks that stand a
-little beside where they were surveyed; noise and effects are each capture's own. Kinds: every effect of the catalogue
+little next to where they were surveyed; noise and effects are each capture's own. Kinds: every effect of the catalogue
 by itself at every strength (chi2 per sample of 0.0024, 0.06, 1 and 8), pairs and triples of effects, nothing at all,
 effects that the catalogue does not hold, and causes of ``made_causes``, scored by family and place (these in the
 published box at 128 x 128). --boxes and --instruments take turns through those of ``blind_places``. Captures come in
@@ -306,8 +306,8 @@ def _parameters_right(
             if answer.id != truth.id or truth.id not in catalogue():
                 continue
             for p in truth.effect.numbers:
-                beside = getattr(offsets.get(str(truth.values.get("block"))), p.name, 0.0)
-                true, found = float(truth.values[p.name]) + beside, float(answer.values[p.name])
+                offset = getattr(offsets.get(str(truth.values.get("block"))), p.name, 0.0)
+                true, found = float(truth.values[p.name]) + offset, float(answer.values[p.name])
                 if not (np.isfinite(true) and np.isfinite(found)):
                     continue
                 null = p.null if p.null is not None and np.isfinite(p.null) else 0.0
@@ -317,7 +317,7 @@ def _parameters_right(
 
 
 def _is_settled_block(diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]) -> bool:
-    """Whether all that was found is a block where the laboratory's really stands, a little beside its survey."""
+    """Whether all that was found is a block where the laboratory's really stands, a little next to its survey."""
     last = diagnosis.path[-1]
     off = [
         abs(float(one.values[name]) - getattr(offsets.get(str(one.values["block"])), name, np.inf)) / sigma[name]

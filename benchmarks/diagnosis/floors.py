@@ -1,4 +1,4 @@
-"""The smallest effect that a capture shows, beside what its noise alone would allow, and what limits it.
+"""The smallest effect that a capture shows, next to what its noise alone would allow, and what limits it.
 
     python benchmarks/diagnosis/floors.py                                  # a sound capture of our own, 128 x 128
     python benchmarks/diagnosis/floors.py --capture FOLDER --model M.toml  # another one; M should leave nothing

@@ -1,4 +1,4 @@
-"""Causes that look alike in one capture, told apart by a second one of the same box?
+"""Causes that look alike in one capture, distinguished by a second one of the same box?
 
     python benchmarks/diagnosis/several_captures.py                      # all of them
     python benchmarks/diagnosis/several_captures.py crosstalk defocus    # some, by the true cause
@@ -58,7 +58,7 @@ PAIRS: tuple[tuple[str, str, Callable[..., tuple[Camera, CaptureSettings]]], ...
 
 def _told(found: Diagnosis) -> str:
     groups = "; ".join(" or ".join(group) for group in found.indistinguishable)
-    return f"{', '.join(found.selected) or 'nothing'}{f' (not told apart: {groups})' if groups else ''}"
+    return f"{', '.join(found.selected) or 'nothing'}{f' (not distinguished: {groups})' if groups else ''}"
 
 
 def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], strength: str, seed: int) -> bool:

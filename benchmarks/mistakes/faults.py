@@ -54,7 +54,7 @@ TAKEN = ("exists already", "is there already", "another content than when")
 
 
 def start(place: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
-    """One program in ``place``, with a cache of its own there."""
+    """One program in ``place``, with its own cache there."""
     place.mkdir(parents=True, exist_ok=True)
     for name in command.laid:
         lay(place, name)
@@ -276,7 +276,7 @@ def small_file_system(place: Path, kilobytes: int) -> Iterator[None]:
 
 def _refused(command: Command, code: int, said: str, codes: tuple[int, ...]) -> str:
     """What is wrong with the end of a command that could not write all; empty if nothing is."""
-    told = said.count("error: ") == 1 or command.words[0] in ("batch", "-c")  # batch tells it in its summary
+    told = said.count("error: ") == 1 or command.words[0] in ("batch", "-c")  # batch states it in its summary
     sound = code in codes and (code == 0 or told) and ("Traceback" not in said or command.words[0] == "-c")
     if command.words[0] == "-c":  # a program of the user's own, whose errors are its own
         sound = code == 0 or "OSError" in said or "InputError" in said

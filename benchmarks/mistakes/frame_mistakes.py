@@ -55,7 +55,7 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         d.put(one, d.image(other))
 
 
-@mistake("rows with a noise of their own", r"of a row share")
+@mistake("rows with another noise", r"of a row share")
 def _(d: Draft, rng: np.random.Generator) -> None:
     for table in d.tables("band"):
         for path in table["frames"]:

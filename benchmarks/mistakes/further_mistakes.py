@@ -96,7 +96,7 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         _frames_of(d, table, lambda y, even=even: level + (y - level) / even)  # type: ignore[misc]
 
 
-@mistake("photographs read from a region 4 px beside the flats'", r"flat|moved|region|points")
+@mistake("photographs read from a region 4 px next to the flats'", r"flat|moved|region|points")
 def _(d: Draft, rng: np.random.Generator) -> None:
     d.change(lambda y: np.roll(y, (4, 0), axis=(0, 1)), "band")
 

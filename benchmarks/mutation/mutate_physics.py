@@ -62,7 +62,7 @@ EQUIVALENT = {
     ("render/integrators/path_points.py", "x + seed"): "another hash of the seed",
     ("validate/diagnose/search.py", "np.sqrt(ratio)"): "another start of a search that arrives",
     ("validate/compare/maps.py", "measured - rendered + 0 * relative[1]"): "the sign of nothing",
-    ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "what is told of the progress",
+    ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "reports of the progress",
     ("calibration/geometry/tsai.py", "np.abs(self.kappa1_per_mm2) * radius**2"): "another start of Newton's method",
     ("render/radiosity/lamp.py", "centre[2] + half[2] * place(v)"): "a lamp's pattern is the same on both sides",
     (

@@ -1,4 +1,4 @@
-"""False alarms, power and naming of `cbox regress`, beside the per-pixel z-test of a renderer's own tests and FLIP.
+"""False alarms, power and naming of `cbox regress`, next to the per-pixel z-test of a renderer's own tests and FLIP.
 
     python benchmarks/rendering/regress_power.py alarms [--pairs 1000]
     python benchmarks/rendering/regress_power.py renderers [--pairs 1000]
@@ -105,7 +105,7 @@ def made_up(clean: Side, rng: np.random.Generator, tails: float = 0, fireflies: 
 
 
 def alarms(pairs: int) -> None:
-    """Print how many equal pairs are told apart."""
+    """Print how many equal pairs are distinguished."""
     clean = rendered(cornell_box(), cornell_camera(64), 1, samples=256)
     print(f"{pairs} pairs of equal pictures, 64 x 64, noise of 8 % a pixel, four batches", flush=True)
     for name, options in KINDS.items():
@@ -209,7 +209,7 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
 
 
 def across_renderers(pairs: int) -> None:
-    """Print how many equal pictures of different renderers are told apart."""
+    """Print how many equal pictures of different renderers are distinguished."""
     found, rng = pools(["mitsuba", "radiance", "raysect"]), np.random.default_rng(2027)
     wrong, failed, total = dict[tuple[str, str], int](), 0, dict[tuple[str, str], int]()
 

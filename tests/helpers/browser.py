@@ -35,7 +35,7 @@ def chromium() -> str:
 
 
 class Page:
-    """One page. errors : what went wrong in it, as told on its console; a test holds this to be empty."""
+    """One page. errors : what went wrong in it, as written on its console; a test holds this to be empty."""
 
     def __init__(self, writing: int, reading: int) -> None:
         self._writing, self._reading = writing, reading

@@ -25,7 +25,7 @@ SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
 
 
 def small_excess(change, repeats=None, seed=3):
-    """The residual that a change (band, y, x) in DN and noise leave; only a lamp's scale is adjusted beside it."""
+    """The residual that a change (band, y, x) in DN and noise leave; only a lamp's scale is adjusted next to it."""
     noise = np.random.default_rng(seed).standard_normal(SIGNAL.shape)
     lamp = SIGNAL / SIGMA / np.linalg.norm(SIGNAL / SIGMA)
     residual = noise + change / SIGMA

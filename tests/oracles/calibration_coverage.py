@@ -243,7 +243,7 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
     spectra = np.array([np.interp(table.grid.nm, WAVELENGTH_NM, reflectance) for reflectance in truth.reflectance])
     known = spectra @ table.filters.T
     dyed = slice(1, len(known))
-    # What the patches tell of the light has so many degrees of freedom.
+    # Information of the patches on the light has this number of degrees of freedom.
     degrees = min(shading.degrees for shading in table.shading.values())
     shares = {"reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed], degrees)}
     ratios, sigmas = [], []

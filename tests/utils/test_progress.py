@@ -1,4 +1,4 @@
-"""Progress: what is told, shares of a whole, and how a computation is stopped."""
+"""Progress: reports, shares of a whole, and how a computation is stopped."""
 
 import pytest
 from cboxlab.utils.progress import NO_PROGRESS, Cancelled, ProgressReporter, share

@@ -35,7 +35,7 @@ def test_brackets_show_black_level_and_exposure_offset(tmp_path, bias, rate):
     """0.7 DN below the dark's level and 5% of the shortest exposure: both found.
 
     The frames are written by this test, since darks, cut off at 0, cannot show it. Dark frames, bias + rate t, are
-    told apart from the light.
+    distinguished from the light.
     """
     capture = brackets(tmp_path / "c", bias, rate)
     dark = read_darks(capture)

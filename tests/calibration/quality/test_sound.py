@@ -10,8 +10,8 @@ from cboxlab.calibration.radiometry import measure_constant
 from helpers.places import ROOT
 
 LEVELS = {
-    # four of seven bands agree with the median by chance: sources that are set anew in each band
-    "a level of its own in each band": ([1.03, 1.0, 0.88, 0.93, 1.01, 1.0, 0.6], set()),
+    # four of seven bands agree with the median by chance: sources that are set again in each band
+    "another level in each band": ([1.03, 1.0, 0.88, 0.93, 1.01, 1.0, 0.6], set()),
     # one source for all: one of them is another frame
     "one frame of another band": ([1.0, 1.0, 1.0, 0.88, 1.0, 1.0, 1.0], {3}),
 }

@@ -96,7 +96,7 @@ def test_constant_and_bands_share_their_errors():
         residual += np.outer(off, off)
         stated += shared.band_covariance + shared.common**2
     expected = np.array([0.68268, 0.9545])
-    # A scatter of 0 is all that can be told of a small one: up to 1% too few.
+    # A scatter of 0 is all that is known of a small one: up to 1% too few.
     assert np.all(np.abs(inside / sets - expected) < 0.01 + 4 * np.sqrt(expected * (1 - expected) / sets))
     spread = np.diag(residual) / np.diag(stated)
     assert np.all(np.abs(spread - 1) < 0.03 + 4 * np.sqrt(2 / sets))

@@ -55,7 +55,7 @@ def hit(position, direction):
 
 
 def followed(random, position, direction, band, arrived):
-    """Follow photons until they are absorbed; ``arrived`` is told each arrival and what is reflected there."""
+    """Follow photons until they are absorbed; ``arrived`` receives each arrival and what is reflected there."""
     while len(position):
         point, axis, side, on = hit(position, direction)
         point, axis, side = point[on], axis[on], side[on]

@@ -59,7 +59,7 @@ def test_patches_pass_through_the_coat_twice_and_see_its_own_reflection(applied)
 
 
 def test_the_lamps_light_passes_at_its_own_angle(applied):
-    """Emitted beside: e (rho (1 - s F(c)) (1 - s F) + A(c)) less what the diffuse albedo makes of e."""
+    """Emitted next to: e (rho (1 - s F(c)) (1 - s F) + A(c)) less what the diffuse albedo makes of e."""
     before, after, given = applied
     patches, lamp = before.transport.light.patches, before.transport.light.lamps[0].centre
     own = patches.material == given["material"]

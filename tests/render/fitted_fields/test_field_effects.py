@@ -123,7 +123,7 @@ def test_a_stain_becomes_values_at_points_of_its_surface():
 
 
 def test_interference_goes_by_the_wavelength():
-    """A gap of so many um between a curved and a tilted face: cos(4 pi gap / wavelength), in two bands by one map."""
+    """A gap of some um between a curved and a tilted face: cos(4 pi gap / wavelength), in two bands by one map."""
     gap_um = 0.2 + 0.01 * COLUMNS + 0.0008 * ((COLUMNS - 30) ** 2 + (ROWS - 25) ** 2)
     # 2 gap / 0.45 um in waves: what goes with rows, with columns, and with squares
     per_px = np.array([-50 * 0.0008, 0.01 - 60 * 0.0008]) * 2 / 0.45

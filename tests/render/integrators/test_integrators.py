@@ -59,7 +59,7 @@ def relative(image):
 
 @needs_llvm
 def test_many_names_for_the_same_paints_change_nothing():
-    """With a paint of its own on each surface, paints are looked up another way; paths stay the same."""
+    """With a new paint on each surface, paints are looked up another way; paths stay the same."""
     scene = cornell_box()
     materials = {s.name: scene.materials[s.material] for s in scene.surfaces}
     many = replace(scene, materials=materials, surfaces=tuple(replace(s, material=s.name) for s in scene.surfaces))
@@ -233,7 +233,7 @@ def test_one_solution_serves_all_cameras():
 def test_the_patches_size_does_not_show():
     """Patches of 140 mm, more than three times the default's edge, change surface means by 0.2% at most.
 
-    In deep shadow it is more of little: 0.05% of the picture's mean stands beside it. The pictures share their
+    In deep shadow it is more of little: 0.05% of the picture's mean stands next to it. The pictures share their
     random numbers, and the errors of their difference come from its batches.
     """
     scene, camera = cornell_box(), cornell_camera(24)
@@ -330,7 +330,7 @@ def test_stock_mitsuba_refuses_lamps_it_cannot_show():
 @pytest.mark.parametrize("name", ["default", "path", "stock"])
 @needs_llvm
 def test_the_door_to_all_integrators(name):
-    """Each integrator is reached by name, tells its progress up to 1, and returns the whole picture."""
+    """Each integrator is reached by name, reports its progress up to 1, and returns the whole picture."""
     told = []
     progress = ProgressReporter(lambda stage, done: told.append(done))
     image = render(

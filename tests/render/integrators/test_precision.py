@@ -153,7 +153,7 @@ def test_another_machines_basis_makes_no_difference():
 
 
 def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
-    """A worker process that its last pass kills once, and that starts anew: the picture is the one rendered here."""
+    """A worker process that its last pass kills once, and that starts again: the picture is the one rendered here."""
     distributed = pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
     jobs = [RenderJob(*WHERE, 8).batch(n) for n in range(3)]
     marker = tmp_path / "died"

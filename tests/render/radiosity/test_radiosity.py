@@ -132,7 +132,7 @@ def test_what_stands_on_a_patch_takes_its_place():
     assert not np.isin(exchange.slopes.neighbour[free | partly], np.nonzero(under)[0]).any()
     assert total[partly] == pytest.approx(1.0, abs=1e-5)
     assert total[free] == pytest.approx(1.0, abs=1e-5)
-    # what reaches the floor beside the block: from points of the patch itself, outside the block's base
+    # what reaches the floor next to the block: from points of the patch itself, outside the block's base
     generator = np.random.default_rng(1)
     for index in np.nonzero(partly)[0][:6]:
         points = generator.dirichlet(np.ones(3), 2**14) @ patches.corners[index]
@@ -266,7 +266,7 @@ def test_light_that_multiplies_is_refused():
 
 
 def test_a_disturbed_exchange_is_traced_once_more():
-    """Which numbers were disturbed is told: here the slopes of one patch, and with them the form factors to it."""
+    """The message names the disturbed numbers: here the slopes of one patch, and with them the form factors to it."""
     tracer, patches, sound = exchange_of(closed_cube(), 500.0, 64, seed=3)
     across = sound.slopes.across.copy()
     across[17] = np.nan

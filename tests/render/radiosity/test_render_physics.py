@@ -308,7 +308,7 @@ def specks():
 
 
 def turned(camera, degrees):
-    """From the middle of the cube, edges pass beside and behind the camera."""
+    """From the middle of the cube, edges pass next to and behind the camera."""
     turn = Rotation.from_rotvec(degrees, degrees=True).as_matrix()
     return replace(camera, rotation=turn @ camera.rotation, position_mm=np.full(3, 480.0))
 
@@ -338,12 +338,12 @@ def test_a_lamp_in_the_corner_leaves_no_tails():
     bright."""
     ceiling = {
         "lamp": [[0, 400], [400, 400], [400, 1000], [0, 1000]],
-        "beside": [[400, 0], [1000, 0], [1000, 1000], [400, 1000]],
+        "behind": [[400, 0], [1000, 0], [1000, 1000], [400, 1000]],
         "before": [[0, 0], [400, 0], [400, 400], [0, 400]],
     }
     corners = {name: np.array([[x, EDGE, z] for x, z in quads], float) for name, quads in ceiling.items()}
     surfaces = [quad(n, c) for n, c in walls().items() if n != "ceiling"]
-    surfaces += [quad(name, corners[name]) for name in ("beside", "before")]
+    surfaces += [quad(name, corners[name]) for name in ("behind", "before")]
     scene = replace(lamp_and(surfaces, corners["lamp"]), materials={"grey": grey(0.6)})
     image = render_final_gather(RenderJob(scene, camera_inside(24), BANDS[:1], samples=64, batches=6, seed=3))
     values = (image.coefficients @ image.spectra)[..., 0]

@@ -337,7 +337,7 @@ def test_several_cubes_and_every_output_of_the_command(tmp_path, capsys):
 
 
 def test_a_camera_of_ones_own_is_one_toml_and_one_csv(tmp_path):
-    """Four classes of sensors, with letters of their own, in a repeating 2 x 3 pattern."""
+    """Four classes of sensors, with their own letters, in a repeating 2 x 3 pattern."""
     rows = "".join(f"{w},0.1,0.2,0.3,0.4\n" for w in range(400, 701, 50))
     (tmp_path / "my.csv").write_text("wavelength_nm,a,b,c,d\n" + rows)
     (tmp_path / "my.toml").write_text(

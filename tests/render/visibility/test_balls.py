@@ -35,7 +35,7 @@ def entered(origin, direction, centre, radius):
 
 
 def test_rays_meet_the_spheres_themselves():
-    """From anywhere in the room, beside its walls: what each ray meets, where, and the ball's normal there. Within 0.05
+    """Anywhere in the room, next to its walls: what each ray meets, where, and the ball's normal there. Within 0.05
     mm of a ball's outline rounding decides."""
     tracer, walls = tracer_of(*BALLS.values()), tracer_of()
     assert isinstance(tracer.accelerator, FacesAndTree) and tracer.accelerator.tree is None

@@ -141,9 +141,9 @@ def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
             "(() => {const b = document.querySelector('canvas').getBoundingClientRect();"
             "return [b.left, b.top, b.width]})()"
         )
-        page.run("globalThis.told = null; addEventListener('cbox-pixel', (e) => { told = e.detail; })")
+        page.run("globalThis.received = null; addEventListener('cbox-pixel', (e) => { received = e.detail; })")
         page.click(left + (x + 0.5) * width / SIZE, top + (y + 0.5) * width / SIZE)
-        record = page.run("told")
+        record = page.run("received")
         shown = page.run("v.set({c: 'delta_e_ab'}), Array.from(v._paintedLayer('delta_e_ab').values)")
         assert page.errors == []
     maps, image = result.comparison.maps, result.image

@@ -1,4 +1,4 @@
-"""Which alternatives a capture cannot tell from a selected effect."""
+"""Which alternatives a capture cannot distinguish from a selected effect."""
 
 from types import SimpleNamespace
 

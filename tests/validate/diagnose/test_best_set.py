@@ -104,7 +104,7 @@ def test_two_ways_of_one_effect_are_no_set():
 
 
 def of_numbers(chi2, *counts):
-    """Effects of so many numbers each, and the chi2 of all together, as far as sets are compared."""
+    """Effects of these numbers each, and the chi2 of all together, as far as sets are compared."""
     effect = SimpleNamespace(stage="optics")
     return [SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * n)) for n in counts]
 
@@ -152,7 +152,7 @@ def selected(monkeypatch, patterns, truth, hidden=()):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_three_effects_are_found_among_mixtures_of_them(monkeypatch, seed):
-    """Mixtures, each with a shape of its own beside: one after the other, and by single exchanges, seven of these eight
+    """Mixtures, each with another shape: one after the other, and by single exchanges, seven of these eight
     draws end at mixtures."""
     generator = np.random.default_rng(seed)
     true = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1)}

@@ -220,7 +220,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
 )
 @pytest.mark.parametrize("included", [False, True])
 def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included):
-    """To rounding, with another effect in the model, the camera fitted 0.03 px beside where the picture was rendered
+    """To rounding, with another effect in the model, the camera fitted 0.03 px next to where the picture was rendered
     from. Reflected light grows with the lamp; light of the room and offsets of counts do not."""
     rendered = outcome[0].rendered
     others = () if given is None else (apply_checked(*given, "test"),)

@@ -68,7 +68,7 @@ def bell(size, place):
 
 
 def test_numbers_end_at_the_least_squares_those_without_null_included():
-    """Against SciPy's simplex on the same sum of squares; it starts a third of the bell's width beside its place."""
+    """Against SciPy's simplex on the same sum of squares; it starts a third of the bell's width next to its place."""
     residual = bell(2.0, 1.6) + np.random.default_rng(1).standard_normal(COUNT)
     found = fit(Bell(bell), start_of({"size": 1.0, "place": 1.5}, SIZE, PLACE), np.append(residual, np.zeros(11)))
     best = minimize(lambda n: np.sum((residual - bell(*n)) ** 2), [2.0, 1.6], method="Nelder-Mead")
@@ -139,7 +139,7 @@ def test_where_an_effect_cannot_be_it_explains_nothing():
 
 
 def test_errors_that_all_pixels_share_add_their_squares():
-    """Two errors of known size, which the number follows by projection, beside noise: by hand, of dense matrices."""
+    """Two errors of known size, which the number follows by projection, next to noise: by hand, of dense matrices."""
     generator = np.random.default_rng(3)
     shared = np.vstack([generator.standard_normal((COUNT, 2)) * [0.3, 0.05], np.zeros((11, 2))])
     design = np.vstack([generator.standard_normal((COUNT, 2)), np.zeros((11, 2))])

@@ -110,7 +110,7 @@ def test_no_effect_is_significant_that_gains_less_than_any_must(errors, explaine
 
 
 def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitude():
-    """Errors of 0.5 common to the 30 samples of a patch beside noise of 1: a patch's sum has 1 + 30 (0.5)^2 = 8.5 times
+    """Errors of 0.5 common to the 30 samples of a patch with noise of 1: a patch's sum has 1 + 30 (0.5)^2 = 8.5 times
     its variance, by 64 patches in place of the 63 that one fitted number leaves. The mean of 60 draws has a standard
     error of 2.4 %."""
     generator = np.random.default_rng(5)
@@ -128,7 +128,7 @@ def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitud
 
 
 def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
-    """By fits anew without each patch. Three quarters of the change lie in one patch, which has a flaw: beside noise
+    """By new fits without each patch. Three quarters of the change lie in one patch, which has a flaw: next to noise
     alone it is nine standard deviations from 0, less than two where the patches must agree."""
     generator = np.random.default_rng(3)
     patch = np.repeat(np.arange(PATCHES), EACH)
@@ -190,7 +190,7 @@ def test_screening_leaves_out_what_averaging_noise_would_gain():
 def test_a_blur_gains_what_it_averages_of_the_pictures_noise_at_the_lamps_power(scale, brighter):
     """Variance 9 over a camera's sigma of 2 at 5000 samples; a blur that halves noise leaves a quarter of its square,
     and no more or less where it makes all signals brighter, which the lamp's fit takes back.
-    Within four standard errors, 2 % each. What acts on light gains nothing: noise is drawn anew there."""
+    Within four standard errors, 2 % each. What acts on light gains nothing: noise is drawn again there."""
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     shape = (2, 50, 50)
     predictor = SimpleNamespace(

@@ -186,19 +186,19 @@ def found(judged, signature):
 
 
 def test_beside_the_pictures_errors_what_is_coloured_counts_and_what_is_grey_does_not():
-    """In 40 draws. By size alone the grey pattern counts in most; beside the errors in none, since it must be 5.7 of
+    """In 40 draws. By size alone the grey pattern counts in most; by the errors in none, since it must be 5.7 of
     its standard deviations. The coloured one, of 0.15, counts in all: 0.15 sqrt(4800) = 10."""
     known, drawn = beside_errors()
-    by_size, beside, amounts = 0, 0, []
+    by_size, by_errors, amounts = 0, 0, []
     for _ in range(40):
         plain = drawn(0.15)
         counting = plain.counting_errors(())
         by_size += found(plain, known["grey"]) is not None
-        beside += found(counting, known["grey"]) is not None
+        by_errors += found(counting, known["grey"]) is not None
         coloured = found(counting, known["coloured"])
         amounts.append((coloured.numbers["amount"] - 0.15) / coloured.sigma["amount"])
     assert by_size > 20
-    assert beside == 0
+    assert by_errors == 0
     assert 0.1 < np.var(amounts) < 1.9  # of 40: 1 +- 0.9 is four standard deviations
 
 
@@ -283,7 +283,7 @@ def test_what_is_left_in_a_capture_raises_what_is_stated():
 
 @pytest.mark.parametrize("size", [1.0, 0.0])
 def test_noise_of_rays_is_no_change_that_is_seen(size):
-    """A grey wave under noise of its own size: noise would be told from errors of the picture, the wave is not."""
+    """A grey wave under noise of the same size: noise would stand out from errors of the picture, the wave does not."""
     _, drawn = beside_errors()
     limit, found = limits_alone(drawn(0.0), Traced({"grey": size * waves(1, 1)}), "transport")
     assert limit.visible > 0.4 and limit.distance < 0.1
@@ -369,7 +369,7 @@ def test_an_effects_certainty_is_its_amount_over_its_error():
 
 
 def with_numbers(name, chi2, count):
-    """A candidate of so many numbers, as far as it is compared with others."""
+    """A candidate of some numbers, as far as it is compared with others."""
     effect = SimpleNamespace(id=name)
     return SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * count), name=name)
 

@@ -24,7 +24,7 @@ def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scal
     ("moved_mm", "stage", "pilots"), [(0.0, "optics", []), (30.0, "optics", [0.5]), (30.0, "scene", [None])]
 )
 def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved_mm, stage, pilots):
-    """The fit first finds the camera 30 mm (some pixels) beside where the picture was rendered from, then there. The
+    """The fit first finds the camera 30 mm (some pixels) from where the picture was rendered from, then there. The
     pilot of the first picture serves again where the light is the same."""
     before = cornell_camera(32)
     after = before.with_parameters(before.parameters + np.array([moved_mm, *np.zeros(9)]))

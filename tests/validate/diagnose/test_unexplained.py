@@ -38,14 +38,14 @@ def test_one_effect_and_a_smear_beside_it_are_one_blur(family, smear, effects, w
     """Though the effect explains more alone: a round blur takes most of what a smear does."""
     model = _model(left_by_family=4500.0)
     whole = SimpleNamespace(family=family, levels=False, change=None, gain=500.0, evidence=450.0)
-    beside = SimpleNamespace(family="blur", smear=smear)
-    assert family_beats_effects(whole, model, [None] * effects, model, LEFT, beside) == wins
+    smeared = SimpleNamespace(family="blur", smear=smear)
+    assert family_beats_effects(whole, model, [None] * effects, model, LEFT, smeared) == wins
     assert not family_beats_effects(whole, model, [None] * effects, model, LEFT)
 
 
 @pytest.mark.parametrize(("ahead", "wins"), [(29.9, False), (30.1, True)])
 def test_a_family_must_leave_less_than_effects_do_by_the_errors_of_the_picture(ahead, wins):
-    """0.015 per sample of 2000, beside its complexity of 50. How much of its change the errors that bands and faces
+    """0.015 per sample of 2000, next to its complexity of 50. How much of its change the errors that bands and faces
     share could make is no matter: what each leaves after them counts."""
     model = _model(left_by_family=4000.0 - 50.0 - ahead)
     whole = SimpleNamespace(family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0)

@@ -92,7 +92,7 @@ def test_every_control_and_picture_has_a_name(browser, report):
 
 
 def test_pixels_are_marked_where_they_are(browser, report):
-    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and beside it."""
+    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and next to it."""
     _open(browser, report, 1280)
     found = browser.run("""[...document.querySelectorAll('.framed')].flatMap((frame) => {
       const picture = frame.querySelector('img').getBoundingClientRect();

@@ -1,4 +1,4 @@
-"""What the report says of causes: found, nothing known, adequate, not told apart."""
+"""What the report says of causes: found, nothing known, adequate, not distinguished."""
 
 from dataclasses import replace
 

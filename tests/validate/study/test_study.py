@@ -78,7 +78,7 @@ def test_a_fit_finds_the_hidden_effect(study, fitted):
 
 
 def test_several_effects_are_fitted_together(study):
-    """A dark offset that is not there stays near zero beside the glare, and a gain that is held stays."""
+    """A dark offset that is not there stays near zero next to the glare, and a gain that is held stays."""
     three = study.add("band-gain").add("veiling-glare").add("dark-offset")
     found = three.fit("veiling-glare", 2)
     gain, glare, offset = found.effects

@@ -31,7 +31,7 @@ def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsy
 
 @pytest.fixture
 def own_capture(tmp_path):
-    """The bundled capture with a scene file of its own: the published box, its short block 3 mm higher."""
+    """The bundled capture with another scene file: the published box, its short block 3 mm higher."""
     capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "own")
     data = Path(scenes.__file__).parent / "data"
     for table in data.glob("*.csv"):

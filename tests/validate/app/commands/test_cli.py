@@ -122,7 +122,7 @@ def test_a_missing_folder(command, tmp_path, cbox):
 
 
 def test_the_program_itself_ends_without_a_traceback(tmp_path):
-    """In a process of its own, as a user runs it."""
+    """In a separate process, as a user runs it."""
     program = [sys.executable, "-c", "from cboxlab.validation.app.commands.cli import main; main()"]
     done = subprocess.run([*program, "validate", str(tmp_path / "x")], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2

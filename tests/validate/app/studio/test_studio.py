@@ -311,7 +311,7 @@ def test_the_page_tells_a_mistake_and_goes_on(page):
     )
     page.until("document.getElementById('mistake').textContent.includes('from 0 to 0.5')")
     assert page.run("document.querySelector('#effects input[type=text]').value") == "0"
-    page.errors.clear()  # the browser tells the refused request, too
+    page.errors.clear()  # the browser reports the refused request, too
     press(page, "undo")
     page.until("page.controls.length === 0 && document.getElementById('mistake').textContent === ''")
 

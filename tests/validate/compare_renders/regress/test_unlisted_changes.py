@@ -26,7 +26,7 @@ def variants():
 
 
 def order(reflections):
-    """(c, y, x) light after so many reflections."""
+    """(c, y, x) light after a number of reflections."""
     last, before = (variants().light.change(max_bounces=k).picture() for k in (reflections, reflections - 1))
     return last - before
 

@@ -1,4 +1,4 @@
-"""The verdict: false alarms at most as stated, power, and what is said beside it.
+"""The verdict: false alarms at most as stated, power, and what is said next to it.
 
 Rates: a verdict on equal pictures is wrong in at most 0.1 % of pairs. 60 pairs have three or more false alarms with a
 probability below 4e-5; none is seen with these seeds.
@@ -233,7 +233,7 @@ def cube(side):
 
 
 def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
-    """X, Y, Z of one side by an integral of its own, trapezoidal over the CIE's functions; the other is a cube."""
+    """X, Y, Z of one side by a separate integral, trapezoidal over the CIE's functions; the other is a cube."""
     from cboxlab.calibration.instrument import colour_matching_functions
     from cboxlab.rendering.files.colour_pictures import as_xyz_picture
     from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM

@@ -1,4 +1,4 @@
-"""Flaws of a base: their evidence and an effect's amplitude beside them are those of the whole covariance."""
+"""Flaws of a base: their evidence and an effect's amplitude next to them are those of the whole covariance."""
 
 from __future__ import annotations
 

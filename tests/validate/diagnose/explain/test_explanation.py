@@ -1,4 +1,4 @@
-"""Which family explains a residual: causes with formulas of their own, far above noise."""
+"""Which family explains a residual: causes with separate formulas, far above noise."""
 
 import json
 import time

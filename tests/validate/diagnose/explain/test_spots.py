@@ -175,7 +175,7 @@ def test_a_stain_has_a_spectrum_only_where_it_shows_one(spectrum):
 
 
 def test_light_through_a_seam_that_shows_on_one_wall_alone_is_no_stain():
-    """Beside a corner the place that is searched has a part of the floor, too, whose numbers light need not pay for."""
+    """Next to a corner the searched place has a part of the floor, too, whose numbers light need not pay for."""
     line = np.exp(-np.abs(ROWS - 29.0)) * ~FLOOR * (np.abs(COLUMNS - 30) < 9)
     found = explain(small_excess(SIGNAL * line * np.array([0.5, 0.2, 0.1, 0.06])[:, None, None]))
     assert (found.family, found.surface) == ("extra-light", "wall")

@@ -1,4 +1,4 @@
-"""Fields beside others, against least squares with all columns written out."""
+"""Fields next to others, against least squares with all columns written out."""
 
 import numpy as np
 from cboxlab.validation.diagnose.field_fit import NormalEquations, beside_common, fixed_spectrum

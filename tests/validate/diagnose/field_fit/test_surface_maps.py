@@ -1,4 +1,4 @@
-"""What maps on surfaces change, against the radiosity solved anew with the reflectance or the light changed."""
+"""What maps on surfaces change, against the radiosity solved again with the reflectance or the light changed."""
 
 from dataclasses import replace
 
