@@ -67,6 +67,6 @@ def test_a_shell_completes_the_public_names():
 def test_the_rooms_are_found_in_a_checkout(tmp_path):
     """From the checkout's folder, where ``cboxlab`` is a plain folder next to the rooms, and from elsewhere."""
     code = "import cboxlab.scenes as scenes, os; print(os.path.realpath(scenes.__file__))"
-    own = str(ROOT / "scenes" / "__init__.py")
-    assert run(code, ROOT) == [own]
-    assert run(code, tmp_path) == [own]
+    text = str(ROOT / "scenes" / "__init__.py")
+    assert run(code, ROOT) == [text]
+    assert run(code, tmp_path) == [text]

@@ -80,9 +80,9 @@ def desk(tmp_path_factory):
     root = tmp_path_factory.mktemp("manual")
     (root / "validate" / "data").mkdir(parents=True)
     glare_capture(root / "validate" / "data" / "demo-capture")
-    place = root / "docs" / "notebooks"
-    place.mkdir(parents=True)
-    return place
+    path = root / "docs" / "notebooks"
+    path.mkdir(parents=True)
+    return path
 
 
 def run_notebook(name, monkeypatch, place):
@@ -108,11 +108,11 @@ def test_the_notebook_of_a_validation_runs(monkeypatch, desk):
 
 
 def test_the_notebook_that_finds_an_effect_runs(monkeypatch, desk):
-    tried = stepwise.hypotheses  # two of them: each costs seconds
+    hypotheses = stepwise.hypotheses  # two of them: each costs seconds
     monkeypatch.setattr(
         stepwise,
         "hypotheses",
-        lambda *a: [h for h in tried(*a) if h.effect.id in ("veiling-glare", "ghost")],
+        lambda *a: [h for h in hypotheses(*a) if h.effect.id in ("veiling-glare", "ghost")],
     )
     names = run_notebook("find_an_effect", monkeypatch, desk)
     assert names["fitted"].effects[0].values["fraction"] == pytest.approx(GLARE, abs=0.003)

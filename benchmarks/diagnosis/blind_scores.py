@@ -70,8 +70,8 @@ def with_groups(row: Row, names: Sequence[str]) -> set[str]:
 def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """The captures by what is hidden in them, single effects by strength, in the order of the tables."""
     names = {("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)} | _OTHER_KINDS
-    found = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
-    return {name: own for name, own in found.items() if own}
+    results = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
+    return {name: own for name, own in results.items() if own}
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:

@@ -204,12 +204,12 @@ def shaking(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """The camera swings along one line while the shutter is open: five pictures in one."""
     angle, reach = draw.uniform(0, np.pi), draw.uniform(0.35, 0.6) / camera.focal_length_px
     turns = np.degrees(reach * np.array([np.cos(angle), np.sin(angle), 0.0]))
-    found = []
+    results = []
     for part in np.linspace(-1, 1, 5):
         moved = camera.parameters.copy()
         moved[3:6] += part * turns
-        found.append((scene, camera.with_parameters(moved), 0.2))
-    return Made(Truth("blur"), found)
+        results.append((scene, camera.with_parameters(moved), 0.2))
+    return Made(Truth("blur"), results)
 
 
 def _on_light(truth: Truth, light: Callable[[Stack], Stack]) -> Made:
@@ -248,8 +248,8 @@ def wedge(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """One filter is a wedge and moves its picture."""
     band, by = int(draw.integers(7)), draw.uniform(0.06, 0.12, 2) * draw.choice([-1, 1], 2)
     moved = replace(camera, principal_point_px=camera.principal_point_px + by[::-1])
-    own = (np.arange(7) == band).astype(float)[:, None, None]
-    return Made(Truth("displacement", band=_name(band)), [(scene, camera, 1 - own), (scene, moved, own)])
+    values = (np.arange(7) == band).astype(float)[:, None, None]
+    return Made(Truth("displacement", band=_name(band)), [(scene, camera, 1 - values), (scene, moved, values)])
 
 
 def fringes(draw: Draw, scene: Scene, camera: Camera) -> Made:

@@ -171,8 +171,8 @@ def through_tent(size: int, seed: int) -> Side:
             pad = [(1, 1) if a == axis else (0, 0) for a in range(3)]
             wide = np.moveaxis(np.pad(picture, pad, mode="edge"), axis, 0)
             count = picture.shape[axis]
-            taken = sum(w * wide[k : k + count : 2] for k, w in enumerate(kernel))
-            picture = np.moveaxis(taken, 0, axis)
+            total = sum(w * wide[k : k + count : 2] for k, w in enumerate(kernel))
+            picture = np.moveaxis(total, 0, axis)
         return picture
 
     assert fine.variance is not None
@@ -191,7 +191,7 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
     exported = exported_scene(cornell_box(), camera, settings).with_black_lamps
     image = render(RenderJob(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL), integrator="path")
     blank = side_of([labelled_cube(image)], ["ours"])
-    found = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}
+    results = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "box"
         write_export(folder, exported)
@@ -204,8 +204,8 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
             if renderer_of(name).pixels == "rays":
                 shape = POOL, POOL_SIZE, settings.subpixels, POOL_SIZE, settings.subpixels, WAVELENGTHS.size
                 pictures = pictures.reshape(shape).mean(axis=(2, 4))
-            found[name] = pictures, replace(blank, source=name)
-    return found
+            results[name] = pictures, replace(blank, source=name)
+    return results
 
 
 def across_renderers(pairs: int) -> None:

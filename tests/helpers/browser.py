@@ -28,10 +28,10 @@ _PATIENCE_S = 60.0
 
 def chromium() -> str:
     """Path of the browser; skips the test where there is none."""
-    found = next((path for name in _NAMES if (path := shutil.which(name))), None)
-    if found is None:
+    match = next((path for name in _NAMES if (path := shutil.which(name))), None)
+    if match is None:
         pytest.skip("no headless browser: apt install chromium")
-    return found
+    return match
 
 
 class Page:

@@ -266,13 +266,13 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
 def score(folder: Path, seed: int) -> Shares:
     """Make the capture of a seed in a new folder, calibrate it, and hold everything against the truth."""
     truth = make_capture(folder, seed)
-    found = calibrate(load_capture(folder), REFERENCE_SIGMA)
+    calibration = calibrate(load_capture(folder), REFERENCE_SIGMA)
     return (
-        _sensor(found, truth)
-        | _response(found, truth)
-        | _signals(found, truth)
-        | _camera(found, truth)
-        | _chart(found, truth)
+        _sensor(calibration, truth)
+        | _response(calibration, truth)
+        | _signals(calibration, truth)
+        | _camera(calibration, truth)
+        | _chart(calibration, truth)
     )
 
 

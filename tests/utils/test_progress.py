@@ -5,9 +5,9 @@ from cboxlab.utils.progress import NO_PROGRESS, Cancelled, ProgressReporter, sha
 
 
 def told_by(work):
-    told = []
-    work(ProgressReporter(lambda stage, done: told.append((stage, done))))
-    return told
+    messages = []
+    work(ProgressReporter(lambda stage, done: messages.append((stage, done))))
+    return messages
 
 
 def test_a_share_is_that_part_of_the_whole():

@@ -29,8 +29,8 @@ def test_only_where_most_flats_agree_one_that_does_not_is_suspected(name):
         band: replace(flat, mean_dn=level * flat.mean_dn)
         for (band, flat), level in zip(bands.flats.items(), levels, strict=True)
     }
-    found = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
-    assert {s.where for s in found} == {f"flat ({[*flats][index]})" for index in wrong}
+    results = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
+    assert {s.where for s in results} == {f"flat ({[*flats][index]})" for index in wrong}
 
 
 def test_constants_off_by_reciprocal_factors_are_no_exchange():

@@ -116,10 +116,10 @@ def test_the_lamps_own_pixels_follow_its_pattern():
     image = gather(light, camera, 256, 2)
     picture = light_of(build_patch_transport(light, camera), scene, BANDS[1:]).picture()
     lamp = image.coverage[..., -1] == 1
-    seen = image.project(np.eye(2))[0][lamp]
+    image_px = image.project(np.eye(2))[0][lamp]
     assert lamp.sum() > 10
-    assert np.ptp(seen) > 0.2
-    assert picture[:, lamp].T == pytest.approx(seen, rel=0.01, abs=0.005)
+    assert np.ptp(image_px) > 0.2
+    assert picture[:, lamp].T == pytest.approx(image_px, rel=0.01, abs=0.005)
 
 
 def outside():

@@ -146,6 +146,6 @@ def test_standard_errors_of_surfaces_cover_the_scatter_of_seeds():
     assert len(parts) >= 6
     for q in range(3):
         means = np.array([[sums.part(i).xyz[q] for i in parts] for sums in seen])
-        stated = np.array([[sums.part(i).covariance[q, q] for i in parts] for sums in seen])
-        ratio = means.var(axis=0, ddof=1) / stated.mean(axis=0)
+        values = np.array([[sums.part(i).covariance[q, q] for i in parts] for sums in seen])
+        ratio = means.var(axis=0, ddof=1) / values.mean(axis=0)
         assert ratio.mean() == pytest.approx(1, abs=0.5)

@@ -42,6 +42,6 @@ def test_mistakes_in_the_bundled_capture_are_named(tmp_path, names):
     for mistake in mistakes:
         mistake.make(draft, np.random.default_rng(5))
     draft.save()
-    found = with_scene_checks(quick_calibration(draft.folder)).suspicions
+    suspicions = with_scene_checks(quick_calibration(draft.folder)).suspicions
     for mistake in mistakes:
-        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found), (mistake.name, found)
+        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in suspicions), (mistake.name, suspicions)

@@ -35,9 +35,9 @@ def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     residual[:3], residual[-11] = 1.0, 10.0
 
     def candidate(name, predicted):
-        left = residual - predicted
+        remainder = residual - predicted
         by_priors = name == "camera-pose"
-        return Candidate(known[name], {}, {}, float(left @ left), predicted, by_priors)
+        return Candidate(known[name], {}, {}, float(remainder @ remainder), predicted, by_priors)
 
     moved, offset = np.zeros(1035), np.zeros(1035)
     moved[-11], offset[:3] = 9.0, 1.0
@@ -89,8 +89,10 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
     sides = np.append(np.tile([0.1, -0.1], 512), np.zeros(11))
     for change, smooth, gains in ((level, 1.0, False), (sides, 0.0, True)):
         assert smooth_part(SQUARE, change) == pytest.approx(smooth)
-        found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change)
-        assert (found is not None) is gains
+        significant = first_significant(
+            [Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change
+        )
+        assert (significant is not None) is gains
 
 
 @pytest.mark.parametrize("errors", [None, "counted"])
@@ -117,13 +119,13 @@ def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitud
     patch = np.repeat(np.arange(PATCHES), EACH)
     model = SimpleNamespace(count=PATCHES * EACH, patch=patch, errors="counted")
     shape = np.append(np.tile([1.0, -1.0], PATCHES // 2)[patch], np.zeros(11))
-    found = []
+    results = []
     for _ in range(60):
         together = 0.5 * generator.standard_normal(PATCHES)[patch]
         residual = np.append(together + generator.standard_normal(PATCHES * EACH), np.zeros(11))
         predicted = shape * (shape @ residual) / (shape @ shape)
-        found.append(dispersion(model, predicted, residual))
-    assert np.mean(found) == pytest.approx(8.5 * 64 / 63, rel=0.1)  # four standard errors
+        results.append(dispersion(model, predicted, residual))
+    assert np.mean(results) == pytest.approx(8.5 * 64 / 63, rel=0.1)  # four standard errors
     assert dispersion(SimpleNamespace(errors=None), shape, residual) == 1.0
 
 
@@ -152,10 +154,10 @@ def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
 
 def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
     """0.05 mm and 0.01 degrees: 0.17 mm in both directions are 23 of chi-square, 18.8 come by chance in 3 of 10,000."""
-    known = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose")
+    match = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose")
     change = np.append(np.tile([0.3, -0.3], 512), np.zeros(11))
     for away, counts in ((0.13, False), (0.17, True)):
-        moved = Candidate(known, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
+        moved = Candidate(match, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
         assert (first_significant([moved], change, SQUARE, change, change) is moved) is counts
 
 
@@ -182,8 +184,8 @@ def test_screening_leaves_out_what_averaging_noise_would_gain():
     found = screen(problem, Signature(known["defocus"], (0.15,), column[None]), residual)
     amplitude = (column @ residual - 50.0) / (column @ column)
     assert found.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
-    left = residual - amplitude * column
-    assert found.chi2 == pytest.approx(left @ left + 100.0 * amplitude)
+    remainder = residual - amplitude * column
+    assert found.chi2 == pytest.approx(remainder @ remainder + 100.0 * amplitude)
 
 
 @pytest.mark.parametrize(("scale", "brighter"), [(1.0, 1.0), (0.5, 1.0), (1.0, 1.3)])

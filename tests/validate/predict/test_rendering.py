@@ -10,10 +10,10 @@ from cboxlab.validation.predict import predictor, rendering
 
 
 def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
-    asked = []
+    calls = []
 
     def picture(samples, first_batch, batches, progress):
-        asked.append((samples, batches))
+        calls.append((samples, batches))
         return RenderedImage(np.full((batches, 2, 2, 1), samples), *5 * (None,))
 
     def bands(image, responses):
@@ -31,10 +31,10 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
     monkeypatch.setattr(rendering, "render_bands", bands)
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
     _, found, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=NO_PROGRESS)
-    assert pilot == 3.0 and len(asked) == 2 and asked[0] == (64, 8)
+    assert pilot == 3.0 and len(calls) == 2 and calls[0] == (64, 8)
     assert np.sqrt(found.variance.values).max() <= 0.6
     _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=NO_PROGRESS)
-    assert same == pilot and asked[2:] == asked[1:2]
+    assert same == pilot and calls[2:] == calls[1:2]
     np.testing.assert_array_equal(again.variance, found.variance)
 
 

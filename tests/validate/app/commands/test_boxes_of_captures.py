@@ -24,9 +24,9 @@ def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsy
     model, captures = console.load_inputs(model if given else None, [DEMO_CAPTURE, capture])
     assert model.scene.origin.reference == "cornell-box"
     assert [loaded.folder for loaded in captures] == [DEMO_CAPTURE, capture]
-    told = capsys.readouterr().err
+    err = capsys.readouterr().err
     expected = f'{manifest}: scene is "my-box", but the model is "cornell-box". Give the box with --model.\n'
-    assert told == ("" if given else expected)
+    assert err == ("" if given else expected)
 
 
 @pytest.fixture

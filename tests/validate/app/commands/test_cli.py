@@ -279,11 +279,11 @@ def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
     assert name in ("ghost", "smear") and 0 < values["fraction"] < 0.05
     code, out, _ = cbox("reveal", folder)
     assert code == 0 and name in out
-    found = {
+    results = {
         "ranking": [{"effect": name, "parameters": {"fraction": 1.5 * values["fraction"]}}],
         "selected": [name],
     }
-    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    (tmp_path / "diagnosis.json").write_text(json.dumps(results))
     code, out, _ = cbox("reveal", folder, "--diagnosis", tmp_path / "diagnosis.json")
     assert code == 0 and "First of the ranking: right. Selection: right." in out and "+50.0%" in out
 

@@ -234,9 +234,9 @@ def test_luminances_are_told_with_the_cube(tmp_path, cbox):
         ),
     ]:
         expected = xyz(mean)
-        whole = row is light["picture"]
-        assert row["luminance_cd_m2"] == pytest.approx(expected[1], rel=2e-4 if whole else 0.1)
-        assert row["x"] == pytest.approx(expected[0] / expected.sum(), abs=1e-4 if whole else 0.005)
+        mask = row is light["picture"]
+        assert row["luminance_cd_m2"] == pytest.approx(expected[1], rel=2e-4 if mask else 0.1)
+        assert row["x"] == pytest.approx(expected[0] / expected.sum(), abs=1e-4 if mask else 0.005)
     ceiling = names.index("ceiling")
     naive = xyz(radiance[cube["surface"].values == ceiling].mean(axis=0))[1]
     assert naive > 1.2 * light["surfaces"]["ceiling"]["luminance_cd_m2"]

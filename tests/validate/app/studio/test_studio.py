@@ -357,8 +357,8 @@ def test_effects_are_grouped_and_searched(page):
 
 
 def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
-    tried = stepwise.hypotheses
-    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    hypotheses = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in TRIED])
     page.run(
         "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
         "globalThis[id + '_seen'] = all;"

@@ -59,9 +59,9 @@ def covariance(model: FlawModel, width):
 
 def test_scores_are_those_of_the_whole_covariance():
     draw = np.random.default_rng(5)
-    given = columns(draw)
-    residual = draw.standard_normal(SIGNAL.size) + 0.5 * given.change[0] + 0.3 * given.change[1]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    column_values = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + 0.5 * column_values.change[0] + 0.3 * column_values.change[1]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
     whole = covariance(model, fitted.width)
@@ -74,10 +74,10 @@ def test_scores_are_those_of_the_whole_covariance():
 
 def test_an_amplitude_beside_flaws_is_that_of_generalised_least_squares():
     draw = np.random.default_rng(6)
-    given = columns(draw)
-    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + given.change[2][:, None]
+    column_values = columns(draw)
+    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + column_values.change[2][:, None]
     residual = draw.standard_normal(SIGNAL.size) + 2 * shape[:, 0]
-    model = build_flaw_model(Plain(), given, SIGNAL, draw.standard_normal(SIGNAL.size))
+    model = build_flaw_model(Plain(), column_values, SIGNAL, draw.standard_normal(SIGNAL.size))
     fitted = model.fit(model.whitened(residual - 2 * shape[:, 0]))
     expected = np.linalg.solve(covariance(model, fitted.width), shape)
     assert model.weighted(fitted, shape) == pytest.approx(expected, abs=1e-4)
@@ -96,10 +96,10 @@ def test_deviations_of_single_pixels_are_those_that_bands_have_in_common(error):
 
 def test_a_flaw_that_is_everywhere_is_seen_where_it_was_not_fitted():
     draw = np.random.default_rng(8)
-    given = columns(draw)
-    residual = draw.standard_normal(SIGNAL.size) + given.change[0]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    column_values = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + column_values.change[0]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     first, *_ = (flaw for flaw in model.flaws(model.fit(whitened), whitened) if flaw.kind != "pixels")
     assert first.kind == "shading" and first.heldout > 0.7
-    assert first.chi2_per_dof == pytest.approx(np.mean(given.change[0] ** 2), rel=0.2)
+    assert first.chi2_per_dof == pytest.approx(np.mean(column_values.change[0] ** 2), rel=0.2)

@@ -260,12 +260,12 @@ def test_axes_number_the_pixels_at_their_centres(page, zoom):
     page.run(f"v.set({{mode: 'side', zoom: {zoom}, x: 24, y: 28}})")
     centres = (24, 24 if zoom == 1 else 28)
     for axis, marks in enumerate(("across", "down")):
-        found = page.run(
+        outcome = page.run(
             f"[...document.querySelectorAll('.cbv-{marks} span')].map("
             "e => [parseInt(e.textContent), parseFloat(e.style.left || e.style.top)])"
         )
-        assert len(found) >= 3 * 2
-        for number, percent in found:
+        assert len(outcome) >= 3 * 2
+        for number, percent in outcome:
             assert percent == pytest.approx(50 + 100 * zoom * (number + 0.5 - centres[axis]) / 48, abs=0.1)
 
 
