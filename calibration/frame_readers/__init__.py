@@ -14,7 +14,7 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from cboxlab.utils.limits import MAX_FRAME_PIXELS, require_size
-from cboxlab.utils.plug_ins import add_record, records_of_others
+from cboxlab.utils.other_packages import entries_of, loaded
 from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
@@ -59,11 +59,14 @@ def catalogue() -> dict[str, FrameReader]:
     """
     names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
     readers = {name: import_module(f"{__name__}.{name}").READER for name in names}
-    for where, reader in records_of_others(_GROUP, FrameReader):
+    for where, entry in entries_of(_GROUP):
+        reader = loaded(where, entry, FrameReader)
+        if reader.id in readers:
+            raise InputError(where, f"'{reader.id}', which exists already", "a new identifier")
         endings = {ending for other in readers.values() for ending in other.suffixes}
         if shared := [ending for ending in reader.suffixes if ending in endings]:
             raise InputError(where, f"the ending {shared[0]}, which has a reader already", "other endings")
-        add_record(readers, where, reader)
+        readers[reader.id] = reader
     return readers
 
 
@@ -107,7 +110,7 @@ def _usable_reader(path: Path) -> FrameReader:
     return reader
 
 
-def _unreadable(path: Path, reader: FrameReader, error: Exception) -> InputError:
+def _unreadable(path: Path, reader: FrameReader, error: BaseException) -> InputError:
     fault = f"a file that cannot be read as {reader.name} ({error})"
     return InputError(path, fault, f"a {reader.name} frame", "The file is damaged or truncated: copy it again.")
 
@@ -122,7 +125,7 @@ def _header_as_of(path: Path, changed_ns: int, size: int) -> FrameHeader:
         return header
     except InputError:
         raise
-    except Exception as error:  # each library raises its own exceptions for damaged files
+    except (Exception, SystemExit) as error:  # each library raises its own exceptions for damaged files
         raise _unreadable(path, reader, error) from None
 
 
@@ -213,7 +216,7 @@ def _checked_pictures(
         values = read(path, pictures)
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _unreadable(path, reader, error) from None
     if values.shape != (len(pictures), *header.shape):
         expected = f"{(len(pictures), *header.shape)} as in the file's header"

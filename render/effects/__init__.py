@@ -15,8 +15,9 @@ from typing import Any
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
-from cboxlab.utils.plug_ins import add_records
+from cboxlab.utils.other_packages import entries_of, loaded
 
+from .checked import checked_effect
 from .effect import AppliedEffect, Effect, Kind, Parameter
 
 __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "catalogue", "names_in"]
@@ -24,8 +25,8 @@ __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "cat
 #: Entry points of this group are effects of other packages.
 _GROUP = "cboxlab.effects"
 
-#: Modules of this package that hold no effect: the classes, and the blur that two effects share.
-_NO_EFFECTS = frozenset({"effect", "blur"})
+#: Modules of this package that hold no effect: the classes, checks of others' effects, the blur that two effects share.
+_NO_EFFECTS = frozenset({"checked", "effect", "blur"})
 
 
 @lru_cache(maxsize=1)
@@ -40,7 +41,7 @@ def catalogue() -> dict[str, Effect]:
     Raises
     ------
     InputError
-        If an entry point cannot be loaded, is no Effect, or has the identifier of another effect.
+        If an entry point cannot be loaded, is no sound Effect, or has the identifier of another effect.
 
     Examples
     --------
@@ -51,7 +52,11 @@ def catalogue() -> dict[str, Effect]:
     names = [module.name for module in iter_modules(__path__) if module.name not in _NO_EFFECTS]
     modules = [import_module(f"{__name__}.{name}") for name in names]
     effects: dict[str, Effect] = {module.EFFECT.id: module.EFFECT for module in modules}
-    add_records(effects, _GROUP, Effect)
+    for where, entry in entries_of(_GROUP):
+        effect = checked_effect(loaded(where, entry, Effect), where)
+        if effect.id in effects:
+            raise InputError(where, f"'{effect.id}', which is there already", "another identifier")
+        effects[effect.id] = effect
     return dict(sorted(effects.items()))
 
 

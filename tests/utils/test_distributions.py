@@ -38,7 +38,10 @@ def test_as_scipy(function, reference, values):
             "cboxlab.validation.compare_renders.regress.inputs",
             "scipy.stats scipy.signal scipy.interpolate matplotlib mitsuba trimesh colour dask",
         ),
-        ("cboxlab.rendering.model", "scipy.stats scipy.signal scipy.interpolate colour dask"),
+        (
+            "cboxlab.rendering.model, cboxlab.validation.report",
+            "scipy.stats scipy.signal scipy.interpolate colour dask",
+        ),
         ("cboxlab.calibration.result", "scipy.stats scipy.signal colour dask"),
     ],
 )

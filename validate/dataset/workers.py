@@ -33,7 +33,11 @@ def _share_processors(threads: int) -> None:
 
 
 def in_processes(
-    tasks: Sequence[Task], count: int, idle: Callable[[], None], run: Callable[[Task], list[dict[str, Any]]] = run_task
+    tasks: Sequence[Task],
+    count: int,
+    idle: Callable[[], None],
+    run: Callable[[Task], list[dict[str, Any]]] = run_task,
+    start: Callable[[int], Any] = _share_processors,
 ) -> Iterator[list[dict[str, Any]]]:
     """Run tasks in processes of this machine.
 
@@ -47,6 +51,8 @@ def in_processes(
         Function that is called while tasks run; what it raises ends the run.
     run
         Function of a task to its records.
+    start
+        Function of a number of threads that begins each process.
 
     Yields
     ------
@@ -61,9 +67,7 @@ def in_processes(
     threads = max(1, (os.cpu_count() or 1) // count)
     remaining, ends = list(tasks), 0
     while remaining:
-        pool = ProcessPoolExecutor(
-            count, multiprocessing.get_context("spawn"), initializer=_share_processors, initargs=(threads,)
-        )
+        pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=start, initargs=(threads,))
         waiting: dict[Future[list[dict[str, Any]]], Task] = {pool.submit(run, task): task for task in remaining}
         try:
             while waiting:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
-from cboxlab.utils.plug_ins import add_records
+from cboxlab.utils.other_packages import entries_of, loaded
 
 from .renderer import PYTHON_SCRIPT, SHELL_SCRIPT, Renderer
 
@@ -42,7 +42,11 @@ def renderer_catalogue() -> Mapping[str, Renderer]:
     for module in modules:
         renderer = import_module(f"{__name__}.{module}").RENDERER
         catalogue[renderer.id] = renderer
-    add_records(catalogue, _GROUP, Renderer)
+    for where, entry in entries_of(_GROUP):
+        renderer = loaded(where, entry, Renderer)
+        if renderer.id in catalogue:
+            raise InputError(where, f"'{renderer.id}', which exists already", "another identifier")
+        catalogue[renderer.id] = renderer
     return MappingProxyType(dict(sorted(catalogue.items())))
 
 

@@ -35,6 +35,16 @@ _LITTLE_CORRELATION = 0.05
 _MOST_APART = 0.1
 #: The same over the stated errors: errors of batches contain correlated noise.
 _MOST_SPREAD = 1.5
+#: Growth of second differences from a distance to twice as far, below which noise reaches no further.
+_NO_GROWTH = 1.35
+#: Square of second differences of independent numbers over their variance: 1 + 4 + 1.
+_SECOND_DIFFERENCE = 6.0
+#: Distances in px at which noise of a pixel filter may end.
+_FILTER_PX = (1, 2, 3)
+#: Relative difference of pictures from which it is none of denoised noise, and no noise widens errors by more than ...
+_GROSS = 0.15
+#: ... this ratio of variances of means, that of a pixel filter three pixels wide.
+_WIDEST_FILTER = 6.0
 #: Largest part of the correlation that the means of small regions remove and that is made up for.
 _MOST_REMOVED = 0.5
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
@@ -452,21 +462,58 @@ def _clustering(
     ratio = _of_blocks(clipped, smooth)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
-    if not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
+    by_filter = _of_filter(clipped, smooth) if estimated else None
+    if by_filter is not None:
+        ratio = max(_of_blocks(clipped, smooth, curved=True), by_filter)
+    elif estimated and apart >= _GROSS:
+        ratio = min(ratio, _WIDEST_FILTER)
+    elif not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
         ratio = max(ratio, _of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
 
-def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Scatter of block means over that of independent pixels; 1 where there are few."""
+def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved: bool = False) -> float:
+    """Scatter of block means over that of independent pixels; 1 where there are few.
+
+    curved : whether second differences of blocks count, which a gradient does not change.
+    """
     height, width = (size // _BLOCK_PX * _BLOCK_PX for size in values.shape)
     if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
         return 1.0
     shape = height // _BLOCK_PX, _BLOCK_PX, width // _BLOCK_PX, _BLOCK_PX
     means = values[:height, :width].reshape(shape).mean(axis=(1, 3))
     inside = np.asarray(smooth[:height, :width].reshape(shape).all(axis=(1, 3)))
-    blocks = _difference_variance(means, inside) * _BLOCK_PX**2
+    if curved:
+        square, count = _second_differences(means, inside, 1)
+        scatter = square / _SECOND_DIFFERENCE if count >= _MIN_PAIRS else float("nan")
+    else:
+        scatter = _difference_variance(means, inside)
+    blocks = scatter * _BLOCK_PX**2
     return blocks / max(_difference_variance(values, smooth), 1e-12) if np.isfinite(blocks) else 1.0
+
+
+def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
+    """Sum of the correlation between pixels of filtered noise; None where differences grow over many pixels.
+
+    Second differences of filtered noise stop growing at some distance. A smooth difference of the pictures makes them
+    grow later, and adds nothing here. Their size at one pixel gives the width of a Gaussian filter.
+    """
+    sizes = {}
+    for step in (1, *_FILTER_PX, *(2 * px for px in _FILTER_PX)):
+        sizes[step], pixels = _second_differences(values, smooth, step)
+        if pixels < _MIN_PAIRS:
+            return None
+    reach = next((px for px in _FILTER_PX if sizes[2 * px] <= _NO_GROWTH * sizes[px]), None)
+    if reach is None:
+        return None
+    part = sizes[1] / max(sizes[reach], sizes[2 * reach], 1e-300)
+    if part >= 1:
+        return 1.0
+    # second differences over 6 variances are 1 - (4 c - c^4) / 3 for a correlation c of neighbours
+    grid = np.linspace(0.0, 1.0, 1001)[1:-1]
+    correlation = float(np.interp(3 * (1 - part), 4 * grid - grid**4, grid))
+    lags = np.arange(-4 * reach, 4 * reach + 1)
+    return float((correlation ** (lags**2)).sum() ** 2)
 
 
 def _of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:

@@ -9,7 +9,8 @@ from functools import lru_cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-from cboxlab.utils.plug_ins import add_records
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.other_packages import entries_of, loaded
 
 from ..field_fit import Family
 
@@ -38,5 +39,9 @@ def families() -> dict[str, Family]:
     for name in names:
         family = import_module(f"{__name__}.{name}").FAMILY
         members[family.id] = family
-    add_records(members, _GROUP, Family)
+    for where, entry in entries_of(_GROUP):
+        family = loaded(where, entry, Family)
+        if family.id in members:
+            raise InputError(where, f"'{family.id}', the identifier of another family", "a new identifier")
+        members[family.id] = family
     return {family.id: family for family in sorted(members.values(), key=lambda member: (member.order, member.id))}
