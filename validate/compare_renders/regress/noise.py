@@ -493,7 +493,7 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved
 
 
 def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
-    """Sum of the correlation between pixels of filtered noise; None where differences grow over many pixels.
+    """Sum of the correlation between pixels of filtered noise; None for other differences.
 
     Second differences of filtered noise stop growing at some distance. A smooth difference of the pictures makes them
     grow later, and adds nothing here. Their size at one pixel gives the width of a Gaussian filter.
