@@ -41,9 +41,9 @@ _NO_GROWTH = 1.35
 _SECOND_DIFFERENCE = 6.0
 #: Distances in px at which noise of a pixel filter may end.
 _FILTER_PX = (1, 2, 3)
-#: Relative difference of pictures from which it is none of denoised noise, and no noise widens errors by more than ...
-_GROSS = 0.15
-#: ... this ratio of variances of means, that of a pixel filter three pixels wide.
+#: Relative difference of single pictures from which it is none of a denoiser's blotches: twice that of a bad one.
+_GROSS = 0.2
+#: Variance of means over that of independent pixels in such pictures: that of a pixel filter three pixels wide.
 _WIDEST_FILTER = 6.0
 #: Largest part of the correlation that the means of small regions remove and that is made up for.
 _MOST_REMOVED = 0.5
@@ -466,8 +466,8 @@ def _clustering(
     if by_filter is not None:
         ratio = max(_of_blocks(clipped, smooth, curved=True), by_filter)
     elif estimated and apart >= _GROSS:
-        ratio = min(ratio, _WIDEST_FILTER)
-    elif not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
+        ratio = _WIDEST_FILTER
+    elif not stepped and (estimated or (apart < _MOST_APART and spread < _MOST_SPREAD)):
         ratio = max(ratio, _of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
@@ -493,7 +493,7 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved
 
 
 def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
-    """Sum of the correlation between pixels of filtered noise; None where differences grow over many pixels.
+    """Sum of the correlation between pixels of filtered noise; None for other differences.
 
     Second differences of filtered noise stop growing at some distance. A smooth difference of the pictures makes them
     grow later, and adds nothing here. Their size at one pixel gives the width of a Gaussian filter.

@@ -237,8 +237,8 @@ def roughness_of(
 def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
     """Tests of all pools.
 
-    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, edges,
-    border and lamp, a grid of blocks and their spread, and patterns.
+    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, and patterns.
+    There are pools of edges, border and lamp, too, and a grid of blocks with their spread.
 
     Parameters
     ----------

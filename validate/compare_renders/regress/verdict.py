@@ -269,7 +269,10 @@ def _typical_noise(comparison: Comparison) -> float:
 
 
 def _changed_guides(comparison: Comparison) -> list[str]:
-    """Notes on albedo, normals and depth that differ away from edges: paints, geometry or camera changed."""
+    """Notes on albedo, normals and depth that differ away from edges.
+
+    Paints, geometry or the camera have then changed.
+    """
     baseline, candidate = _sides(comparison)
     inside = comparison.strata.smooth
     notes = []
