@@ -50,7 +50,7 @@ def ranking(
 ) -> tuple[Ranked, ...]:
     """Effects by probability: the selected ones, then their alternatives, then all others.
 
-    A selected effect and its alternatives share its probability. Where no effect was selected, most of it is that nothing
+    A selected effect and its alternatives share its probability. Where none was selected, most of it is that nothing
     is missing. Chi2 without errors counted is that of the model as given minus the gain of the effect, in
     whatever covariance the gain was computed.
 
