@@ -423,7 +423,10 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
 def _pixel_errors(
     model: Whitening, signal: NDArray[np.float64], error: float, columns: Iterable[NDArray] = (), count: int = 0
 ) -> PictureErrors:
-    """Deviations of single pixels as a covariance, with ``count`` further errors (n,) over sigma."""
+    """Deviations of single pixels as a covariance, with further errors.
+
+    columns : ``count`` of them, (n,) over sigma.
+    """
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
     weight = min(error, _MAX_PIXEL_ERROR) * signal[model.used] / model.sigma
     return cells_and_columns(cell, weight, columns, count)
