@@ -78,8 +78,8 @@ def render_pictures(
     job = RenderJob(joined, camera, grid, seed=seed, max_bounces=bounces, first_batch=first)
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
     geometry = _geometry(image, joined, camera, seed)
-    for box, scene, own in zip(boxes, scenes, split_image(image, len(boxes), each_nm), strict=True):
-        yield _picture(box, camera_name, recipe, folder, own, scene, camera, bounces, geometry)
+    for box, scene, part in zip(boxes, scenes, split_image(image, len(boxes), each_nm), strict=True):
+        yield _picture(box, camera_name, recipe, folder, part, scene, camera, bounces, geometry)
 
 
 def _order(box: Box, camera_name: str, recipe: Recipe) -> int:

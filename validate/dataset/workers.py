@@ -230,7 +230,10 @@ def _run_on_worker(task: Task) -> list[dict[str, Any]]:
 def _on_client(
     dask: Any, client: Any, tasks: Sequence[Any], idle: Callable[[], None], run: Callable[[Any], Any]
 ) -> Iterator[tuple[Any, Any]]:
-    """Tasks with their results, run on the workers of a client; a worker that ends or joins changes nothing else."""
+    """Tasks with their results, run on the workers of a client.
+
+    A worker that ends or joins changes nothing else.
+    """
     tasks_of = {client.submit(run, task, pure=False): task for task in tasks}
     waiting = set(tasks_of)
     try:
