@@ -78,8 +78,8 @@ def render_pictures(
     job = RenderJob(joined, camera, grid, seed=seed, max_bounces=bounces, first_batch=first)
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
     geometry = _geometry(image, joined, camera, seed)
-    for box, scene, part in zip(boxes, scenes, split_image(image, len(boxes), each_nm), strict=True):
-        yield _picture(box, camera_name, recipe, folder, part, scene, camera, bounces, geometry)
+    for box, part in zip(boxes, split_image(image, len(boxes), each_nm), strict=True):
+        yield _picture(box, camera_name, recipe, folder, image=part, geometry=geometry)
 
 
 def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
@@ -93,13 +93,12 @@ def _picture(
     camera_name: str,
     recipe: Recipe,
     folder: Path,
+    *,
     image: RenderedImage,
-    scene: Scene,
-    camera: Camera,
-    bounces: int | None,
     geometry: Mapping[str, Any],
 ) -> xr.Dataset:
     """Picture of a box from its image without effects on light transport."""
+    scene, camera, bounces = model_cube_inputs(box.model, box.cameras[camera_name])
     order = _order(box, camera_name, recipe)
     changes = coated(image, scene, camera, box.model.effects, box.seed, bounces)
     changed = changes.image

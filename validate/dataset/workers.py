@@ -218,7 +218,7 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
 def _run_on_worker(task: Task) -> list[dict[str, Any]]:
     """Run a task on a worker of Dask, in a thread that Dask does not sample.
 
-    Dask's profiler holds the frames of its own threads for a moment. HDF5 objects then close later, and the layout of
+    Dask's profiler holds the frames of Dask's threads for a moment. HDF5 objects then close later, and the layout of
     a file, though not its content, changes from run to run.
     """
     import dask
