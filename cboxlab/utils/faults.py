@@ -31,14 +31,29 @@ _TABLE_TYPES = ("model_type", "dict_type")
 _PLAIN = {
     "tuple_type": "a list in brackets, {key} = [...]",
     "list_type": "a list in brackets, {key} = [...]",
-    "too_short": "a list of at least {min_length}",
+    "too_short": "a list or table of at least {min_length}",
+    "too_long": "a list or table of at most {max_length}",
     "model_type": "one table, [{key}]",
+    "model_attributes_type": "one table, [{key}]",
     "dict_type": "one table, [{key}]",
     "string_type": "text in quotes",
+    "string_too_short": "text of at least {min_length} characters",
+    "string_too_long": "text of at most {max_length} characters",
+    "string_pattern_mismatch": "text of the pattern {pattern}",
+    "literal_error": "{expected}",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a smaller whole number",
     "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of {ge} or more",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number of {le} or less",
     "bool_type": "true or false",
+    "bool_parsing": "true or false",
 }
 
 #: Shortest name, in characters, that is looked for inside other names: a shorter one is in too many.
@@ -201,7 +216,9 @@ def expectation(details: Mapping[str, Any]) -> str:
         return f"tables in double brackets, [[{key}]]"
     if (plain := _PLAIN.get(details["type"])) is not None:
         return plain.format(key=key, **details.get("ctx", {}))
-    return str(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if details["type"] == "value_error":  # raised by the code of this program
+        return str(details["ctx"]["error"])
+    return "a value as the documentation of this file describes it"
 
 
 def shown(value: object) -> str:

@@ -13,7 +13,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation, shown, suggestion
 from cboxlab.utils.input_files import read_toml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from ..effects import apply_checked
 from ..model import named_effect
@@ -60,7 +60,9 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,31}$")]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+    )
 
 
 def _constant(value: float) -> Numbers:
@@ -127,7 +129,7 @@ class CameraTable(_Table):
     left_mm: Within(-1e4, 1e4) = _constant(0.0)  # type: ignore[valid-type]
     up_mm: Within(-1e4, 1e4) = _constant(0.0)  # type: ignore[valid-type]
     #: Point looked at, as shares of the room's width, height and depth.
-    look_at: tuple[Within(0, 1), Within(0, 1), Within(0, 1)] = (  # type: ignore[valid-type]
+    look_at: Annotated[tuple[Within(0, 1), Within(0, 1), Within(0, 1)], Strict(False)] = (  # type: ignore[valid-type]
         _constant(0.5),
         _constant(0.5),
         _constant(0.5),
@@ -145,7 +147,7 @@ class CameraTable(_Table):
 class EffectTable(BaseModel):
     """An effect of the catalogue; its parameters are further keys."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, arbitrary_types_allowed=True)
 
     id: str
     probability: Annotated[float, Field(ge=0, le=1)] = 1.0

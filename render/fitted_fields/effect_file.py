@@ -30,7 +30,7 @@ _FORMAT = "effect/1"
 class _EffectFile(BaseModel):
     """Content of an effect file."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     format: str
     title: str = Field("", max_length=50)

@@ -96,7 +96,7 @@ class Model:
 class _Strict(BaseModel):
     """Table without unknown keys."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class _Render(_Strict):

@@ -115,8 +115,8 @@ def _split_faults(cube: xr.Dataset, box: Box, radiance: NDArray, rounding: float
     Pixels of one flat surface that do not touch a sphere count, in boxes whose only effects on light transport are
     coats.
     """
-    required = {"albedo", "irradiance", "specular", "reflections", "coverage"}
-    if not required <= set(cube) or any(e.stage == "transport" and e.id != COAT for e in box.model.effects):
+    truths = {"albedo", "irradiance", "specular", "reflections", "coverage"}
+    if not truths <= set(cube) or any(e.stage == "transport" and e.id != COAT for e in box.model.effects):
         return []
     coverage = cube["coverage"].values
     balls = [index for index, surface in enumerate(box.model.scene.surfaces) if surface.ball]

@@ -5,10 +5,10 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
-from cboxlab.rendering import effects
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import Parameter, apply_checked, catalogue, names_in
 from cboxlab.scenes import Spectrum, cornell_box
+from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from helpers.fakes.stages import NM, apply, counts, start
@@ -155,7 +155,7 @@ def test_effects_name_what_the_scene_holds():
 )
 def test_an_entry_point_that_is_no_new_effect_is_named(monkeypatch, value, found):
     entry = EntryPoint("dust", value, "cboxlab.effects")
-    monkeypatch.setattr(effects, "entry_points", lambda group: [entry])
+    monkeypatch.setattr(other_packages, "entry_points", lambda group: [entry])
     catalogue.cache_clear()
     try:
         with pytest.raises(InputError, match=f"dust = {value}.*{found}"):

@@ -25,6 +25,7 @@ from cboxlab.validation.dataset.workers import in_processes
 from helpers.command_line import assert_one_line_of_help
 from helpers.ending import ends_once
 from helpers.recipes import write_recipe
+from threadpoolctl import threadpool_limits
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 
@@ -61,7 +62,8 @@ def recipe_file(folder):
 
 @pytest.fixture(scope="module")
 def run(folder, recipe_file):
-    return create_dataset(recipe_file, folder / "all")
+    with threadpool_limits(2):  # workers of a scheduler compute in one thread
+        return create_dataset(recipe_file, folder / "all")
 
 
 def checksums(dataset):

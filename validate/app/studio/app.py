@@ -20,8 +20,9 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from ...report.viewer import viewer_data, viewer_script, viewer_style
+from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
 from .jobs import Jobs
+from .picker import Picker
 from .places import list_inputs
 from .wire import catalogue_record, study_record, view
 from .workbench import EarlierStateError, Workbench
@@ -63,6 +64,9 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "index.html": ("text/html", _page_file("index.html")),
     "studio.js": ("text/javascript", _page_file("studio.js")),
     "controls.js": ("text/javascript", _page_file("controls.js")),
+    "points.html": ("text/html", _page_file("points.html")),
+    "points.js": ("text/javascript", _page_file("points.js")),
+    "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),
     "studio.css": ("text/css", _page_file("studio.css")),
     "viewer.js": ("text/javascript", viewer_script),
     "viewer.css": ("text/css", viewer_style),
@@ -113,6 +117,7 @@ class _Handlers:
 
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
+        self._picker = Picker(bench.root)
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
         #: Last answers by name, for pages that ask during a computation.
@@ -187,6 +192,21 @@ class _Handlers:
         self._render_later()
         headers = {**_HEADERS, _REVISION_HEADER: str(bench.revision)}
         return Response(content, media_type="application/octet-stream", headers=headers)
+
+    async def points(self, request: Request) -> Response:
+        """Corners of a capture's photograph, their positions, or the file of them."""
+        name, body, picker = request.path_params["name"], await _body(request), self._picker
+        capture, marks = _text(body, "capture"), body.get("points", [])
+        if not isinstance(marks, list):
+            raise InputError("points", repr(marks)[:80], "a list of marked corners")
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "picture": lambda: picker.picture(capture),
+            "locate": lambda: picker.locate(capture, marks, _flag(body, "by_edges")),
+            "write": lambda: picker.write(capture, marks),
+        }
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
 
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
@@ -297,6 +317,7 @@ def build_app(
         Route("/api/events", handlers.events),
         Route("/api/cancel", handlers.cancel, methods=["POST"]),
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),
+        Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
         Route("/api/job/{name:str}", handlers.job, methods=["POST"]),
     ]
 

@@ -2,16 +2,13 @@
 
 import json
 import shutil
-import socket
 import struct
 import threading
 import time
 import urllib.request
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
-import uvicorn
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench, build_app
@@ -20,6 +17,7 @@ from cboxlab.validation.diagnose import stepwise
 from helpers.browser import open_browser
 from helpers.glare_capture import GLARE, glare_capture
 from helpers.page_faults import FAULTS
+from helpers.server import served
 from starlette.testclient import TestClient
 
 #: Effects that the diagnosis tries here; each costs seconds.
@@ -194,23 +192,6 @@ def test_a_fit_is_saved_and_opened_again(client, bench):
     assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
     assert "below" in finished(client, "open", capture="nowhere")["error"]
     assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
-
-
-@contextmanager
-def served(bench):
-    """The workbench's address, on a server in a thread."""
-    listening = socket.create_server(("127.0.0.1", 0))
-    server = uvicorn.Server(
-        uvicorn.Config(build_app(bench, "secret", HERE, idle_s=1e9), log_level="warning", timeout_graceful_shutdown=1)
-    )
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}/secret/"
-    finally:
-        server.should_exit = True
-        thread.join(20)
-        listening.close()
 
 
 @pytest.fixture(scope="module")
