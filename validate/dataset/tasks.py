@@ -168,8 +168,8 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
     layout = Layout(Path(task.folder))
     for group in sharing_rays([draw_box(recipe, number, path.parent) for number in task.boxes]):
         for name in camera_names(recipe):
-            wanted = [box.number for box in group if box.number < recipe.boxes]
-            records = {number: layout.record(number, name) for number in wanted}
+            numbers = [box.number for box in group if box.number < recipe.boxes]
+            records = {number: layout.record(number, name) for number in numbers}
             if all(record is not None for record in records.values()):
                 yield from (record for record in records.values() if record is not None)
                 continue

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import sys
+import time
 
 import h5py
 import numpy as np
@@ -228,6 +229,35 @@ def test_the_task_of_a_worker_that_ends_is_run_again(tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "_MOST_ENDS", 1)
     with pytest.raises(InputError, match="worker processes that ended"):
         list(in_processes(tasks, 1, lambda: None, ends_once, abs))
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_a_scheduler_that_ends_loses_nothing(monkeypatch, again):
+    """One that starts again gets the tasks that remain; without one the run ends in one line."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "_RESTART_S", 20.0 if again else 1.0)
+    local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    local |= {"protocol": "tcp", "host": "127.0.0.1"}
+    clusters = [distributed.LocalCluster(**local)]
+    address, results = clusters[0].scheduler_address, []
+    port = int(address.rsplit(":", 1)[1])
+    try:
+        for result in workers.on_scheduler([0.1, 0.2, 0.3], address, lambda: None, slept):
+            results.append(result)
+            if len(clusters) == 1:
+                clusters[0].close()
+                clusters.append(distributed.LocalCluster(**local, scheduler_port=port) if again else None)
+    except InputError as error:
+        assert not again and "no answer" in str(error) and "Repeat the command" in str(error)
+    finally:
+        for cluster in filter(None, clusters):
+            cluster.close()
+    assert sorted(results) == [0.1, 0.2, 0.3] if again else len(results) < 3
+
+
+def slept(seconds):
+    time.sleep(seconds)
+    return seconds
 
 
 def test_a_worker_with_other_versions_is_named(tmp_path):
