@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows
+from cboxlab.utils.numbers import number_of
 from numpy.typing import NDArray
 
 from .manifest import CropTable, pattern_rows
@@ -331,7 +332,7 @@ def _extent(folder: Path, manifest: Manifest) -> NDArray[np.float64] | None:
         lines = read_rows(folder / manifest.geometry.points, "a CSV file of surveyed points")
         header = [name.strip() for name in lines[0][1]]
         columns = [header.index("u_px"), header.index("v_px")]
-        points = np.array([[float(cells[column]) for column in columns] for _, cells in lines[1:]])
+        points = np.array([[number_of(cells[column]) for column in columns] for _, cells in lines[1:]])
     except (InputError, ValueError, IndexError):  # calibration states what is wrong
         return None
     inside = (points >= 0).all(axis=1) & (points < [manifest.camera.width_px, manifest.camera.height_px]).all(axis=1)
