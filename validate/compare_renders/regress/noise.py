@@ -39,6 +39,9 @@ _MOST_SPREAD = 1.5
 _NO_GROWTH = 1.35
 #: Square of second differences of independent numbers over their variance: 1 + 4 + 1.
 _SECOND_DIFFERENCE = 6.0
+#: Sum of the correlation from which noise with stated errors went through a filter: estimates of independent noise are
+#: lower in pictures of 40 x 40 px.
+_CLEAR_FILTER = 1.6
 #: Distances in px at which noise of a pixel filter may end.
 _FILTER_PX = (1, 2, 3)
 #: Relative difference of single pictures from which it is none of a denoiser's blotches: twice that of a bad one.
@@ -462,9 +465,11 @@ def _clustering(
     ratio = _of_blocks(clipped, smooth)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
-    by_filter = _of_filter(clipped, smooth) if estimated else None
-    if by_filter is not None:
+    by_filter = _of_filter(clipped, smooth)
+    if by_filter is not None and estimated:
         ratio = max(_of_blocks(clipped, smooth, curved=True), by_filter)
+    elif by_filter is not None and by_filter > _CLEAR_FILTER and not stepped and spread < _MOST_SPREAD:
+        ratio = max(ratio, by_filter)
     elif estimated and apart >= _GROSS:
         ratio = _WIDEST_FILTER
     elif not stepped and (estimated or (apart < _MOST_APART and spread < _MOST_SPREAD)):
