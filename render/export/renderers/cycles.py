@@ -1,4 +1,4 @@
-"""Blender's Cycles: a Python script for the module bpy, three wavelengths a run as red, green and blue.
+"""Blender's Cycles by a Python script, three wavelengths a run as red, green and blue.
 
 Cycles' defaults are made for pictures: weak lights are left out, samples are clamped, sampling stops early, pixels are
 filtered and denoised. All of these are off. Values go into the scene's linear space as they are.
@@ -145,7 +145,10 @@ for group, (paints, lights) in enumerate(GROUPS):
 
 
 def _write(folder: Path, exported: Exported) -> None:
-    """Write run.py. Without reflections all surfaces are black: Cycles' camera rays see lamps and direct light."""
+    """Write run.py.
+
+    Without reflections all surfaces are black, since Cycles' fewest bounces include direct light.
+    """
     settings, bounces, film = exported.settings, exported.max_bounces, exported.film
     reflecting = bounces != 0
     columns, rows = (int(size) for size in film.size)
