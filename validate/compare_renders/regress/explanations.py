@@ -12,7 +12,6 @@ import numpy as np
 from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from .evidence import Evidence, Fit
@@ -235,6 +234,8 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
 
 def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explanation]:
     """Wavelengths reversed, shifted, or shifted and stretched."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     base = evidence.baseline
     if wavelength_nm.size < _MIN_WAVELENGTHS:
         return

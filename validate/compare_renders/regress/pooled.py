@@ -170,9 +170,9 @@ class Pooling:
         _Sums
             Its pictures.
         """
-        difference = self.trimmed.difference[..., number]
+        difference = np.ascontiguousarray(self.trimmed.difference[..., number])
         return _Sums(
-            self.trimmed.level[..., number],
+            np.ascontiguousarray(self.trimmed.level[..., number]),
             difference,
             self.noise.of_band(number),
             None if self.shared is None else self.shared[..., number],
