@@ -51,12 +51,10 @@ LAMPS = [  # name, mesh
 
 def corners_and_faces(path):
     head, _, body = (FOLDER.parent / path).read_text().partition("end_header")
-    words, numbers = head.split(), body.split()
+    words, lines = head.split(), body.strip().splitlines()
     corners, faces = (int(words[words.index(kind) + 1]) for kind in ("vertex", "face"))
-    values = [float(number) / UNIT_MM for number in numbers[: 3 * corners]]
-    rest = [int(number) for number in numbers[3 * corners : 3 * corners + 4 * faces]]
-    points = [values[3 * i : 3 * i + 3] for i in range(corners)]
-    return points, [rest[4 * i + 1 : 4 * i + 4] for i in range(faces)]
+    points = [[float(number) / UNIT_MM for number in line.split()[:3]] for line in lines[:corners]]
+    return points, [[int(number) for number in line.split()[1:4]] for line in lines[corners : corners + faces]]
 
 
 def material(name, reflectance, radiance=None):
