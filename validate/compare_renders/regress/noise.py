@@ -331,16 +331,18 @@ def variance_of(
 
 
 def paired_variance(
-    baseline: NDArray[np.float64] | None, candidate: NDArray[np.float64] | None
+    baseline: NDArray[np.float64] | None, candidate: NDArray[np.float64] | None, *, same_seeds: bool = False
 ) -> NDArray[np.float64] | None:
     """Variance of the mean difference of cubes with the same random numbers, cube by cube.
 
-    The cubes have the same random numbers where their deviations from their means are alike.
+    The cubes have the same random numbers where the user says so, or where their deviations from their means are alike.
 
     Parameters
     ----------
     baseline, candidate
         (b, y, x, w) independent cubes of each side, in the order of their seeds; None without several.
+    same_seeds
+        Whether the user says so.
 
     Returns
     -------
@@ -349,6 +351,8 @@ def paired_variance(
     """
     if baseline is None or candidate is None or baseline.shape != candidate.shape:
         return None
+    if same_seeds:
+        return _of_pairs(baseline, candidate)
     off = [cubes.sum(axis=-1) - cubes.sum(axis=-1).mean(axis=0) for cubes in (baseline, candidate)]
     # one firefly would rule the correlation
     limits = [_CORRELATION_CLIP * np.sqrt(np.median(each**2)) for each in off]
@@ -358,6 +362,11 @@ def paired_variance(
     alike = float((first * second).sum()) / float(np.sqrt((first**2).sum() * (second**2).sum()))
     if alike < _PAIRED_CORRELATION:
         return None
+    return _of_pairs(baseline, candidate)
+
+
+def _of_pairs(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x, w) variance of the mean difference of pairs of cubes."""
     return np.asarray((candidate - baseline).var(axis=0, ddof=1) / len(baseline))
 
 

@@ -113,7 +113,7 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     shared: NDArray[np.float64] | None = None
     if coarse:
         rounding, shared = np.sum([part**2 for part in coarse], axis=0)
-    together = paired_variance(b.batches, a.batches)
+    together = paired_variance(b.batches, a.batches, same_seeds=a.same_seeds and b.same_seeds)
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
     if together is not None and b.batches is not None:
         errors = (together, np.zeros_like(together)), (len(b.batches) - 1.0, 0.0), rounding
