@@ -25,6 +25,7 @@ from .patterns import (
     SHARES,
     Difference,
     PooledMean,
+    block_spread,
     dark_pixels,
     odd_lines,
     odd_tiles,
@@ -169,9 +170,9 @@ class Pooling:
         _Sums
             Its pictures.
         """
-        difference = self.trimmed.difference[..., number]
+        difference = np.ascontiguousarray(self.trimmed.difference[..., number])
         return _Sums(
-            self.trimmed.level[..., number],
+            np.ascontiguousarray(self.trimmed.level[..., number]),
             difference,
             self.noise.of_band(number),
             None if self.shared is None else self.shared[..., number],
@@ -236,8 +237,8 @@ def roughness_of(
 def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
     """Tests of all pools.
 
-    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, edges,
-    border and lamp, a grid of blocks, and patterns.
+    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, and patterns.
+    There are pools of edges, border and lamp, too, and a grid of blocks with their spread.
 
     Parameters
     ----------
@@ -261,11 +262,16 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     ]
     parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
     pools += [_pool_of(pooling, summed, "stratum", n, mask, len(parts)) for n, mask in parts.items()]
+    blocks = []
     for i in range(BLOCKS**2):
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
-        pools.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
+        blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
+    tested = [row for row in blocks if row is not None]
+    spread = block_spread(tested, pooling.noise.clustering)
     return (
         *(row for row in pools if row is not None),
+        *tested,
+        *([] if spread is None else [pool_of_finding("spread", spread, pooling.false_alarms * SHARES["spread"])]),
         *_even(pooling),
         *_patterns(pooling, strata.edges | strata.lamp, ""),
         *_patterns(pooling, strata.lamp, "lamp "),
