@@ -84,6 +84,11 @@ class Flaw:
     #: Gain in pixels held out from its fit, over that in the fitted ones.
     heldout: float
 
+    @property
+    def of_single_pixels(self) -> bool:
+        """Whether single pixels deviate, which no effect of the catalogue imitates."""
+        return self.kind == _PIXELS
+
 
 @dataclass(frozen=True, eq=False)
 class FittedFlaws(FrozenMappings):
