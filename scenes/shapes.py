@@ -45,6 +45,11 @@ PLANE_TOLERANCE = 1e-4
 _SPHERE_DIVISIONS = 5
 
 #: Lines of an OBJ file that select a material.
+#: Last line of the header of a PLY file, without which its reader never ends in some versions.
+_PLY_END = b"end_header"
+#: Hint at a mesh file that cannot be read.
+_DAMAGED_HINT = "The file is damaged or truncated: export it again."
+
 _MATERIAL_LINE = re.compile(rb"^[ \t]*(?:usemtl|mtllib)\b[^\n]*\n", re.MULTILINE)
 
 #: Height above the lowest vertex, mm, below which a vertex stands on the floor: rounding of rotations.
@@ -314,7 +319,7 @@ def file_mesh(path: Path, unit_mm: float) -> Mesh:
     Raises
     ------
     InputError
-        If the file cannot be read, or has no triangles or faces without vertices.
+        If the file cannot be read, or has no triangles, faces without vertices, or coordinates that are not finite.
     """
     mesh = _loaded(path)
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
@@ -322,6 +327,10 @@ def file_mesh(path: Path, unit_mm: float) -> Mesh:
         raise InputError(path, "no triangles", "a mesh with at least one triangle")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(path, "a face with a missing vertex", "indices of the file's vertices")
+    finite = np.isfinite(vertices).all(axis=1)
+    if not finite.all():
+        first = int(np.argmin(finite))
+        raise InputError(path, f"vertex {first + 1} at {tuple(vertices[first].tolist())}", "finite coordinates")
     return vertices * unit_mm, faces
 
 
@@ -361,14 +370,18 @@ def _loaded(path: Path) -> trimesh.Trimesh:
     require_regular_file(path, expected)
     try:
         content = path.read_bytes()
+        if kind == "ply" and _PLY_END not in content:
+            raise InputError(path, "a header without its end", expected, _DAMAGED_HINT)
         if kind == "obj":  # time grows with the square of the materials, and reflectances come from the scene file
             content = _MATERIAL_LINE.sub(b"", content)
         # skip_materials: no other file may be opened
         return trimesh.load_mesh(BytesIO(content), file_type=kind, process=False, skip_materials=True)
+    except InputError:
+        raise
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
     except Exception as error:  # the mesh parsers raise exceptions of any type on damaged input
-        raise InputError(path, f"{type(error).__name__}: {error}", expected) from None
+        raise InputError(path, f"a file that cannot be read as a mesh ({error})", expected, _DAMAGED_HINT) from None
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:

@@ -11,6 +11,7 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside, suggestion
 from cboxlab.utils.input_files import read_rows, separator_hint
+from cboxlab.utils.numbers import number_of
 from numpy.typing import ArrayLike, NDArray
 
 from .spectrum_readers import is_plain_table, read_instrument_file
@@ -227,10 +228,7 @@ def _read_table(path: Path, outside: Outside) -> dict[str, Spectrum]:
 
 def _number(cell: str, where: str) -> float:
     """Finite number of a cell."""
-    try:
-        value = float(cell)
-    except ValueError:
-        value = float("nan")
+    value = number_of(cell)
     if not np.isfinite(value):
         raise InputError(where, f"'{cell.strip()}'", "a finite number")
     return value

@@ -19,8 +19,10 @@ from cboxlab.rendering.files.cube_checks import as_cube
 from cboxlab.rendering.model.model_file import load_model
 from cboxlab.rendering.sensor.cameras import load_camera
 from cboxlab.scenes.scene_file import load_scene
+from cboxlab.scenes.shapes import file_mesh
 from cboxlab.scenes.spectra import read_spectra
 from cboxlab.utils.errors import InputError
+from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.compare_renders.stored_references.stored import read_reference
 from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
@@ -282,3 +284,71 @@ def test_names_are_printed_as_they_are(tmp_path, capsys):
         say("[red]x[/red]")
     for text in ("[bold]wall[/]", ":smile: [/]", "[red]x[/red]"):
         assert text in printed.get()
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 2
+"""
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+STL = (
+    "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n"
+)
+
+
+@pytest.mark.parametrize(("ending", "text"), [("ply", PLY), ("obj", OBJ), ("stl", STL)])
+@pytest.mark.parametrize(
+    ("new", "words"), [("nan 0 0", "vertex 2 at (nan, 0.0, 0.0)"), ("1e999 0 0", "finite"), ("1_0 0 0", "mesh")]
+)
+def test_a_mesh_with_a_coordinate_that_is_no_number_is_refused(tmp_path, ending, text, new, words):
+    path = tmp_path / f"mesh.{ending}"
+    path.write_text(text)
+    assert file_mesh(path, 1.0)[0].shape == (3, 3)
+    path.write_text(text.replace("1 0 0", new))
+    refused(lambda p: file_mesh(p, 1.0), path, words)
+
+
+@pytest.mark.parametrize("end", ["", "end_head"])
+def test_a_ply_file_whose_header_does_not_end_is_refused(tmp_path, end):
+    path = tmp_path / "mesh.ply"
+    path.write_text(PLY.partition("end_header")[0] + end)
+    refused(lambda p: file_mesh(p, 1.0), path, "a header without its end", "export it again")
+
+
+@pytest.mark.parametrize(("meaning", "words"), [("miniswhite", "WhiteIsZero"), ("palette", "palette")])
+def test_a_frame_whose_values_fall_with_light_is_refused(tmp_path, meaning, words):
+    colours = {"colormap": np.zeros((3, 2**16), np.uint16)} if meaning == "palette" else {}
+    path = frame(tmp_path / "frame.tif", photometric=meaning, **colours)
+    refused(lambda p: read_frame(p, 8, 8, 16), path, words, "BlackIsZero")
+
+
+def test_numbers_of_a_table_are_those_of_a_table(tmp_path):
+    """Python reads 4_00 as 400: a slip of the keyboard would be a measured value."""
+    spectra = tmp_path / "spectra.csv"
+    spectra.write_text("wavelength_nm,a\n4_00,1\n500,1\n")
+    refused(read_spectra, spectra, "line 2, wavelength_nm", "'4_00'", "a finite number")
+    points = tmp_path / "points.csv"
+    points.write_text("id,x_mm,y_mm,z_mm,u_px,v_px\na,0,0,0,1_0,1\n")
+    refused(read_points, points, "line 2, u_px", "'1_0'")
+
+
+def test_a_result_that_cannot_be_looked_at_is_named(tmp_path, capsys):
+    """A name that no file system takes, in a manifest that somebody sent."""
+    entry = {"bytes": 1, "sha256": "0"}
+    content = {"format": "result-manifest/1", "inputs": {}, "outputs": {"a" * 300: entry}}
+    (tmp_path / "manifest.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="File name too long"):
+        verify(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", str(tmp_path / ("b" * 300))])
+    assert ended.value.code == 2 and capsys.readouterr().err.count("\n") == 1

@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of every reader of files: what is no input ends in InputError, soon, and in little memory.
 
-Run: python benchmarks/mistakes/fuzz_readers.py WORK [--inputs 5000] [--readers scene,points]
-Needs `pip install atheris`.
+Run: python benchmarks/mistakes/fuzz_readers.py WORK [--inputs 5000] [--readers scene,points] [--plain]
+Needs `pip install atheris`, unless --plain is given: changes of bytes are then random.
 
 Each reader has a process of its own, which begins with a sound file and changes it: half of the changes are of bytes
 (libFuzzer's own, guided by the branches reached in cboxlab), half are of words, numbers and lines. An input fails if
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
 import re
 import resource
@@ -26,6 +27,9 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
+
+from further_readers import further_readers
 
 LONGEST_S, MOST_BYTES = 2.0, 256 * 2**20
 
@@ -85,6 +89,26 @@ def changed(content: bytes, chance: random.Random) -> bytes:
     return content
 
 
+def changed_bytes(content: bytes, chance: random.Random) -> bytes:
+    """``content`` with one to four changes of bytes, at places spread evenly over the file or near its beginning."""
+    data = bytearray(content)
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        if not data:
+            break
+        place = chance.randrange(min(len(data), chance.choice((512, len(data)))))
+        size = chance.choice((1, 2, 4, 8))
+        kind = chance.randrange(4)
+        if kind == 0:
+            data[place] ^= 1 << chance.randrange(8)
+        elif kind == 1:
+            data[place : place + size] = chance.choice((b"\0", b"\xff", b"\x80", b"\x7f")) * size
+        elif kind == 2:
+            data[place : place + size] = chance.randbytes(size)
+        else:
+            del data[place : place + size]
+    return bytes(data)
+
+
 @dataclass(frozen=True)
 class Reader:
     """sound : writes a sound file into a folder and returns its path. read : is given the path of a changed one."""
@@ -120,8 +144,8 @@ def readers() -> dict[str, Reader]:
     cube = as_cube(np.arange(60, dtype=np.float32).reshape(3, 4, 5) + 1, [400.0, 450, 500, 600, 700])
     counts = np.arange(300, dtype=np.uint16).reshape(15, 20)
 
-    def beside(source: Path) -> Callable[[Path], Path]:
-        """A file with all that lies beside it."""
+    def with_neighbours(source: Path) -> Callable[[Path], Path]:
+        """A file with all that lies next to it."""
 
         def sound(folder: Path) -> Path:
             shutil.copytree(source.parent, folder, dirs_exist_ok=True)
@@ -147,11 +171,11 @@ def readers() -> dict[str, Reader]:
 
     glare = {"id": "veiling-glare", "fraction": 0.004}
     return {
-        "capture": Reader(beside(demo / "capture.toml"), of_folder(load_capture)),
-        "seal": Reader(beside(demo / "sealed.json"), of_folder(open_seal)),
-        "answer": Reader(beside(demo / "answer.sealed"), of_folder(open_seal)),
-        "scene": Reader(beside(root / "scenes/data/cornell-box.toml"), load_scene),
-        "camera": Reader(beside(root / "render/sensor/data/dcs200.toml"), load_camera),
+        "capture": Reader(with_neighbours(demo / "capture.toml"), of_folder(load_capture)),
+        "seal": Reader(with_neighbours(demo / "sealed.json"), of_folder(open_seal)),
+        "answer": Reader(with_neighbours(demo / "answer.sealed"), of_folder(open_seal)),
+        "scene": Reader(with_neighbours(root / "scenes/data/cornell-box.toml"), load_scene),
+        "camera": Reader(with_neighbours(root / "render/sensor/data/dcs200.toml"), load_camera),
         "model": Reader(
             text(
                 "model.toml",
@@ -201,8 +225,8 @@ def readers() -> dict[str, Reader]:
             ),
             read_diagnosis,
         ),
-        "spectra": Reader(beside(demo / "spectra" / "filters.csv"), read_spectra),
-        "points": Reader(beside(demo / "points.csv"), read_points),
+        "spectra": Reader(with_neighbours(demo / "spectra" / "filters.csv"), read_spectra),
+        "points": Reader(with_neighbours(demo / "points.csv"), read_points),
         "labels": Reader(text("labels.csv", "label,name,column\n1,floor,white\n2,wall,red\n"), read_labels),
         "frame": Reader(
             written("frame.tif", lambda path: tifffile.imwrite(path, counts, compression="zlib")),
@@ -221,6 +245,7 @@ def readers() -> dict[str, Reader]:
             written("entry", lambda path: store_checked(path, "key", b"picture")),
             lambda path: load_checked(path, "key"),
         ),
+        **{name: Reader(sound, read) for name, (sound, read) in further_readers().items()},
     }
 
 
@@ -250,7 +275,9 @@ class Fuzzed:
             self.reader.read(self.path)
         except self.known:
             self.refused += 1
-        except Exception as error:  # any other is a failure
+        except BaseException as error:  # any other is a failure
+            if isinstance(error, KeyboardInterrupt):
+                raise
             last = traceback.extract_tb(error.__traceback__)[-1]
             self._failed(f"{type(error).__name__} in {Path(last.filename).name}:{last.lineno}", content)
         seconds = time.process_time() - start
@@ -267,12 +294,15 @@ class Fuzzed:
             (self.work / f"failure-{len(self.failures)}.txt").write_text(f"{kind}\n{self.failures[kind]}")
 
 
-def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
+def fuzz(name: str, inputs: int, seed: int, work: Path, plain: bool) -> None:
     """All inputs of one reader, in this process, which ends with it; the counts go to WORK/READER/counts.json."""
-    import atheris
-
-    with atheris.instrument_imports(include=["cboxlab"]):
+    if plain:
         reader = readers()[name]
+    else:
+        import atheris
+
+        with atheris.instrument_imports(include=["cboxlab"]):
+            reader = readers()[name]
     from cboxlab.utils.errors import InputError
 
     fuzzed = Fuzzed(reader, InputError, work)
@@ -293,6 +323,10 @@ def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
             }
             (work / "counts.json").write_text(json.dumps(counts))
 
+    if plain:
+        for _ in range(inputs):
+            judged((changed_bytes if chance.random() < 0.5 else changed)(fuzzed.content, chance))
+        return
     corpus = work / "corpus"
     corpus.mkdir(parents=True, exist_ok=True)
     (corpus / "sound").write_bytes(fuzzed.content)
@@ -309,6 +343,21 @@ def fuzz(name: str, inputs: int, seed: int, work: Path) -> None:
     atheris.Fuzz()
 
 
+def forked(log: TextIO, name: str, options: argparse.Namespace) -> int:
+    """Exit code of a copy of this process that fuzzes one reader: all libraries are imported already."""
+    child = os.fork()
+    if child:
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    try:
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+        fuzz(name, options.inputs, options.seed, options.work / name, plain=True)
+        os._exit(0)
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+
+
 def main() -> int:
     """Fuzz every reader, each in its own process, and print a line for each."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -316,10 +365,11 @@ def main() -> int:
     parser.add_argument("--inputs", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--readers", help="some of them, by comma")
+    parser.add_argument("--plain", action="store_true", help="without atheris")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        fuzz(options.one, options.inputs, options.seed, options.work / options.one)
+        fuzz(options.one, options.inputs, options.seed, options.work / options.one, plain=False)
     failed = 0
     for name in options.readers.split(",") if options.readers else readers():
         own = options.work / name
@@ -328,7 +378,10 @@ def main() -> int:
         command = [sys.executable, __file__, str(options.work), "--one", name]
         command += ["--inputs", str(options.inputs), "--seed", str(options.seed)]
         with (own / "log").open("w") as log:
-            code = subprocess.run(command, stdout=log, stderr=log, check=False).returncode
+            if options.plain:
+                code = forked(log, name, options)
+            else:
+                code = subprocess.run(command, stdout=log, stderr=log, check=False).returncode
         try:
             counts = json.loads((own / "counts.json").read_text())
         except FileNotFoundError:
@@ -336,7 +389,7 @@ def main() -> int:
         kinds = list(counts["failures"]) + ([f"exit code {code}"] if code else [])
         failed += len(kinds)
         print(
-            f"{name:10s} {counts['inputs']:7d} inputs, {counts['refused']:7d} refused, "
+            f"{name:18s} {counts['inputs']:7d} inputs, {counts['refused']:7d} refused, "
             f"slowest {counts['slowest_s']:.2f} s, {len(kinds)} failures {', '.join(kinds)}",
             flush=True,
         )

@@ -13,7 +13,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from .manifest import (
     LensTable,
     ReferenceTable,
     TargetTable,
+    channel_letters,
     example_of,
 )
 from .manifest_faults import checked_keys
@@ -71,7 +72,10 @@ _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
 _WITHOUT = (
     ("dark", "without them a dark level of 0 is assumed"),
     ("flat", "without them vignetting is not corrected"),
-    ("reference", "without them the absolute scale is the nominal lens's"),
+    (
+        "reference",
+        'so scale = "free" claims no absolute scale; remove it if you state gain, sensor and lens instead',
+    ),
 )
 _FURTHER = (
     "# Keys marked 'missing' are required. Further tables: [lamp], [geometry], [labels], [crop]; see the manual,\n"
@@ -207,12 +211,14 @@ def _draft(folder: Path) -> tuple[str, FirstManifest, list[FolderFrame]]:
         raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
     _require_one_size(frames)
     groups, unused = group_frames(frames)
+    pattern = _pattern(frames)
+    letters = () if pattern is None else channel_letters(pattern)
     if not any(group.kind == "band" for group in groups):
         expected = "at least one frame that is not a dark, flat, reference or target"
         raise InputError(folder, "no frame of a scene", expected, "; ".join(f"{f.file}: {f.why}" for f in unused))
     bands = list(dict.fromkeys(str(group.band) for group in groups if group.kind == "band"))
-    tables = tables_in(folder, bands, frames[0].shape)
-    draft = _Draft(tables)
+    tables = tables_in(folder, bands, frames[0].shape, letters)
+    draft = _Draft(tables, pattern)
     text = draft.text(folder, frames, groups)
     left_out = [item for item in left_out if item.file not in tables.labels.values()]
     missing = tuple(sorted(draft.missing, key=lambda key: not key.required))
@@ -286,27 +292,54 @@ def _pattern(frames: Sequence[FolderFrame]) -> str | None:
     return frames_with_mosaic[0].facts.pattern if frames_with_mosaic else None
 
 
+def _by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup, str | None]]:
+    """The tables of a group with their channels.
+
+    Frames without a filter in front of a mosaic are one table for each channel.
+    """
+    if pattern is None or group.band is None or group.has_filter:
+        return [(group, None)]
+    return [(replace(group, band=f"{group.band}-{letter}"), letter) for letter in channel_letters(pattern)]
+
+
+def _common_values(groups: Sequence[FrameGroup]) -> dict[str, float]:
+    """Exposure and f-number on which all tables agree, where there are several."""
+    of_keys = {
+        "exposure_s": [group.exposure_s for group in groups if group.kind != "target"],
+        "f_number": [group.f_number for group in groups if group.kind not in ("dark", "target")],
+    }
+    return {
+        key: values[0]
+        for key, values in of_keys.items()
+        if len(values) > 1 and len(set(values)) == 1 and values[0] is not None
+    }
+
+
 class _Draft:
     """The text of a manifest in the making, with the keys that it lacks."""
 
-    def __init__(self, tables: FolderTables) -> None:
+    def __init__(self, tables: FolderTables, pattern: str | None) -> None:
         self.tables = tables
+        self.pattern = pattern
+        self._defaults: dict[str, Any] = {}
         self.missing: list[MissingKey] = []
         self.counts: Counter[str] = Counter()
         self._written: dict[str, set[str]] = defaultdict(set)
 
     def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
         """The whole manifest."""
-        blocks = self._head(folder, frames)
+        rows = [row for group in groups for row in _by_channel(group, self.pattern)]
+        self._defaults = _common_values([group for group, _ in rows])
+        blocks = self._head(folder, frames, any(group.kind == "reference" for group in groups))
         bands: set[str] = set()
-        for group in groups:
+        for group, channel in rows:
             header = group.kind
             if group.kind == "band":
                 # Of several exposures of a band, the first becomes the band and the others its brackets.
                 header = "bracket" if group.band in bands else "band"
                 bands.add(str(group.band))
             self.counts[header] += 1
-            blocks.append(self._table(header, group))
+            blocks.append(self._table(header, group, channel))
         blocks += self._further_tables()
         self._note_useful_keys(len(bands))
         for alike in numbered_alike(groups):
@@ -327,10 +360,11 @@ class _Draft:
             self.missing.append(MissingKey(where, "", f"{name}: the files state {listing}; a capture has one", False))
         return values[0] if len(values) == 1 else None
 
-    def _head(self, folder: Path, frames: Sequence[FolderFrame]) -> list[str]:
+    def _head(self, folder: Path, frames: Sequence[FolderFrame], has_references: bool) -> list[str]:
         """The first tables, from what the files say of camera and lens."""
         height, width = frames[0].shape
         top = ['format = "capture/1"', f"name = {_quoted(folder.resolve().name)}"]
+        top += [] if has_references else ['scale = "free"']
         camera = ["[camera]", f"width_px = {width}", f"height_px = {height}"]
         white = self._agreed(frames, "white_level", "[camera]", "white level")
         largest = max(frame.largest for frame in frames)
@@ -349,29 +383,36 @@ class _Draft:
         lens = ["[lens]"]
         focal = self._agreed(frames, "focal_length_mm", "[lens]", "focal_length_mm")
         lens += [] if focal is None else [f"focal_length_mm = {focal!r}"]
-        pattern, columns = _pattern(frames), self.tables.columns
-        if "quantum_efficiency" in columns and pattern is None:
+        pattern, columns = self.pattern, self.tables.columns
+        if pattern is not None and self.tables.channels:
+            listing = ", ".join(f"{letter} = {_quoted(column)}" for letter, column in self.tables.channels.items())
+            camera.append(f"quantum_efficiency = {{{listing}}}")
+        elif "quantum_efficiency" in columns and pattern is None:
             camera.append(f"quantum_efficiency = {_quoted(columns['quantum_efficiency'])}")
         if "lens" in columns:
             lens.append(f"transmittance = {_quoted(columns['lens'])}")
-        mosaic = [] if pattern is None else [f"[mosaic]\npattern = {_quoted(pattern)}\n"]
+        mosaic = [] if pattern is None else ["[mosaic]", f"pattern = {_quoted(pattern)}"]
         self._note_lines("[camera]", camera)
         self._note_lines("[lens]", lens)
-        return ["\n".join(top) + "\n", "\n".join(camera) + "\n", *mosaic, "\n".join(lens) + "\n"]
+        defaults = [f"{key} = {value!r}" for key, value in self._defaults.items()]
+        blocks = [top, camera, mosaic, lens, ["[defaults]", *defaults] if defaults else []]
+        return ["\n".join(lines) + "\n" for lines in blocks if lines]
 
-    def _table(self, header: str, group: FrameGroup) -> str:
+    def _table(self, header: str, group: FrameGroup, channel: str | None) -> str:
         """One table of frames; a required key that is not known stands in it as a comment."""
         lines = [] if group.band is None else [f"{'id' if header == 'band' else 'band'} = {_quoted(group.band)}"]
         lines.append(f"frames = [{', '.join(_quoted(frame.listed) for frame in group.frames)}]")
-        if group.exposure_s is not None and header != "target":
+        if header == "band" and channel is not None:
+            lines.append(f"channel = {_quoted(channel)}")
+        if group.exposure_s is not None and header != "target" and "exposure_s" not in self._defaults:
             lines.append(f"exposure_s = {group.exposure_s!r}")
-        if group.f_number is not None and header not in ("dark", "target"):
+        if group.f_number is not None and header not in ("dark", "target") and "f_number" not in self._defaults:
             lines.append(f"f_number = {group.f_number!r}")
         if header == "band" and group.band in self.tables.filters:
             lines.append(f"transmittance = {_quoted(self.tables.filters[group.band])}")
         if header in ("reference", "flat") and header in self.tables.columns:
             lines.append(f"radiance = {_quoted(self.tables.columns[header])}")
-        keys = {line.partition(" = ")[0] for line in lines}
+        keys = {line.partition(" = ")[0] for line in lines} | set(self._defaults)
         where = f"[[{header}]] of {group.frames[0].listed}"
         for key, field in _TABLES[header].model_fields.items():
             if field.is_required() and key not in keys:

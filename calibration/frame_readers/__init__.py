@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import TypeVar
 
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from cboxlab.utils.limits import MAX_FRAME_PIXELS, require_size
+from cboxlab.utils.other_packages import entries_of, loaded
 from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
@@ -31,6 +33,9 @@ __all__ = [
     "reader_of",
     "suffixes",
 ]
+
+#: Type of the values of pictures.
+Number = TypeVar("Number", np.uint16, np.float64)
 
 #: Entry points of this group are readers of other packages.
 _GROUP = "cboxlab.frames"
@@ -54,31 +59,15 @@ def catalogue() -> dict[str, FrameReader]:
     """
     names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
     readers = {name: import_module(f"{__name__}.{name}").READER for name in names}
-    for entry in entry_points(group=_GROUP):
-        reader = _loaded(entry)
+    for where, entry in entries_of(_GROUP):
+        reader = loaded(where, entry, FrameReader)
         if reader.id in readers:
-            raise InputError(_where(entry), f"'{reader.id}', which exists already", "a new identifier")
+            raise InputError(where, f"'{reader.id}', which exists already", "a new identifier")
         endings = {ending for other in readers.values() for ending in other.suffixes}
         if shared := [ending for ending in reader.suffixes if ending in endings]:
-            raise InputError(_where(entry), f"the ending {shared[0]}, which has a reader already", "other endings")
+            raise InputError(where, f"the ending {shared[0]}, which has a reader already", "other endings")
         readers[reader.id] = reader
     return readers
-
-
-def _where(entry: EntryPoint) -> str:
-    return f"entry point {_GROUP}: {entry.name} = {entry.value}"
-
-
-def _loaded(entry: EntryPoint) -> FrameReader:
-    """The reader of an entry point; InputError if it cannot be imported or is none."""
-    try:
-        reader = entry.load()
-    except Exception as error:  # whatever the other package's import raises
-        hint = "Mend or uninstall the package that has this entry point"
-        raise InputError(_where(entry), f"{type(error).__name__}: {error}", "a FrameReader", hint) from error
-    if not isinstance(reader, FrameReader):
-        raise InputError(_where(entry), f"a {type(reader).__name__}", "a FrameReader")
-    return reader
 
 
 def suffixes() -> tuple[str, ...]:
@@ -121,7 +110,7 @@ def _usable_reader(path: Path) -> FrameReader:
     return reader
 
 
-def _unreadable(path: Path, reader: FrameReader, error: Exception) -> InputError:
+def _unreadable(path: Path, reader: FrameReader, error: BaseException) -> InputError:
     fault = f"a file that cannot be read as {reader.name} ({error})"
     return InputError(path, fault, f"a {reader.name} frame", "The file is damaged or truncated: copy it again.")
 
@@ -136,7 +125,7 @@ def _header_as_of(path: Path, changed_ns: int, size: int) -> FrameHeader:
         return header
     except InputError:
         raise
-    except Exception as error:  # each library raises its own exceptions for damaged files
+    except (Exception, SystemExit) as error:  # each library raises its own exceptions for damaged files
         raise _unreadable(path, reader, error) from None
 
 
@@ -187,18 +176,8 @@ def read_pictures(path: Path, pictures: range | None = None) -> NDArray[np.uint1
         For a file that is missing or damaged, for values that are no counts, and for a package that is not
         installed.
     """
-    header, reader = frame_header(path), _usable_reader(path)
-    pictures = range(header.pictures) if pictures is None else pictures
-    try:
-        counts = reader.read(path, pictures)
-    except InputError:
-        raise
-    except Exception as error:
-        raise _unreadable(path, reader, error) from None
-    if counts.shape != (len(pictures), *header.shape):
-        expected = f"{(len(pictures), *header.shape)} as in the file's header"
-        raise InputError(path, f"pictures of shape {counts.shape}", expected)
-    return counts
+    reader = _usable_reader(path)
+    return _checked_pictures(path, reader, reader.read, pictures)
 
 
 def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64]:
@@ -221,15 +200,23 @@ def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64
     InputError
         For a file that is missing or damaged, and for a package that is not installed.
     """
-    header, reader = frame_header(path), _usable_reader(path)
-    pictures = range(header.pictures) if pictures is None else pictures
+    reader = _usable_reader(path)
     if reader.values is None:
         return read_pictures(path, pictures).astype(np.float64)
+    return _checked_pictures(path, reader, reader.values, pictures)
+
+
+def _checked_pictures(
+    path: Path, reader: FrameReader, read: Callable[[Path, range], NDArray[Number]], pictures: range | None
+) -> NDArray[Number]:
+    """(n, y, x) pictures of a file by its reader, of the shape in the header."""
+    header: FrameHeader = frame_header(path)
+    pictures = range(header.pictures) if pictures is None else pictures
     try:
-        values = reader.values(path, pictures)
+        values = read(path, pictures)
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _unreadable(path, reader, error) from None
     if values.shape != (len(pictures), *header.shape):
         expected = f"{(len(pictures), *header.shape)} as in the file's header"

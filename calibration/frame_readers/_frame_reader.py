@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.numbers import number_of
 from numpy.typing import NDArray
 
 __all__ = [
@@ -177,8 +178,10 @@ def positive_number(value: Any) -> float | None:
         None for anything else, for 0 (a setting that the camera does not know), and for negative numbers.
     """
     try:
-        number = float(value[0]) / float(value[1]) if isinstance(value, tuple) else float(value)
-    except (TypeError, ValueError, IndexError, ZeroDivisionError):
+        several = value if isinstance(value, tuple) else (value, 1.0)
+        over, under = (number_of(part) if isinstance(part, str) else float(part) for part in several[:2])
+        number = over / under
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return None
     return number if np.isfinite(number) and number > 0 else None
 

@@ -18,6 +18,8 @@ from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, as
 _COMPRESSIONS = (1, 5, 8, 32773, 32946)
 #: Those of them by zlib, which packs without limit.
 _DEFLATED = (8, 32946)
+#: TIFF 6.0's photometric interpretations without counts that grow with light.
+_NOT_LINEAR = {0: "WhiteIsZero: its values fall with light", 3: "a palette: its values are numbers of colours"}
 #: Types of pixels of merged pictures.
 _FLOATING = (np.float16, np.float32, np.float64)
 #: The first bytes of files that are mistaken for TIFF frames.
@@ -50,6 +52,9 @@ def _require_counts(path: Path, file: tifffile.TiffFile, page: tifffile.TiffPage
         raise InputError(path, f"an image of shape {page.shape}", "one channel, (height, width)", EXPORT_HINT)
     if page.dtype != np.uint16 and page.dtype not in _FLOATING:
         raise InputError(path, f"pixels of type {page.dtype}", "uint16", EXPORT_HINT)
+    if (meaning := _NOT_LINEAR.get(page.tags.valueof("PhotometricInterpretation", 1))) is not None:
+        hint = "Save the frame with the photometric interpretation BlackIsZero, and its counts in that sense."
+        raise InputError(path, meaning, "counts that grow with light, BlackIsZero", hint)
     if (orientation := page.tags.valueof("Orientation", 1)) != 1:
         hint = "Save the frame with its first row at the top and without an orientation tag."
         raise InputError(path, f"orientation {orientation}", "orientation 1, rows as the sensor read them", hint)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows, separator_hint
+from cboxlab.utils.numbers import number_of
 from numpy.typing import NDArray
 
 from ..capture import Capture
@@ -93,10 +94,7 @@ def read_points(path: Path) -> SurveyedPoints:
             )
         ids[cells["id"]] = None
         for column, name in enumerate(COLUMNS[1:]):
-            try:
-                table[index, column] = float(cells[name])
-            except ValueError:
-                table[index, column] = np.nan
+            table[index, column] = number_of(cells[name])
             if not np.isfinite(table[index, column]):
                 raise InputError(f"{path}: line {number}, {name}", f"'{cells[name]}'", "a finite number")
     points = SurveyedPoints(tuple(ids), table[:, :3], table[:, 3:], str(path))

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.numbers import whole_number_of
 from cboxlab.utils.table import Table
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
@@ -148,10 +149,8 @@ def region_mask(capture: Capture, region: str) -> NDArray[np.bool_]:
     """
     height, width = capture.shape
     if "," in region:
-        try:
-            u0, v0, u1, v1 = (int(part) for part in region.split(","))
-        except ValueError:
-            u0 = -1
+        corners = [number for part in region.split(",") if (number := whole_number_of(part)) is not None]
+        u0, v0, u1, v1 = corners if len(corners) == region.count(",") + 1 == 4 else (-1, -1, -1, -1)
         if u0 < 0 or not (u0 <= u1 < width and 0 <= v0 <= v1 < height):
             raise InputError(
                 "region",

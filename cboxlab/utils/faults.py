@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -19,7 +19,10 @@ __all__ = [
     "referred",
     "shown",
     "suggestion",
+    "validated",
 ]
+
+Content = TypeVar("Content", bound=BaseModel)
 
 
 #: Types of pydantic's errors for a value that should be a list.
@@ -31,14 +34,29 @@ _TABLE_TYPES = ("model_type", "dict_type")
 _PLAIN = {
     "tuple_type": "a list in brackets, {key} = [...]",
     "list_type": "a list in brackets, {key} = [...]",
-    "too_short": "a list of at least {min_length}",
+    "too_short": "a list or table of at least {min_length}",
+    "too_long": "a list or table of at most {max_length}",
     "model_type": "one table, [{key}]",
+    "model_attributes_type": "one table, [{key}]",
     "dict_type": "one table, [{key}]",
     "string_type": "text in quotes",
+    "string_too_short": "text of at least {min_length} characters",
+    "string_too_long": "text of at most {max_length} characters",
+    "string_pattern_mismatch": "text of the pattern {pattern}",
+    "literal_error": "{expected}",
     "int_type": "a whole number",
     "int_from_float": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a smaller whole number",
     "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of {ge} or more",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number of {le} or less",
     "bool_type": "true or false",
+    "bool_parsing": "true or false",
 }
 
 #: Shortest name, in characters, that is looked for inside other names: a shorter one is in too many.
@@ -144,6 +162,34 @@ def path_inside(folder: Path, name: str, where: str | Path) -> Path:
     return path
 
 
+def validated(path: Path, content: object, model: type[Content]) -> Content:
+    """Content of a file as its pydantic model.
+
+    Parameters
+    ----------
+    path
+        The file.
+    content
+        Its tables and values.
+    model
+        The model.
+
+    Returns
+    -------
+    Content
+        The checked content.
+
+    Raises
+    ------
+    InputError
+        With all faults of the file's keys.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise combined(faults_of_validation(path, error, model)) from None
+
+
 def faults_of_validation(path: Path, error: ValidationError, model: type[BaseModel]) -> list[InputError]:
     """Faults that pydantic found in a file.
 
@@ -201,7 +247,9 @@ def expectation(details: Mapping[str, Any]) -> str:
         return f"tables in double brackets, [[{key}]]"
     if (plain := _PLAIN.get(details["type"])) is not None:
         return plain.format(key=key, **details.get("ctx", {}))
-    return str(details["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if details["type"] == "value_error":  # raised by the code of this program
+        return str(details["ctx"]["error"])
+    return "a value as the documentation of this file describes it"
 
 
 def shown(value: object) -> str:

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation, shown, suggestion
+from cboxlab.utils.faults import combined, shown, suggestion, validated
 from cboxlab.utils.input_files import read_toml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from ..effects import apply_checked
 from ..model import named_effect
@@ -49,6 +49,7 @@ TRUTHS = (
     "normal",
     "albedo",
     "irradiance",
+    "specular",
     "reflections",
     "shadow",
     "effects_light",
@@ -59,7 +60,9 @@ Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,31}$")]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+    )
 
 
 def _constant(value: float) -> Numbers:
@@ -126,7 +129,7 @@ class CameraTable(_Table):
     left_mm: Within(-1e4, 1e4) = _constant(0.0)  # type: ignore[valid-type]
     up_mm: Within(-1e4, 1e4) = _constant(0.0)  # type: ignore[valid-type]
     #: Point looked at, as shares of the room's width, height and depth.
-    look_at: tuple[Within(0, 1), Within(0, 1), Within(0, 1)] = (  # type: ignore[valid-type]
+    look_at: Annotated[tuple[Within(0, 1), Within(0, 1), Within(0, 1)], Strict(False)] = (  # type: ignore[valid-type]
         _constant(0.5),
         _constant(0.5),
         _constant(0.5),
@@ -144,7 +147,7 @@ class CameraTable(_Table):
 class EffectTable(BaseModel):
     """An effect of the catalogue; its parameters are further keys."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, arbitrary_types_allowed=True)
 
     id: str
     probability: Annotated[float, Field(ge=0, le=1)] = 1.0
@@ -175,6 +178,10 @@ class PictureTable(_Table):
     truths: list[str] = list(TRUTHS)
     #: Bits of the mantissa of every number that is stored, 1 to 23; 23 is lossless.
     mantissa_bits: Annotated[int, Field(ge=4, le=23)] = 23
+    #: Format of a picture with its truths.
+    format: Literal["netcdf", "zarr"] = "netcdf"
+    #: Formats of further files of its radiance.
+    copies: list[Literal["exr", "envi", "hdf5", "png"]] = []
 
     @property
     def wavelength_nm(self) -> NDArray[np.float64]:
@@ -268,10 +275,7 @@ def load_recipe(path: Path) -> Recipe:
         If the file is missing or faulty; one error lists all faults of its keys.
     """
     content = read_toml(path, "a recipe in TOML", "docs/how-to/data-set.md describes it")
-    try:
-        recipe = Recipe.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, Recipe)) from None
+    recipe = validated(path, content, Recipe)
     faults = _faults(path, recipe)
     if faults:
         raise combined(faults)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from pkgutil import iter_modules
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +15,9 @@ from typing import Any
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
+from cboxlab.utils.other_packages import entries_of, loaded
 
+from .checked import checked_effect
 from .effect import AppliedEffect, Effect, Kind, Parameter
 
 __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "catalogue", "names_in"]
@@ -24,8 +25,8 @@ __all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "cat
 #: Entry points of this group are effects of other packages.
 _GROUP = "cboxlab.effects"
 
-#: Modules of this package that hold no effect: the classes, and the blur that two effects share.
-_NO_EFFECTS = frozenset({"effect", "blur"})
+#: Modules of this package that hold no effect: the classes, checks of others' effects, the blur that two effects share.
+_NO_EFFECTS = frozenset({"checked", "effect", "blur"})
 
 
 @lru_cache(maxsize=1)
@@ -40,7 +41,7 @@ def catalogue() -> dict[str, Effect]:
     Raises
     ------
     InputError
-        If an entry point cannot be loaded, is no Effect, or has the identifier of another effect.
+        If an entry point cannot be loaded, is no sound Effect, or has the identifier of another effect.
 
     Examples
     --------
@@ -51,29 +52,12 @@ def catalogue() -> dict[str, Effect]:
     names = [module.name for module in iter_modules(__path__) if module.name not in _NO_EFFECTS]
     modules = [import_module(f"{__name__}.{name}") for name in names]
     effects: dict[str, Effect] = {module.EFFECT.id: module.EFFECT for module in modules}
-    for entry in entry_points(group=_GROUP):
-        effect = _loaded(entry)
+    for where, entry in entries_of(_GROUP):
+        effect = checked_effect(loaded(where, entry, Effect), where)
         if effect.id in effects:
-            raise InputError(_where(entry), f"'{effect.id}', which is there already", "another identifier")
+            raise InputError(where, f"'{effect.id}', which is there already", "another identifier")
         effects[effect.id] = effect
     return dict(sorted(effects.items()))
-
-
-def _where(entry: EntryPoint) -> str:
-    """Place of an entry point in messages."""
-    return f"entry point {_GROUP}: {entry.name} = {entry.value}"
-
-
-def _loaded(entry: EntryPoint) -> Effect:
-    """Effect of an entry point."""
-    try:
-        effect = entry.load()
-    except Exception as error:  # whatever the other package's import raises
-        hint = "Mend or uninstall the package that has this entry point"
-        raise InputError(_where(entry), f"{type(error).__name__}: {error}", "an Effect", hint) from error
-    if not isinstance(effect, Effect):
-        raise InputError(_where(entry), f"a {type(effect).__name__}", "an Effect")
-    return effect
 
 
 def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str, ...]]:

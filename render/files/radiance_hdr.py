@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
+from cboxlab.utils.numbers import number_of
 from numpy.typing import NDArray
 
 from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, stated_space, with_rounding
@@ -175,10 +176,7 @@ def _header(path: Path, content: bytes) -> _Header:
 
 def _numbers(path: Path, key: str, text: str, count: int) -> NDArray[np.float64]:
     """Numbers of an entry. Raises InputError for another count, and unless they are above 0."""
-    try:
-        values = np.array([float(part) for part in text.split()])
-    except ValueError:
-        values = np.zeros(0)
+    values = np.array([number_of(part) for part in text.split()])
     if values.size != count or not np.isfinite(values).all() or (key != "PRIMARIES" and (values <= 0).any()):
         raise InputError(f"{path}: {key}", repr(text.strip()), f"{count} numbers above 0")
     return values

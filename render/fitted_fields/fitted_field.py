@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from .exchange import IN_PLACE, PictureCopy, number_of_exchanges
 from .image_maps import ImageMaps
@@ -102,10 +102,16 @@ class FittedField:
     spectrum: NDArray[np.float64] | None = None
 
 
+#: Lists of numbers of a fixed length.
+_Two = Annotated[tuple[float, float], Strict(False)]
+_Three = Annotated[tuple[float, float, float], Strict(False)]
+_Pair = Annotated[tuple[int, int], Strict(False)]
+
+
 class _Strict(BaseModel):
     """Table without unknown keys and without infinite numbers."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class _Image(_Strict):
@@ -113,9 +119,9 @@ class _Image(_Strict):
 
     kind: Literal["rows", "columns", "pixels", "cosines", "wave", "bells"]
     order: int = Field(0, ge=0, le=40)
-    per_px: tuple[float, float] = (0.0, 0.0)
+    per_px: _Two = (0.0, 0.0)
     curvature: float = 0.0
-    centres: list[tuple[float, float]] = Field(default_factory=list)
+    centres: list[_Two] = Field(default_factory=list)
     pitch: float = Field(1.0, gt=0)
     nm: float = Field(0.0, ge=0)
 
@@ -124,10 +130,10 @@ class _Surface(_Strict):
     """Map on a surface of a record: waves with ``low`` and ``extent``, or points."""
 
     surface: str
-    low: tuple[float, float, float] | None = None
-    extent: tuple[float, float, float] | None = None
-    waves: list[tuple[float, float, float]] | None = None
-    points: list[tuple[float, float, float]] | None = None
+    low: _Three | None = None
+    extent: _Three | None = None
+    waves: list[_Three] | None = None
+    points: list[_Three] | None = None
     values: list[float] = Field(min_length=1)
     spectrum: list[float] | None = None
 
@@ -138,13 +144,13 @@ class _Field(_Strict):
     acts: Acts
     bands: list[str] = Field(min_length=1)
     nm: list[float] = Field(min_length=1)
-    size: tuple[int, int]
+    size: _Pair
     image: _Image | None = None
     radius: int = Field(1, ge=1, le=8)
     angle_deg: float = Field(0.0, ge=0, lt=360)
     turns: int = Field(0, ge=0, le=3)
     mirrored: bool = False
-    shift_px: tuple[int, int] = (0, 0)
+    shift_px: _Pair = (0, 0)
     most_dn: float = Field(1.0, gt=0)
     coefficients: list[list[float]] | None = None
     surfaces: list[_Surface] = Field(default_factory=list)
@@ -246,10 +252,7 @@ def field_of_record(record: Any, path: Path) -> FittedField:
     InputError
         If the record is not a field; all faults of its keys are named.
     """
-    try:
-        entry = _Holder.model_validate({"field": record}).field
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _Holder)) from None
+    entry = validated(path, {"field": record}, _Holder).field
     where = f"{path}: field"
     bands = len(entry.bands)
     if len(entry.nm) != bands:

@@ -135,15 +135,18 @@ def verify(results: Path) -> Verification:
     Raises
     ------
     InputError
-        If there is no manifest, or if it has another content.
+        If there is no manifest, if it has another content, or if a file that it lists cannot be read.
     """
-    manifest = _manifest_of(results)
-    content = read_json(manifest, _EXPECTED)
-    outputs, inputs = (_entries(content, key, manifest) for key in ("outputs", "inputs"))
-    if any(Path(name).is_absolute() or ".." in Path(name).parts for name in outputs):
-        raise InputError(manifest, "results outside the folder", _EXPECTED)
-    changed, missing = _compared({name: manifest.parent / name for name in outputs}, outputs)
-    changed_inputs, missing_inputs = _compared({name: Path(name) for name in inputs}, inputs)
+    try:
+        manifest = _manifest_of(results)
+        content = read_json(manifest, _EXPECTED)
+        outputs, inputs = (_entries(content, key, manifest) for key in ("outputs", "inputs"))
+        if any(Path(name).is_absolute() or ".." in Path(name).parts for name in outputs):
+            raise InputError(manifest, "results outside the folder", _EXPECTED)
+        changed, missing = _compared({name: manifest.parent / name for name in outputs}, outputs)
+        changed_inputs, missing_inputs = _compared({name: Path(name) for name in inputs}, inputs)
+    except OSError as error:  # a name that is too long, a file that may not be read
+        raise InputError(error.filename or results, error.strerror or str(error), "a file that can be read") from None
     return Verification(len(outputs), len(inputs), changed, missing, changed_inputs, missing_inputs)
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.lens import LENS_TERMS, PLAIN_LENS, Lens
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 __all__ = ["camera_entry", "read_camera", "write_camera"]
 
@@ -36,13 +36,13 @@ _MAX_NON_ORTHOGONALITY = 1e-6
 _MIN_SINE_TO_UP = 1e-9
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
-_Three = tuple[_Finite, _Finite, _Finite]
+_Three = Annotated[tuple[_Finite, _Finite, _Finite], Strict(False)]
 
 
 class _LensEntry(BaseModel):
     """Terms of a lens beyond k1, checked."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     model: Literal["polynomial", "fisheye"] = "polynomial"
     k2: _Finite = 0.0
@@ -56,18 +56,18 @@ class _LensEntry(BaseModel):
 class _CameraFile(BaseModel):
     """Content of a camera file, checked."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     format: Literal["camera/1"]
     conventions: str = ""
     width_px: int = Field(ge=1, le=16384)
     height_px: int = Field(ge=1, le=16384)
     position_mm: _Three
-    rotation: tuple[_Three, _Three, _Three] | None = None
+    rotation: Annotated[tuple[_Three, _Three, _Three], Strict(False)] | None = None
     look_at_mm: _Three | None = None
     up: _Three = (0.0, 1.0, 0.0)
     focal_length_px: float = Field(gt=0, allow_inf_nan=False)
-    principal_point_px: tuple[_Finite, _Finite] | None = None
+    principal_point_px: Annotated[tuple[_Finite, _Finite], Strict(False)] | None = None
     k1: _Finite = 0.0
     lens: _LensEntry | None = None
 
@@ -104,10 +104,7 @@ def read_camera(path: Path) -> Camera:
     """
     path = Path(path)
     content = read_json(path, "a camera file in JSON")
-    try:
-        entry = _CameraFile.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _CameraFile)) from None
+    entry = validated(path, content, _CameraFile)
     position = np.array(entry.position_mm)
     if (entry.rotation is None) == (entry.look_at_mm is None):
         fault = "neither rotation nor look_at_mm" if entry.rotation is None else "rotation and look_at_mm"

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from pkgutil import iter_modules
 from types import MappingProxyType
 
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
+from cboxlab.utils.other_packages import entries_of, loaded
 
 from .renderer import PYTHON_SCRIPT, SHELL_SCRIPT, Renderer
 
@@ -42,10 +42,10 @@ def renderer_catalogue() -> Mapping[str, Renderer]:
     for module in modules:
         renderer = import_module(f"{__name__}.{module}").RENDERER
         catalogue[renderer.id] = renderer
-    for entry in entry_points(group=_GROUP):
-        renderer = _loaded(entry)
+    for where, entry in entries_of(_GROUP):
+        renderer = loaded(where, entry, Renderer)
         if renderer.id in catalogue:
-            raise InputError(_where(entry), f"'{renderer.id}', which exists already", "another identifier")
+            raise InputError(where, f"'{renderer.id}', which exists already", "another identifier")
         catalogue[renderer.id] = renderer
     return MappingProxyType(dict(sorted(catalogue.items())))
 
@@ -75,20 +75,3 @@ def renderer_of(identifier: str, where: str = "renderer") -> Renderer:
         allowed = f"one of {', '.join(catalogue)}"
         raise InputError(where, f"'{identifier}'", allowed, suggestion(identifier, catalogue))
     return catalogue[identifier]
-
-
-def _where(entry: EntryPoint) -> str:
-    """Place of an entry point, for messages."""
-    return f"entry point {_GROUP}: {entry.name} = {entry.value}"
-
-
-def _loaded(entry: EntryPoint) -> Renderer:
-    """Renderer of an entry point."""
-    try:
-        value = entry.load()
-    except Exception as error:  # whatever the other package's import raises
-        hint = "Mend or uninstall the package that has this entry point"
-        raise InputError(_where(entry), f"{type(error).__name__}: {error}", "a Renderer", hint) from error
-    if not isinstance(value, Renderer):
-        raise InputError(_where(entry), f"a {type(value).__name__}", "a Renderer")
-    return value

@@ -16,6 +16,7 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import require_regular_file
+from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
 __all__ = ["EnviHeader", "is_envi", "read_header"]
@@ -78,11 +79,11 @@ class EnviHeader(FrozenMappings):
         text = self.text(key)
         if text is None and default is not None:
             return default
-        try:
-            return int(text or "")
-        except ValueError:
+        number = whole_number_of(text or "")
+        if number is None:
             value = "nothing" if text is None else repr(text[:80])
-            raise InputError(f"{self.path}: {key}", value, "a whole number") from None
+            raise InputError(f"{self.path}: {key}", value, "a whole number")
+        return number
 
     def numbers(self, key: str) -> NDArray[np.float64]:
         """A list of numbers, separated by commas or by spaces; one comma may follow the last.
@@ -108,10 +109,7 @@ class EnviHeader(FrozenMappings):
         parts = [part.strip() for part in text.split(",")] if "," in text else text.split()
         if not parts[-1]:
             parts.pop()
-        try:
-            values = np.array([float(part) for part in parts])
-        except ValueError:
-            values = np.array([np.nan])
+        values = np.array([number_of(part) for part in parts])
         if not np.isfinite(values).all():
             beginning = text if len(text) <= 80 else f"{text[:80]}..."
             raise InputError(f"{self.path}: {key}", beginning, "a list of finite numbers, separated by commas")

@@ -117,7 +117,7 @@ MISTAKES = [
     ('"spectra/all.csv:f450"', '"spectra/all.csv:f45"', ["transmittance", "'f45'", "Did you mean 'f450'"]),
     ('"spectra/all.csv:f450"', '"spectra/all.csv"', ["transmittance", "file.csv:column"]),
     ('"spectra/all.csv:f450"', '"../all.csv:f450"', ["transmittance", "stays in the folder"]),
-    ("f_number = 8.0", "f_number = -8.0", ["band[0] (f450).f_number", "-8.0", "greater than 0"]),
+    ("f_number = 8.0", "f_number = -8.0", ["band[0] (f450).f_number", "-8.0", "above 0"]),
     ("f_number = 8.0", "f_number = nan", ["band[0] (f450).f_number", "nan", "finite"]),
     ("f_number = 8.0", "f_number = true", ["band[0] (f450).f_number", "True", "number"]),
     ("[lens]", "[lense]", ["lense", "unknown key", "Did you mean 'lens'?"]),

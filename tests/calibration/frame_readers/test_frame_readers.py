@@ -11,6 +11,7 @@ import pytest
 import tifffile
 from cboxlab.calibration import frame_readers
 from cboxlab.calibration.frame_readers import FrameFacts, FrameHeader, FrameReader, frame_header, read_pictures
+from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
 from helpers.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
 from hypothesis import given, settings
@@ -257,7 +258,7 @@ def mine(**changes):
 @pytest.fixture
 def plugged(monkeypatch):
     def plug(reader):
-        monkeypatch.setattr(frame_readers, "entry_points", lambda group: [Entry(reader)])
+        monkeypatch.setattr(other_packages, "entry_points", lambda group: [Entry(reader)])
         frame_readers.catalogue.cache_clear()
 
     yield plug

@@ -5,10 +5,10 @@ from importlib.metadata import EntryPoint
 
 import numpy as np
 import pytest
-from cboxlab.rendering import effects
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import Parameter, apply_checked, catalogue, names_in
 from cboxlab.scenes import Spectrum, cornell_box
+from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from helpers.fakes.stages import NM, apply, counts, start
@@ -71,10 +71,10 @@ def test_nothing_but_the_contract_and_names_of_its_own():
 @pytest.mark.parametrize("identifier", ROWS)
 def test_parameters_and_null_values_are_those_of_the_contract(identifier):
     effect = catalogue()[identifier]
-    wanted = dict(item.split("=") for item in ROWS[identifier])
-    assert [p.name for p in effect.parameters] == list(wanted)
+    expected = dict(item.split("=") for item in ROWS[identifier])
+    assert [p.name for p in effect.parameters] == list(expected)
     for parameter in effect.parameters:
-        null = None if wanted[parameter.name] == "-" else float(wanted[parameter.name])
+        null = None if expected[parameter.name] == "-" else float(expected[parameter.name])
         assert parameter.null == null
         if not parameter.choices:
             assert parameter.low < parameter.high and parameter.step > 0
@@ -155,7 +155,7 @@ def test_effects_name_what_the_scene_holds():
 )
 def test_an_entry_point_that_is_no_new_effect_is_named(monkeypatch, value, found):
     entry = EntryPoint("dust", value, "cboxlab.effects")
-    monkeypatch.setattr(effects, "entry_points", lambda group: [entry])
+    monkeypatch.setattr(other_packages, "entry_points", lambda group: [entry])
     catalogue.cache_clear()
     try:
         with pytest.raises(InputError, match=f"dust = {value}.*{found}"):

@@ -3,9 +3,10 @@
 from importlib.metadata import EntryPoint
 
 import pytest
-from cboxlab.rendering.export import exported_scene, renderer_catalogue, renderer_of, renderers, write_export
+from cboxlab.rendering.export import exported_scene, renderer_catalogue, renderer_of, write_export
 from cboxlab.rendering.export.neutral import ExportSettings
 from cboxlab.scenes import cornell_box, cornell_camera
+from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
 from helpers.installed_renderers import own_renderers
 from numpy import array
@@ -32,7 +33,7 @@ def test_every_file_is_a_renderer_that_says_what_it_needs():
 )
 def test_an_entry_point_that_is_no_new_renderer_is_named(monkeypatch, value, fault):
     entry = EntryPoint("flat", value, "cboxlab.renderers")
-    monkeypatch.setattr(renderers, "entry_points", lambda group: [entry])
+    monkeypatch.setattr(other_packages, "entry_points", lambda group: [entry])
     renderer_catalogue.cache_clear()
     try:
         with pytest.raises(InputError, match=f"flat = {value}.*{fault}"):

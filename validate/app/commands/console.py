@@ -10,11 +10,11 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.numbers import number_of
 from cboxlab.utils.progress import ProgressReporter
 from rich.text import Text
 
@@ -125,7 +125,8 @@ def _declared(values: dict[str, str]) -> Declared:
 
     scale = positive_number(values["scale"], "--declare scale") if "scale" in values else None
     at = _listed_wavelengths(values["wavelengths"]) if "wavelengths" in values else None
-    return Declared(values.get("units"), scale, at, values.get("colour-space"), values.get("wavelength-unit"))
+    texts = (values.get(key) for key in ("colour-space", "wavelength-unit", "layer"))
+    return Declared(values.get("units"), scale, at, *texts)
 
 
 @contextmanager
@@ -308,7 +309,8 @@ def positive_number(text: str, option: str) -> float:
     """
     try:
         percent = text.strip().endswith("%")
-        value = float(Fraction(text.strip().removesuffix("%").strip())) / (100 if percent else 1)
+        over, _, under = text.strip().removesuffix("%").partition("/")
+        value = number_of(over) / (number_of(under) if "/" in text else 1.0) / (100 if percent else 1)
     except (ValueError, ZeroDivisionError, OverflowError):
         value = float("nan")
     if not (math.isfinite(value) and value > 0):
@@ -318,12 +320,10 @@ def positive_number(text: str, option: str) -> float:
 
 def _listed_wavelengths(text: str) -> tuple[float, ...]:
     """Wavelengths of a file, as ``wavelengths`` reads them; a list may have any order."""
-    try:
-        listed = sorted(float(part) for part in text.split(",")) if ":" not in text else []
-    except ValueError:
-        listed = []
-    ascending = wavelengths(",".join(map(repr, listed)) if listed else text, "--declare wavelengths")
-    return tuple(float(part) for part in text.split(",")) if listed else tuple(ascending.tolist())
+    listed = [number_of(part) for part in text.split(",")] if ":" not in text else []
+    usable = bool(listed) and all(map(math.isfinite, listed))
+    ascending = wavelengths(",".join(map(repr, sorted(listed))) if usable else text, "--declare wavelengths")
+    return tuple(listed) if usable else tuple(ascending.tolist())
 
 
 def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]:
@@ -351,13 +351,13 @@ def wavelengths(text: str, option: str = "--wavelengths") -> NDArray[np.float64]
     expected = "first:last:step such as 400:700:10, or a list such as 450,550,650, ascending, in nm"
     try:
         if ":" in text:
-            first, last, step = (float(part) for part in text.split(":"))
+            first, last, step = (number_of(part) for part in text.split(":"))
             count = (last - first) / step
             if not 0 <= count < 2000:
                 raise ValueError
             values = first + step * np.arange(int(count + 1e-9) + 1)
         else:
-            values = np.array([float(part) for part in text.split(",")])
+            values = np.array([number_of(part) for part in text.split(",")])
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(option, repr(text), expected) from None
     if not np.all(np.isfinite(values)) or values[0] <= 0 or np.any(np.diff(values) <= 0) or values.size > 2000:

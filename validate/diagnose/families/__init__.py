@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from pkgutil import iter_modules
 
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.other_packages import entries_of, loaded
 
 from ..field_fit import Family
 
@@ -39,25 +39,9 @@ def families() -> dict[str, Family]:
     for name in names:
         family = import_module(f"{__name__}.{name}").FAMILY
         members[family.id] = family
-    for entry in entry_points(group=_GROUP):
-        family = _loaded(entry)
+    for where, entry in entries_of(_GROUP):
+        family = loaded(where, entry, Family)
         if family.id in members:
-            raise InputError(_source(entry), f"'{family.id}', the identifier of another family", "a new identifier")
+            raise InputError(where, f"'{family.id}', the identifier of another family", "a new identifier")
         members[family.id] = family
     return {family.id: family for family in sorted(members.values(), key=lambda member: (member.order, member.id))}
-
-
-def _source(entry: EntryPoint) -> str:
-    return f"entry point {_GROUP}: {entry.name} = {entry.value}"
-
-
-def _loaded(entry: EntryPoint) -> Family:
-    """Family of an entry point; raises InputError where there is none."""
-    try:
-        family = entry.load()
-    except Exception as error:  # whatever the other package's import raises
-        hint = "Mend or uninstall the package that has this entry point"
-        raise InputError(_source(entry), f"{type(error).__name__}: {error}", "a Family", hint) from error
-    if not isinstance(family, Family):
-        raise InputError(_source(entry), f"a {type(family).__name__}", "a Family")
-    return family

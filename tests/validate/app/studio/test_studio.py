@@ -294,7 +294,7 @@ def test_the_page_tells_a_mistake_and_goes_on(page):
     )
     page.until("document.getElementById('mistake').textContent.includes('from 0 to 0.5')")
     assert page.run("document.querySelector('#effects input[type=text]').value") == "0"
-    page.errors.clear()  # the browser tells the refused request, too
+    page.errors.clear()  # the browser reports the refused request, too
     press(page, "undo")
     page.until("page.controls.length === 0 && document.getElementById('mistake').textContent === ''")
 
@@ -340,8 +340,8 @@ def test_effects_are_grouped_and_searched(page):
 
 
 def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
-    tried = stepwise.hypotheses
-    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    hypotheses = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in TRIED])
     page.run(
         "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
         "globalThis[id + '_seen'] = all;"

@@ -10,8 +10,8 @@ from importlib.metadata import EntryPoint
 import numpy as np
 import pytest
 from cboxlab.rendering.fitted_fields import field_effect
+from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.diagnose import families as package
 from cboxlab.validation.diagnose.explain import explain, explain_masked_families
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, explanation_sections, explanation_sentence
@@ -60,7 +60,7 @@ def _families_named(source):
 
 
 def test_no_module_but_its_own_names_a_family():
-    named = {
+    members = {
         (path.relative_to(ROOT).as_posix(), name)
         for room in ("render", "validate")
         for path in (ROOT / room).rglob("*.py")
@@ -69,7 +69,7 @@ def test_no_module_but_its_own_names_a_family():
     }
     modules = {family.id: sys.modules[family.generate.__module__].__file__ for family in families().values()}
     own = {(file.removeprefix(f"{ROOT}/"), name) for name, file in modules.items()}
-    assert named == own | OTHER_MEANINGS
+    assert members == own | OTHER_MEANINGS
 
 
 @pytest.mark.parametrize("line", ['x = "blur"', 'if y == "sensor-gain": pass', 'x = ["a sensor-gain of rows"]'])
@@ -156,7 +156,7 @@ def test_a_family_of_another_package_can_be_a_rival():
 )
 def test_an_entry_point_that_is_no_new_family_is_named(monkeypatch, value, found):
     entry = EntryPoint("smear", value, "cboxlab.families")
-    monkeypatch.setattr(package, "entry_points", lambda group: [entry])
+    monkeypatch.setattr(other_packages, "entry_points", lambda group: [entry])
     families.cache_clear()
     try:
         with pytest.raises(InputError, match=f"smear = {value}.*{found}"):

@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 from functools import lru_cache, partial
 from importlib import import_module
-from importlib.metadata import entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from pkgutil import iter_modules
 
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.other_packages import entries_of, guarded, loaded
 
 from .cause import Cause, Pictures, SceneLight, Trial, as_found
 
@@ -42,27 +42,26 @@ def causes() -> tuple[Cause, ...]:
     """
     modules = [import_module(f"{__name__}.{m.name}") for m in iter_modules(__path__) if m.name != "cause"]
     catalogue: dict[str, Cause] = {module.CAUSE.id: module.CAUSE for module in modules}
-    others = [(f"entry point {_GROUP}: {entry.name}", entry.load) for entry in entry_points(group=_GROUP)]
+    others = [(where, partial(loaded, where, entry, Cause)) for where, entry in entries_of(_GROUP)]
     files = [Path(text) for text in os.environ.get(_FILES, "").split(os.pathsep) if text]
     others += [(str(file), partial(_of_file, file)) for file in files]
     for where, load in others:
-        try:
-            cause = load()
-        except Exception as error:  # whatever the other package raises
-            raise InputError(where, f"{type(error).__name__}: {error}", "a Cause named CAUSE") from error
-        if not isinstance(cause, Cause):
-            raise InputError(where, f"a {type(cause).__name__}", "a Cause")
+        cause = load()
         if cause.id in catalogue:
             raise InputError(where, f"'{cause.id}', which is there already", "another identifier")
         catalogue[cause.id] = cause
     return tuple(catalogue[name] for name in sorted(catalogue))
 
 
-def _of_file(file: Path) -> object:
+def _of_file(file: Path) -> Cause:
     """``CAUSE`` of a Python file."""
     spec = spec_from_file_location(f"regress_cause_{file.stem}", file)
     if spec is None or spec.loader is None or not file.is_file():
-        raise FileNotFoundError("no such Python file")
+        raise InputError(file, "no such Python file", "a Cause named CAUSE")
     module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return getattr(module, "CAUSE", None)
+    with guarded(str(file), "a Cause named CAUSE"):
+        spec.loader.exec_module(module)
+    cause = getattr(module, "CAUSE", None)
+    if not isinstance(cause, Cause):
+        raise InputError(file, f"a {type(cause).__name__}", "a Cause named CAUSE")
+    return cause

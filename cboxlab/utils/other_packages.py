@@ -1,0 +1,156 @@
+"""Code of other packages, loaded from entry points and run without harm to the command."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.metadata import EntryPoint, entry_points
+from typing import TextIO, TypeVar
+
+from .errors import InputError
+from .progress import Cancelled
+
+__all__ = ["entries_of", "guarded", "loaded"]
+
+#: Hint at a fault of another package.
+_HINT = "Mend or uninstall the package that it belongs to"
+#: Longest import without a warning, s: the packages that numerical code imports take 1 to 3 s.
+_LONGEST_IMPORT_S = 5.0
+
+Kind = TypeVar("Kind")
+
+
+class _Surroundings:
+    """Standard output and working directory while code of other packages runs."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running = 0
+        self._output: TextIO = sys.stdout
+        self._folder: str | None = None
+
+    def enter(self) -> None:
+        """Print to standard error from here on, so that results on standard output stay clear."""
+        with self._lock:
+            if not self._running:
+                self._folder = _working_folder()
+                self._output, sys.stdout = sys.stdout, sys.stderr
+            self._running += 1
+
+    def leave(self) -> None:
+        """Restore the working directory, and standard output if no other thread needs it."""
+        with self._lock:
+            self._running -= 1
+            if not self._running:
+                sys.stdout = self._output
+            if self._folder is not None and _working_folder() != self._folder:
+                with suppress(OSError):
+                    os.chdir(self._folder)
+
+
+def _working_folder() -> str | None:
+    """The working directory; None if it was removed."""
+    try:
+        return os.getcwd()
+    except OSError:
+        return None
+
+
+_surroundings = _Surroundings()
+
+
+@contextmanager
+def guarded(where: str, expected: str) -> Iterator[None]:
+    """Run code of another package in the block.
+
+    Whatever it prints goes to standard error, and the working directory is restored after it.
+
+    Parameters
+    ----------
+    where
+        The entry point, for messages.
+    expected
+        Words for what the code should do or be.
+
+    Yields
+    ------
+    None
+        In the block the code runs.
+
+    Raises
+    ------
+    InputError
+        For any exception of the code, including an attempt to end the program. Ctrl-C, a cancelled run and a lack of
+        memory pass.
+    """
+    _surroundings.enter()
+    try:
+        yield
+    except (KeyboardInterrupt, Cancelled, MemoryError, InputError):
+        raise
+    except SystemExit as ended:
+        raise InputError(where, f"an attempt to end the program (exit code {ended.code})", expected, _HINT) from None
+    except BaseException as error:
+        message = " ".join(str(error).split())[:200]
+        raise InputError(where, f"{type(error).__name__}: {message}", expected, _HINT) from error
+    finally:
+        _surroundings.leave()
+
+
+def entries_of(group: str) -> list[tuple[str, EntryPoint]]:
+    """Entry points of a group in all installed packages.
+
+    Parameters
+    ----------
+    group
+        Name of the group.
+
+    Returns
+    -------
+    list of (str, EntryPoint)
+        Words for messages, and the entry point.
+    """
+    return [(f"entry point {group}: {e.name} = {e.value}", e) for e in entry_points(group=group)]
+
+
+def loaded(where: str, entry: EntryPoint, kind: type[Kind]) -> Kind:
+    """Record of an entry point.
+
+    Parameters
+    ----------
+    where
+        The entry point, for messages.
+    entry
+        The entry point.
+    kind
+        Type that the record has.
+
+    Returns
+    -------
+    Kind
+        The record.
+
+    Raises
+    ------
+    InputError
+        If it cannot be imported or is of another type.
+
+    Warns
+    -----
+    RuntimeWarning
+        If the import takes more than 5 s.
+    """
+    expected = f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+    start = time.monotonic()
+    with guarded(where, expected):
+        record = entry.load()
+    if (seconds := time.monotonic() - start) > _LONGEST_IMPORT_S:
+        warnings.warn(f"{where}: its import took {seconds:.0f} s, in every command", RuntimeWarning, stacklevel=2)
+    if not isinstance(record, kind):
+        raise InputError(where, f"a {type(record).__name__}", expected, _HINT)
+    return record
