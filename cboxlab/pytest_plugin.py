@@ -41,8 +41,8 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
     """Function (name, pictures, *, seed, samples, versions) that compares renderings with a reference.
 
     It raises AssertionError if the mean light of a surface in a band has changed. Its arguments are the name of the
-    reference; a spectral cube, several joined by commas, or a folder of independent cubes of one scene; the seed, the
-    samples per pixel and the versions of the renderer, which the reference states.
+    reference; a spectral cube or a picture of any scene, several joined by commas, or a folder of independent ones;
+    the seed, the samples per pixel and the versions of the renderer, which the reference states.
 
     Parameters
     ----------

@@ -9,9 +9,11 @@ What the header of a file says (FITS keywords, EXIF, camera raw) comes before wh
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +21,11 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.input_files import parse_toml
 from pydantic import BaseModel
 
 from ..frame_readers import suffixes
+from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
 from .folder_tables import FolderTables, tables_in
 from .frame_classes import FrameGroup, group_frames, numbered_alike
@@ -36,11 +40,13 @@ from .manifest import (
     LensTable,
     ReferenceTable,
     TargetTable,
+    channel_letters,
     example_of,
 )
+from .manifest_faults import checked_keys
 from .whole_manifest import Manifest
 
-__all__ = ["FirstManifest", "MissingKey", "write_first_manifest"]
+__all__ = ["FirstManifest", "ManifestEntry", "MissingKey", "draft_manifest", "write_first_manifest"]
 
 #: By kind of table, its model.
 _TABLES: dict[str, type[BaseModel]] = {
@@ -51,6 +57,8 @@ _TABLES: dict[str, type[BaseModel]] = {
     "reference": ReferenceTable,
     "target": TargetTable,
 }
+#: Place of the keys of no table.
+_TOP = "the top, above all tables"
 #: Keys that a capture may lack, and that a validation against a model takes.
 _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
     ("[camera]", CameraTable, ("pixel_pitch_um", "gain_e_per_dn", "read_noise_e", "quantum_efficiency")),
@@ -58,13 +66,16 @@ _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
     ("every [[band]]", BandTable, ("transmittance", "f_number", "image_distance_mm", "start_s")),
     ("[lamp]", LampTable, ("radiance", "relative_uncertainty")),
     ("[geometry]", GeometryTable, ("points", "point_sigma_px")),
-    ("the top, above all tables", Manifest, ("scene",)),
+    (_TOP, Manifest, ("scene",)),
 )
 #: What is not done without frames of a kind.
 _WITHOUT = (
     ("dark", "without them a dark level of 0 is assumed"),
     ("flat", "without them vignetting is not corrected"),
-    ("reference", "without them the absolute scale is the nominal lens's"),
+    (
+        "reference",
+        'so scale = "free" claims no absolute scale; remove it if you state gain, sensor and lens instead',
+    ),
 )
 _FURTHER = (
     "# Keys marked 'missing' are required. Further tables: [lamp], [geometry], [labels], [crop]; see the manual,\n"
@@ -86,6 +97,11 @@ class MissingKey:
     why: str
     #: True if the capture cannot be loaded without it.
     required: bool
+
+    @property
+    def key(self) -> str:
+        """Name of the key; empty for a note."""
+        return self.example.partition(" = ")[0]
 
     def __str__(self) -> str:
         return f"{self.where}: {self.example}   # {self.why}" if self.example else f"{self.where}: {self.why}"
@@ -109,7 +125,48 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def write_first_manifest(folder: Path) -> FirstManifest:
+@dataclass(frozen=True)
+class ManifestEntry:
+    """A value that the user adds to a first manifest."""
+
+    #: Its table, as of `MissingKey`.
+    where: str
+    #: The key.
+    key: str
+    #: The value as typed; text needs no quotes.
+    value: str
+
+
+def draft_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> tuple[str, FirstManifest, list[str]]:
+    """Text of the manifest of a folder of frames, what it lacks, and its faults.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    entries
+        Values to add.
+
+    Returns
+    -------
+    tuple
+        Text of capture.toml, what it lacks without the entries, and its faults, one line each. Nothing is written.
+
+    Raises
+    ------
+    InputError
+        As of ``write_first_manifest``.
+    """
+    folder = Path(folder)
+    text, first, _ = _draft(folder)
+    text = _with_entries(text, first, entries)
+    manifest, faults = checked_keys(first.path, dict(parse_toml(first.path, text, "a manifest in TOML")))
+    if manifest is not None:
+        faults = capture_faults(folder, manifest)
+    return text, first, [str(fault).removeprefix(f"{first.path}: ") for fault in faults]
+
+
+def write_first_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> FirstManifest:
     """Classify the frames of a folder and its subfolder ``frames``; write ``capture.toml``.
 
     Frames stay where they are, whatever their format. Only the bands of a file with several bands are written into a
@@ -119,18 +176,30 @@ def write_first_manifest(folder: Path) -> FirstManifest:
     ----------
     folder
         The folder.
+    entries
+        Values to add.
 
     Returns
     -------
     FirstManifest
-        What was written, what is missing, and what was left out.
+        What was written, what is missing without the entries, and what was left out.
 
     Raises
     ------
     InputError
         If a capture.toml exists, or if there are no frames of a scene. If frames differ in size or mosaic, or two
-        photographs have one name. For files that cannot be read.
+        photographs have one name. For files that cannot be read, and for entries of unknown keys.
     """
+    text, first, frames = _draft(folder)
+    text = _with_entries(text, first, entries)
+    convert_bands(Path(folder), frames)
+    with replacing(first.path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return first
+
+
+def _draft(folder: Path) -> tuple[str, FirstManifest, list[FolderFrame]]:
+    """Text of a folder's manifest, what it lacks, and its frames."""
     folder = Path(folder)
     path = folder / "capture.toml"
     if not folder.is_dir():
@@ -142,19 +211,63 @@ def write_first_manifest(folder: Path) -> FirstManifest:
         raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
     _require_one_size(frames)
     groups, unused = group_frames(frames)
+    pattern = _pattern(frames)
+    letters = () if pattern is None else channel_letters(pattern)
     if not any(group.kind == "band" for group in groups):
         expected = "at least one frame that is not a dark, flat, reference or target"
         raise InputError(folder, "no frame of a scene", expected, "; ".join(f"{f.file}: {f.why}" for f in unused))
     bands = list(dict.fromkeys(str(group.band) for group in groups if group.kind == "band"))
-    tables = tables_in(folder, bands, frames[0].shape)
-    draft = _Draft(tables)
+    tables = tables_in(folder, bands, frames[0].shape, letters)
+    draft = _Draft(tables, pattern)
     text = draft.text(folder, frames, groups)
-    convert_bands(folder, [frame for group in groups for frame in group.frames])
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
     left_out = [item for item in left_out if item.file not in tables.labels.values()]
     missing = tuple(sorted(draft.missing, key=lambda key: not key.required))
-    return FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
+    first = FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
+    return text, first, [frame for group in groups for frame in group.frames]
+
+
+def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEntry]) -> str:
+    """Text of a manifest with values added to its tables."""
+    examples = {(key.where, key.key): key.example.partition(" = ")[2] for key in first.missing if key.example}
+    blocks = text.removesuffix(_FURTHER).rstrip("\n").split("\n\n")
+    for entry in entries:
+        header, _, frame = entry.where.removeprefix("every ").partition(" of ")
+        example = examples.get((entry.where, entry.key)) or examples.get((f"every {header}", entry.key))
+        if example is None:
+            raise InputError(entry.where, repr(entry.key)[:80], "a key that the manifest lacks")
+        line = f"{entry.key} = {_as_toml(entry, example)}"
+        if entry.where.startswith("every "):
+            targets = [k for k, block in enumerate(blocks) if block.startswith(header)]
+        elif entry.where == _TOP:
+            targets = [0]
+        else:
+            targets = [
+                k
+                for k, block in enumerate(blocks)
+                if block.startswith(f"{header}\n") and (not frame or f"frames = [{_quoted(frame)}" in block)
+            ] or [k for k, block in enumerate(blocks) if block == header]
+        if not targets:
+            blocks.append(header)
+            targets = [len(blocks) - 1]
+        for k in targets:
+            lines = blocks[k].split("\n")
+            if not any(written.startswith(f"{entry.key} =") for written in lines):
+                blocks[k] = "\n".join([*(each for each in lines if not each.startswith(f"# {entry.key} =")), line])
+    return "\n\n".join(blocks) + "\n\n" + _FURTHER
+
+
+def _as_toml(entry: ManifestEntry, example: str) -> str:
+    """Value of an entry in TOML, of the type of its example."""
+    value = entry.value.strip()
+    if example.startswith('"'):
+        return _quoted(value.strip('"'))
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{entry.where}: {entry.key}", repr(value)[:80], f"a number, such as {example}")
+    return value if re.fullmatch(r"[+-]?[1-9][0-9]*|0", value) else repr(number)
 
 
 def _require_one_size(frames: Sequence[FolderFrame]) -> None:
@@ -179,27 +292,54 @@ def _pattern(frames: Sequence[FolderFrame]) -> str | None:
     return frames_with_mosaic[0].facts.pattern if frames_with_mosaic else None
 
 
+def _by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup, str | None]]:
+    """The tables of a group with their channels.
+
+    Frames without a filter in front of a mosaic are one table for each channel.
+    """
+    if pattern is None or group.band is None or group.has_filter:
+        return [(group, None)]
+    return [(replace(group, band=f"{group.band}-{letter}"), letter) for letter in channel_letters(pattern)]
+
+
+def _common_values(groups: Sequence[FrameGroup]) -> dict[str, float]:
+    """Exposure and f-number on which all tables agree, where there are several."""
+    of_keys = {
+        "exposure_s": [group.exposure_s for group in groups if group.kind != "target"],
+        "f_number": [group.f_number for group in groups if group.kind not in ("dark", "target")],
+    }
+    return {
+        key: values[0]
+        for key, values in of_keys.items()
+        if len(values) > 1 and len(set(values)) == 1 and values[0] is not None
+    }
+
+
 class _Draft:
     """The text of a manifest in the making, with the keys that it lacks."""
 
-    def __init__(self, tables: FolderTables) -> None:
+    def __init__(self, tables: FolderTables, pattern: str | None) -> None:
         self.tables = tables
+        self.pattern = pattern
+        self._defaults: dict[str, Any] = {}
         self.missing: list[MissingKey] = []
         self.counts: Counter[str] = Counter()
         self._written: dict[str, set[str]] = defaultdict(set)
 
     def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
         """The whole manifest."""
-        blocks = self._head(folder, frames)
+        rows = [row for group in groups for row in _by_channel(group, self.pattern)]
+        self._defaults = _common_values([group for group, _ in rows])
+        blocks = self._head(folder, frames, any(group.kind == "reference" for group in groups))
         bands: set[str] = set()
-        for group in groups:
+        for group, channel in rows:
             header = group.kind
             if group.kind == "band":
                 # Of several exposures of a band, the first becomes the band and the others its brackets.
                 header = "bracket" if group.band in bands else "band"
                 bands.add(str(group.band))
             self.counts[header] += 1
-            blocks.append(self._table(header, group))
+            blocks.append(self._table(header, group, channel))
         blocks += self._further_tables()
         self._note_useful_keys(len(bands))
         for alike in numbered_alike(groups):
@@ -220,10 +360,11 @@ class _Draft:
             self.missing.append(MissingKey(where, "", f"{name}: the files state {listing}; a capture has one", False))
         return values[0] if len(values) == 1 else None
 
-    def _head(self, folder: Path, frames: Sequence[FolderFrame]) -> list[str]:
+    def _head(self, folder: Path, frames: Sequence[FolderFrame], has_references: bool) -> list[str]:
         """The first tables, from what the files say of camera and lens."""
         height, width = frames[0].shape
         top = ['format = "capture/1"', f"name = {_quoted(folder.resolve().name)}"]
+        top += [] if has_references else ['scale = "free"']
         camera = ["[camera]", f"width_px = {width}", f"height_px = {height}"]
         white = self._agreed(frames, "white_level", "[camera]", "white level")
         largest = max(frame.largest for frame in frames)
@@ -242,29 +383,36 @@ class _Draft:
         lens = ["[lens]"]
         focal = self._agreed(frames, "focal_length_mm", "[lens]", "focal_length_mm")
         lens += [] if focal is None else [f"focal_length_mm = {focal!r}"]
-        pattern, columns = _pattern(frames), self.tables.columns
-        if "quantum_efficiency" in columns and pattern is None:
+        pattern, columns = self.pattern, self.tables.columns
+        if pattern is not None and self.tables.channels:
+            listing = ", ".join(f"{letter} = {_quoted(column)}" for letter, column in self.tables.channels.items())
+            camera.append(f"quantum_efficiency = {{{listing}}}")
+        elif "quantum_efficiency" in columns and pattern is None:
             camera.append(f"quantum_efficiency = {_quoted(columns['quantum_efficiency'])}")
         if "lens" in columns:
             lens.append(f"transmittance = {_quoted(columns['lens'])}")
-        mosaic = [] if pattern is None else [f"[mosaic]\npattern = {_quoted(pattern)}\n"]
+        mosaic = [] if pattern is None else ["[mosaic]", f"pattern = {_quoted(pattern)}"]
         self._note_lines("[camera]", camera)
         self._note_lines("[lens]", lens)
-        return ["\n".join(top) + "\n", "\n".join(camera) + "\n", *mosaic, "\n".join(lens) + "\n"]
+        defaults = [f"{key} = {value!r}" for key, value in self._defaults.items()]
+        blocks = [top, camera, mosaic, lens, ["[defaults]", *defaults] if defaults else []]
+        return ["\n".join(lines) + "\n" for lines in blocks if lines]
 
-    def _table(self, header: str, group: FrameGroup) -> str:
+    def _table(self, header: str, group: FrameGroup, channel: str | None) -> str:
         """One table of frames; a required key that is not known stands in it as a comment."""
         lines = [] if group.band is None else [f"{'id' if header == 'band' else 'band'} = {_quoted(group.band)}"]
         lines.append(f"frames = [{', '.join(_quoted(frame.listed) for frame in group.frames)}]")
-        if group.exposure_s is not None and header != "target":
+        if header == "band" and channel is not None:
+            lines.append(f"channel = {_quoted(channel)}")
+        if group.exposure_s is not None and header != "target" and "exposure_s" not in self._defaults:
             lines.append(f"exposure_s = {group.exposure_s!r}")
-        if group.f_number is not None and header not in ("dark", "target"):
+        if group.f_number is not None and header not in ("dark", "target") and "f_number" not in self._defaults:
             lines.append(f"f_number = {group.f_number!r}")
         if header == "band" and group.band in self.tables.filters:
             lines.append(f"transmittance = {_quoted(self.tables.filters[group.band])}")
         if header in ("reference", "flat") and header in self.tables.columns:
             lines.append(f"radiance = {_quoted(self.tables.columns[header])}")
-        keys = {line.partition(" = ")[0] for line in lines}
+        keys = {line.partition(" = ")[0] for line in lines} | set(self._defaults)
         where = f"[[{header}]] of {group.frames[0].listed}"
         for key, field in _TABLES[header].model_fields.items():
             if field.is_required() and key not in keys:

@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 
 from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of
 
-__all__ = ["FolderFrame", "LeftOut", "convert_bands", "frames_in", "natural_key"]
+__all__ = ["FolderFrame", "LeftOut", "convert_bands", "frames_in", "natural_key", "show_the_same"]
 
 #: The folder in which frames of a capture usually lie, and into which bands of one file are written.
 FRAMES_FOLDER = "frames"
+#: Blocks across a picture whose means are compared: fine enough for the walls of a box, coarse enough for no noise.
+_BLOCKS = 8
+#: Largest difference of two pictures' block means, of their range, up to which they show the same scene and light.
+_SAME_PICTURE = 0.01
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ class FolderFrame:
     largest: int
     #: Digest of each picture's counts.
     digests: tuple[str, ...]
+    #: (8, 8) means of blocks of the first picture, DN; empty for pictures of fewer pixels across.
+    blocks: NDArray[np.float64]
     #: Those digests without pictures of one count everywhere, which two photographs may share.
     varied_digests: frozenset[str]
 
@@ -86,7 +92,40 @@ def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | 
     digests = tuple(_digest(picture) for picture in counts)
     varied = frozenset(d for d, picture in zip(digests, counts, strict=True) if np.any(picture != picture[0, 0]))
     shape = (counts.shape[1], counts.shape[2])
-    return FolderFrame(path, listed, stem, shape, facts, number, int(counts.max()), digests, varied)
+    return FolderFrame(
+        path, listed, stem, shape, facts, number, int(counts.max()), digests, _block_means(counts[0]), varied
+    )
+
+
+def _block_means(counts: NDArray[np.uint16]) -> NDArray[np.float64]:
+    if min(counts.shape) < _BLOCKS:
+        return np.zeros((0, 0))
+    rows, columns = (np.linspace(0, size, _BLOCKS + 1).astype(int) for size in counts.shape)
+    sums = np.add.reduceat(np.add.reduceat(counts, rows[:-1], 0, dtype=np.float64), columns[:-1], 1)
+    return sums / np.outer(np.diff(rows), np.diff(columns))
+
+
+def show_the_same(first: FolderFrame, second: FolderFrame) -> bool:
+    """Whether two frames show one picture in one exposure, but for noise.
+
+    Parameters
+    ----------
+    first
+        A frame.
+    second
+        Another frame.
+
+    Returns
+    -------
+    bool
+        True if the files state the same settings, and the means of 8 x 8 blocks agree to 1 % of their range.
+    """
+    if first.facts.exposure_s is None or first.shape != second.shape or not first.blocks.size:
+        return False
+    if any(getattr(first.facts, key) != getattr(second.facts, key) for key in ("exposure_s", "f_number", "iso")):
+        return False
+    span = min(float(np.ptp(first.blocks)), float(np.ptp(second.blocks)))
+    return bool(np.abs(first.blocks - second.blocks).max() < _SAME_PICTURE * span)
 
 
 def _digest(counts: NDArray[np.uint16]) -> str:

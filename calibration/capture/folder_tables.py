@@ -32,6 +32,8 @@ _CAMERA_COLUMNS = {
     "quantum_efficiency": ("quantum_efficiency",),
     "lens": ("lens", "lens_transmittance"),
 }
+#: Names of files whose columns are the sensitivities of a mosaic's channels.
+_CHANNEL_FILES = ("channels", "camera", "sensitivities", "sensitivity", "quantum_efficiency", "qe")
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class FolderTables(FrozenMappings):
 
     #: By use ("lamp", "reference", "flat", "quantum_efficiency", "lens"), the column.
     columns: dict[str, str]
+    #: By letter of the mosaic, the column of its sensitivity; empty unless there is one for each.
+    channels: dict[str, str]
     #: By identifier of the band, the column of its filter.
     filters: dict[str, str]
     #: File of surveyed points; None without one.
@@ -98,12 +102,13 @@ def _spectra_columns(path: Path) -> list[str]:
         return []
 
 
-def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> FolderTables:
+def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int], letters: Sequence[str] = ()) -> FolderTables:
     """The tables of a folder and of its subfolder ``spectra``.
 
     A table is used where its columns say what it is. Surveyed points have columns of their names. A filter is a column
-    of the band's name in ``filters.csv``. A radiance is the column ``radiance`` of ``lamp.csv``, ``sphere.csv`` or
-    ``flat.csv``. A use that two columns claim is left to the user.
+    of the band's name in ``filters.csv``. A channel's sensitivity is a column of its letter in ``channels.csv``. A
+    radiance is the column ``radiance`` of ``lamp.csv``, ``sphere.csv`` or ``flat.csv``. A use that two columns claim is
+    left to the user.
 
     Parameters
     ----------
@@ -113,6 +118,8 @@ def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> Fol
         Identifiers of the bands.
     shape
         (height, width) of the frames, px.
+    letters
+        Channels of the mosaic; empty without one.
 
     Returns
     -------
@@ -132,10 +139,14 @@ def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> Fol
     for path in paths:
         listed = path.relative_to(folder).as_posix()
         try:
-            _claim(path, listed, bands, claims)
+            _claim(path, listed, bands, letters, claims)
         except InputError as fault:
             faults[listed] = f"{fault.found}; expected {fault.expected}"
     single = {use: references[0] for use, references in claims.items() if len(references) == 1}
+    channels = {use: reference for (kind, use), reference in single.items() if kind == "channel"}
+    if set(channels) != set(letters):
+        single = {use: reference for use, reference in single.items() if use[0] != "channel"}
+        channels = {}
     used = {reference.partition(":")[0] for reference in single.values()}
     used |= set(labels.values())
     left_out = []
@@ -147,6 +158,7 @@ def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> Fol
             left_out.append(LeftOut(listed, f"{faults.get(listed, why)}: name it in capture.toml"))
     return FolderTables(
         {use: reference for (kind, use), reference in single.items() if kind == "column"},
+        channels,
         {band: reference for (kind, band), reference in single.items() if kind == "filter"},
         single.get(("points", "points")),
         labels,
@@ -154,7 +166,9 @@ def tables_in(folder: Path, bands: Sequence[str], shape: tuple[int, int]) -> Fol
     )
 
 
-def _claim(path: Path, listed: str, bands: Sequence[str], claims: dict[tuple[str, str], list[str]]) -> None:
+def _claim(
+    path: Path, listed: str, bands: Sequence[str], letters: Sequence[str], claims: dict[tuple[str, str], list[str]]
+) -> None:
     """Add the uses of a table to ``claims``. Raises InputError for a faulty table of spectra."""
     names, stem = _header(path), path.stem.lower()
     if _POINTS_COLUMNS == set(names):
@@ -168,5 +182,7 @@ def _claim(path: Path, listed: str, bands: Sequence[str], claims: dict[tuple[str
         for use, files in _RADIANCE_FILES.items():
             if name == "radiance" and stem in files:
                 claims.setdefault(("column", use), []).append(f"{listed}:{name}")
+        if name.upper() in letters and stem in _CHANNEL_FILES:
+            claims.setdefault(("channel", name.upper()), []).append(f"{listed}:{name}")
         if name in bands and stem in _FILTER_FILES:
             claims.setdefault(("filter", name), []).append(f"{listed}:{name}")

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from .folder_frames import FolderFrame, LeftOut, natural_key
-from .frame_names import FrameName, common_words, kind_in_words, parse_name
+from .folder_frames import FolderFrame, LeftOut, natural_key, show_the_same
+from .frame_names import FrameName, common_words, is_setting, kind_in_words, parse_name
 
 __all__ = ["FrameGroup", "group_frames", "numbered_alike"]
 
@@ -26,6 +26,8 @@ class FrameGroup:
     exposure_s: float | None
     #: F-number by the header; None if not stated.
     f_number: float | None
+    #: Whether a filter is stated, by the header or the name.
+    has_filter: bool
     #: The frames, by time where the files state it, else by name.
     frames: tuple[FolderFrame, ...]
 
@@ -66,7 +68,8 @@ def _doubt(item: _Classified, bands: Mapping[str, str]) -> str | None:
     """
     if kind_in_words(item.frame.facts.kind or "") is not None:
         return None
-    other_words, kind = "-".join(item.name.other_words), item.name.kind
+    kind = item.name.kind
+    other_words = "-".join(word for word in item.name.other_words if not is_setting(word))
     if kind is not None and other_words and other_words not in bands:
         return f"'{kind}' in its name may be a kind of frame or a word, since '{other_words}' stands next to it"
     other = [word for word in item.name.other_words if parse_name(word).kind is not None]
@@ -110,7 +113,23 @@ def _band_ids(scenes: Sequence[_Classified]) -> dict[int, str]:
         repeats = _count_repeats(items)
         for item in items:
             ids[id(item.frame)] = (name if repeats else item.name.stem) or item.name.stem
+    without_filter = [item for item in scenes if item.filter is None]
+    before: _Classified | None = None
+    for item in sorted(without_filter, key=lambda item: natural_key(item.name.stem)):
+        if (
+            before is not None
+            and _follows(before.name.stem, item.name.stem)
+            and show_the_same(before.frame, item.frame)
+        ):
+            ids[id(item.frame)] = ids[id(before.frame)]
+        before = item
     return ids
+
+
+def _follows(before: str, after: str) -> bool:
+    """Whether two names differ by a last number alone, which goes up by one."""
+    first, second = (re.fullmatch(r"(.*?)(\d+)", stem) for stem in (before, after))
+    return first is not None and second is not None and first[1] == second[1] and int(second[2]) - int(first[2]) == 1
 
 
 def _count_repeats(items: Sequence[_Classified]) -> bool:
@@ -193,7 +212,8 @@ def _group(band: object, items: Sequence[_Classified]) -> FrameGroup:
         times = dict.fromkeys(times, datetime.min)
     ordered = sorted(frames, key=lambda frame: (times[id(frame)], natural_key(frame.listed)))
     name = None if band is None else str(band)
-    return FrameGroup(items[0].kind, name, items[0].exposure_s, items[0].f_number, tuple(ordered))
+    first = items[0]
+    return FrameGroup(first.kind, name, first.exposure_s, first.f_number, first.filter is not None, tuple(ordered))
 
 
 def _sorted(groups: Sequence[FrameGroup]) -> list[FrameGroup]:

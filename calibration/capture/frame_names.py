@@ -10,38 +10,63 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["KIND_WORDS", "FrameName", "common_words", "kind_in_words", "parse_name"]
+__all__ = ["KIND_WORDS", "FrameName", "common_words", "is_setting", "kind_in_words", "parse_name"]
 
 #: By kind of table, the words for it in names. A word stands for itself: "darkroom" is none of them.
 KIND_WORDS = {
-    "dark": ("dark", "darks", "bias", "darkframe"),
-    "flat": ("flat", "flats", "flatfield", "flatframe"),
+    "dark": ("dark", "darks", "bias", "darkframe", "darkflat", "flatdark", "masterdark", "masterbias"),
+    "flat": ("flat", "flats", "flatfield", "flatframe", "masterflat"),
     "reference": ("sphere", "reference", "integrating"),
     "target": ("target", "chessboard", "charuco", "checkerboard"),
 }
 #: By kind of table, the words for it in headers (IMAGETYP of FITS).
 _HEADER_WORDS = {
     "band": ("light", "object", "science"),
-    "dark": ("dark", "bias", "zero"),
+    "dark": ("dark", "bias", "zero", "darkflat", "flatdark"),
     "flat": ("flat", "flatfield", "skyflat", "domeflat"),
     "reference": ("sphere", "reference", "integrating"),
 }
 #: Words next to a kind that add nothing to it.
 _FILLERS = frozenset({"frame", "frames", "field", "sphere"})
-#: A date, with or without the time of day, which cameras and programs put before or after a name.
+#: A date, with or without the time of day, which cameras and programs put before or after a name. The time may have
+#: thousandths of a second, or tenths of a minute (2210_3).
 _DATE = re.compile(
     r"(?<![0-9a-z])(?:19|20)\d\d(?:-[01]\d-[0-3]\d|_[01]\d_[0-3]\d|[01]\d[0-3]\d)"
-    r"(?:[-_t ][0-2]\d[-_:]?[0-5]\d[-_:]?[0-5]\d)?(?![0-9a-z])"
+    r"(?P<time>[-_t ]+[0-2]\d[-_:]?[0-5]\d(?:[-_:]?[0-5]\d(?:[-_.]?\d{3})?|[_.]\d))?(?![0-9a-z])"
 )
 _SEPARATORS = re.compile(r"[-_\s()\[\]+]+")
 #: A filter by its wavelength: f550, 550nm, f550nm, band550. Camera numbers begin with 0 where they have four digits.
-_FILTER = re.compile(r"(?:f|band)([1-9]\d{2,3})(?:nm)?|([1-9]\d{2,3})nm")
+_FILTER = re.compile(r"(?:f|band)([1-9]\d{2,3})(?:nm)?|0*([1-9]\d{2,3})(?:\.0+)?nm")
 #: A number that is a filter if nothing else in the name has letters.
 _BARE_FILTER = re.compile(r"[1-9]\d\d")
-_EXPOSURE = re.compile(r"(\d+(?:[.,]\d+)?)(us|µs|ms|s|sec)")
+#: Filters as makers name them, before the number of their bandwidth: FB550-10, BP550-40, ET550-20.
+_MAKERS_FILTER = re.compile(r"(?:fb|fbh|fl|flh|bp|nb|bn|et|hq|xbpa)\d{3,4}")
+_EXPOSURE = re.compile(r"(\d+(?:[.,]\d+)?)(us|µs|ms|s|secs?)")
+#: Units of exposures that programs write behind a separator: 300_secs.
+_UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs"})
 #: Seconds in the units of exposures.
-_UNIT_S = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0}
-_NUMBERED_KIND = re.compile(r"([a-z]+?)(\d+)")
+_UNIT_S = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "secs": 1.0}
+#: Words before seconds that are no exposure: a wait, or the model of a telephone.
+_NOT_EXPOSED = frozenset({"after", "delay", "every", "interval", "iphone", "t", "timer", "wait", "warmup"})
+#: A number before an exposure by which it is a fraction or a decimal: 1-30s, 1_4s, 1e-3s.
+_PART_OF_NUMBER = re.compile(r"\d{1,2}|\d+(?:[.,]\d+)?e")
+#: Two exposures as a range: 0.5-4s.
+_RANGE = re.compile(r"\d[.,]\d+-\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)(?![a-z])")
+#: A comma before three digits, which may separate thousands: 1,000s.
+_THOUSANDS = re.compile(r"[1-9]\d*,\d{3}")
+_NUMBERED_KIND = re.compile(r"([a-z]+?)(\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)?)")
+#: Things that differ by the number behind them: filter_2 is no repeat of filter_1.
+_COUNTED = frozenset(
+    {"band", "ch", "channel", "exp", "exposure", "filter", "fw", "lamp", "led", "pos", "position", "slot", "wheel"}
+)
+#: A word that counts repeats, with its number.
+_NUMBERED_REPEAT = re.compile(r"(?:rep|repeat|frame|shot)(\d{1,2})")
+#: The number of the repeat at the end of a name, with its word and brackets.
+_LAST_NUMBER = re.compile(r"[-_\s(\[]*(?:rep|repeat|frame|shot)?\d+[)\]]?$", re.IGNORECASE)
+#: Temperature and binning of the sensor, which add nothing: -10.0C, -10.00, bin1, 1x1.
+_STATE = re.compile(r"\d+(?:\.\d+)?c|\d+\.\d+|(?:bin)?\dx\d|bin\d")
+#: A setting of the camera, which no frame is named after: gain100, ISO800.
+_SETTING = re.compile(r"(?:gain|iso|offset)\d+")
 #: Wavelengths of filters that silicon sees, nm.
 _FILTER_RANGE_NM = (250, 1200)
 #: Digits of a number that counts repeats, at most: longer ones count a camera's photographs.
@@ -103,17 +128,24 @@ def _exposure(parts: list[str]) -> tuple[float | None, list[int]]:
         positions.append(index)
         before = parts[index - 1] if index else ""
         # '1-30s' and '1_4s': a fraction, a decimal, or a repeat and whole seconds
-        ambiguous = before.isdigit() and len(before) <= _MAX_REPEAT_DIGITS
+        ambiguous = _PART_OF_NUMBER.fullmatch(before) or _THOUSANDS.fullmatch(match[1]) or before in _NOT_EXPOSED
         values.add(None if ambiguous else float(match[1].replace(",", ".")) * _UNIT_S[match[2]])
     value = values.pop() if len(values) == 1 else None
     return (value if value is not None and value > 0 else None), positions
 
 
-def _filter(parts: list[str], has_words: bool) -> tuple[str | None, list[int]]:
-    """The filter, and the positions of parts that look like one; None if several differ."""
+def _filter(parts: list[str], bare: bool) -> tuple[str | None, list[int]]:
+    """The filter, and the positions of parts that look like one; None if several differ.
+
+    ``bare`` allows a number alone, unless it follows another one: ``1-500`` is an exposure of 1/500 s.
+    """
     matches = {k: m[1] or m[2] for k, part in enumerate(parts) if (m := _FILTER.fullmatch(part))}
-    if not matches and not has_words:
-        matches = {k: part for k, part in enumerate(parts) if _BARE_FILTER.fullmatch(part)}
+    if not matches and bare:
+        matches = {
+            k: part
+            for k, part in enumerate(parts)
+            if _BARE_FILTER.fullmatch(part) and not (k and parts[k - 1].isdigit() and len(parts[k - 1]) < len(part))
+        }
     low, high = _FILTER_RANGE_NM
     matches = {k: text for k, text in matches.items() if low <= int(text) <= high}
     names = {f"f{text}" for text in matches.values()}
@@ -165,32 +197,85 @@ def parse_name(stem: str, ignored: int = 0) -> FrameName:
     FrameName
         What the name says with certainty.
     """
-    text = _DATE.sub(" ", stem.lower())
-    dated = text != stem.lower()
-    parts = [part for part in _SEPARATORS.split(text) if part.strip(".,")]
-    parts = [piece for part in parts[ignored:] for piece in _without_number(part)]
+    lowered = stem.lower()
+    dates = list(_DATE.finditer(lowered))
+    # digits behind a time of day may be thousandths of a second
+    timed = any(date["time"] for date in dates)
+    parts = [part for part in _SEPARATORS.split(_DATE.sub(" ", lowered)) if part.strip(".,")]
+    parts = _with_units([piece for part in parts[ignored:] for piece in _without_number(part)])
     kinds = [_kind_of_word(part) for part in parts]
     # a kind after the first part is a word: 'box-flat' may be a flat of the box or a box that is flat
     certain = bool(kinds) and kinds[0] is not None and all(other in (None, kinds[0]) for other in kinds)
     exposure, exposure_parts = _exposure(parts)
+    exposure = None if _RANGE.search(lowered) else exposure
     other_words = tuple(
         part
         for index, part in enumerate(parts)
-        if not (part.isdigit() or index in exposure_parts or _FILTER.fullmatch(part))
+        if not (part.isdigit() or index in exposure_parts or _FILTER.fullmatch(part) or _STATE.fullmatch(part))
         and not (certain and (kinds[index] is not None or part in _FILLERS))
     )
     # a number alone may count photographs: it is a filter only next to an exposure, a kind or a date
-    alone = not (exposure_parts or certain or dated)
-    band, filter_parts = _filter(parts, bool(other_words) or bool(ignored) or alone)
-    repeat, last = None, len(parts) - 1
-    is_number = last >= 0 and parts[last].isdigit() and len(parts[last]) <= _MAX_REPEAT_DIGITS
-    if is_number and last + ignored > 0 and last not in filter_parts:
-        repeat = int(parts[last])
-    series = re.sub(r"[-_\s(\[]*\d+[)\]]?$", "", stem) if repeat is not None else stem
+    beside = bool(exposure_parts) or bool(dates) or (certain and kinds[0] != "dark")
+    bare = beside and not (other_words or ignored or timed or (certain and kinds[0] == "dark"))
+    band, filter_parts = _filter(parts, bare)
+    repeat = _repeat(parts, filter_parts, ignored)
+    series = (
+        re.sub(r"[-_\s(\[]*(?:rep|repeat|frame|shot)?\d+[)\]]?$", "", stem, flags=re.IGNORECASE)
+        if repeat is not None
+        else stem
+    )
     return FrameName(stem, kinds[0] if certain else None, band, exposure, repeat, other_words, series)
 
 
+def _repeat(parts: list[str], filter_parts: list[int], ignored: int) -> int | None:
+    """The last number, where it counts repeats.
+
+    Behind a number that is no filter, a maker's filter or a thing that is counted, it may be anything.
+    """
+    last = len(parts) - 1
+    if last < 0 or last + ignored == 0 or last in filter_parts:
+        return None
+    if not parts[last].isdigit() or len(parts[last]) > _MAX_REPEAT_DIGITS:
+        return None
+    before = parts[last - 1] if last else ""
+    unread = before.isdigit() and last - 1 not in filter_parts
+    other = unread or before in _COUNTED or _MAKERS_FILTER.fullmatch(before)
+    return None if other else int(parts[last])
+
+
+def _with_units(parts: list[str]) -> list[str]:
+    """The parts, with each number and the unit behind it as one: '300' and 'secs'."""
+    joined: list[str] = []
+    for part in parts:
+        if joined and part in _UNIT_PARTS and re.fullmatch(r"\d+(?:[.,]\d+)?", joined[-1]):
+            joined[-1] += part
+        else:
+            joined.append(part)
+    return joined
+
+
+def is_setting(word: str) -> bool:
+    """Whether a word of a name is a setting of the camera.
+
+    Parameters
+    ----------
+    word
+        The word, in small letters.
+
+    Returns
+    -------
+    bool
+        True for "gain100" and "iso800".
+    """
+    return _SETTING.fullmatch(word) is not None
+
+
 def _without_number(part: str) -> tuple[str, ...]:
-    """A kind and the number behind it, such as 'dark01', as two parts; other parts as they are."""
+    """The parts of 'dark01' and the number of 'rep3'.
+
+    Another part stays as it is.
+    """
+    if (counted := _NUMBERED_REPEAT.fullmatch(part)) is not None:
+        return (counted[1],)
     match = _NUMBERED_KIND.fullmatch(part)
     return (match[1], match[2]) if match is not None and _kind_of_word(match[1]) is not None else (part,)

@@ -8,9 +8,10 @@ out.
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.utils.distributions import normal_density
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
-from scipy.stats import norm
+from scipy.special import ndtr
 
 __all__ = ["clipped_variance", "pixel_scatter", "second_differences", "smooth_pixels"]
 
@@ -45,8 +46,8 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
     """
     if values.size < _FEWEST:
         return float("nan")
-    share = norm.cdf(_CLIP) - norm.cdf(-_CLIP)
-    truncated = 1 - 2 * _CLIP * norm.pdf(_CLIP) / share
+    share = ndtr(_CLIP) - ndtr(-_CLIP)
+    truncated = 1 - 2 * _CLIP * normal_density(_CLIP) / share
     sigma = _MAD_TO_SIGMA * float(np.median(np.abs(values)))
     for _ in range(_ROUNDS):
         inside = np.abs(values) <= _CLIP * sigma

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.lens import Lens
+from cboxlab.utils.distributions import chi2_tail
 from cboxlab.utils.errors import InputError
-from scipy import stats
 
 from ..capture import Capture, LensTable, TargetTable, channel_lattice
 from .camera_fit import CameraFit, fit_camera
@@ -286,7 +286,7 @@ def _seen_by(
         residuals_px=residuals,
         reprojection_rms_px=float(np.sqrt(np.mean(residuals[fit.in_use] ** 2))),
         chi2=chi2,
-        p_value=None if chi2 is None else float(stats.chi2.sf(chi2, freedom)),
+        p_value=None if chi2 is None else float(chi2_tail(chi2, freedom)),
         degrees_of_freedom=freedom,
         lens_sigmas=lens_sigmas,
     )

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.lens import Lens
+from cboxlab.utils.distributions import fisher_tail
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
-from scipy import stats
 
 from .camera_fit import FALSE_ALARM
 from .camera_jacobian import inverse_information
@@ -178,7 +178,7 @@ def choose_distortion(
         more = max(1, model.shared - best.shared)
         ratio = (fits[best][2] - total) / more / max(total / freedom, np.finfo(float).tiny)
         clear = gain.mean() > _CLEAR_ERRORS * gain.std(ddof=1) / np.sqrt(count)
-        if clear and stats.f.sf(ratio, more, freedom) < FALSE_ALARM / len(models):
+        if clear and fisher_tail(ratio, more, freedom) < FALSE_ALARM / len(models):
             best = model
     rms = {model: typical * float(np.sqrt(squares.mean() / 2)) for model, (_, squares, _) in fits.items()}
     note = None

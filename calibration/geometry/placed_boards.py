@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
+from cboxlab.utils.distributions import chi2_tail
 from numpy.typing import NDArray
-from scipy import stats
 
 from .camera_fit import FALSE_ALARM
 from .camera_jacobian import inverse_information, parameter_jacobian
@@ -185,7 +185,7 @@ def place_notes(
         if camera.covariance is not None:
             spread += mean_by_camera @ camera.covariance @ mean_by_camera.T
         mean = residual.mean(axis=0)
-        if not stats.chi2.sf(mean @ np.linalg.solve(spread, mean), 2) >= FALSE_ALARM:
+        if not chi2_tail(mean @ np.linalg.solve(spread, mean), 2) >= FALSE_ALARM:
             notes.append(
                 f"{name}: by the surveyed points the board lies {np.linalg.norm(mean):.2f} px from its stated place "
                 f"(rms of its points {np.sqrt(np.mean(residual**2)):.2f} px); the points are in use"

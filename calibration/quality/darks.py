@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import student_tail
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from ..correction import NoiseModel
 from .stacks import Stack
@@ -257,7 +257,7 @@ def check_bias_drift(stacks: Sequence[Stack], readout_s: float) -> Iterator[Susp
     scatter = float(np.sum((level - slope * time) ** 2)) / degrees
     pull = abs(slope) / np.sqrt(scatter / lever) if scatter > 0 else 0.0
     span = max(float(np.ptp(each)) for each in times)
-    if 2 * student.sf(pull, degrees) < DRIFT_FALSE_ALARM and abs(slope) * span > SMALLEST_DRIFT_DN:
+    if 2 * student_tail(pull, degrees) < DRIFT_FALSE_ALARM and abs(slope) * span > SMALLEST_DRIFT_DN:
         yield Suspicion(
             "the bias drifts from frame to frame (a sensor that warms up or cools down)",
             "dark.frames",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
 
 from ..correction import DarkLibrary
 from .stacks import Stack
@@ -69,7 +69,7 @@ def check_warm_up(
     statistic = (steady - misfits[best]) / max(misfits[best] / degrees, 1e-300)
     constant = float(TIME_CONSTANTS_MIN[best])
     change = float(sizes[best]) * constant * (1 - np.exp(-np.ptp(minutes) / constant))
-    if statistic > 0 and fisher.sf(statistic, 1, degrees) < FALSE_ALARM and abs(change) > SMALLEST_CHANGE:
+    if statistic > 0 and fisher_tail(statistic, 1, degrees) < FALSE_ALARM and abs(change) > SMALLEST_CHANGE:
         yield Suspicion(
             "the lamp had not warmed up" if change > 0 else "the lamp fades after it was switched on",
             "band.frames",

@@ -9,7 +9,6 @@ from cboxlab.calibration.instrument import BandResponse, ResponseFactors
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import WavelengthGrid
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 __all__ = ["BandCurves", "field_shares", "field_sine_squared", "over_field"]
 
@@ -117,6 +116,8 @@ def field_shares(curves: BandCurves, camera: Camera) -> NDArray[np.float64]:
     NDArray
         (angle, y, x) shares; (1, 1, 1) where the responses are the same at all angles.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
     if np.ptp(curves.transmittance, axis=0).max() == 0:
         return np.ones((1, 1, 1))
     knots = curves.sine_squared

@@ -3,6 +3,7 @@
 from .drawing import Box, draw_box, part_of
 from .light_parts import REFLECTIONS, LightParts, light_parts
 from .recipe import TRUTHS, CameraTable, Recipe, SensorTable, load_recipe
+from .shared_rays import joined_scene, sharing_rays, split_image
 from .visible_points import VisiblePoints, shadow_fraction, visible_points
 
 __all__ = [
@@ -15,9 +16,12 @@ __all__ = [
     "SensorTable",
     "VisiblePoints",
     "draw_box",
+    "joined_scene",
     "light_parts",
     "load_recipe",
     "part_of",
     "shadow_fraction",
+    "sharing_rays",
+    "split_image",
     "visible_points",
 ]

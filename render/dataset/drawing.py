@@ -324,7 +324,8 @@ def _materials(
     for name, table in recipe.paint.items():
         source = table.reflectance.draw(generator)
         spectra = reflectance_source(source, folder, f"recipe: paint.{name}.reflectance")
-        label, spectrum = spectra[int(generator.integers(len(spectra)))]
+        label, reflectance = spectra[int(generator.integers(len(spectra)))]
+        spectrum = reflectance()
         most = float(spectrum.values.max())
         scale = min(table.scale.draw(generator), 1 / most if most > 0 else np.inf)
         if name in used:

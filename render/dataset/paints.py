@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+import warnings
+from collections.abc import Callable, Mapping
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from cboxlab.scenes.cornell_box import cornell_box
@@ -13,6 +16,9 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside, suggestion
 
 __all__ = ["light_source", "planck_light", "reflectance_source"]
+
+#: Function that returns a reflectance, since some are computed.
+Reflectance: TypeAlias = "Callable[[], Spectrum]"
 
 #: Sources of many reflectances, by the functions that read them.
 _COLLECTIONS = ("cornell-box", "colorchecker", "cie-1995", "cie-224", "munsell")
@@ -33,7 +39,7 @@ _RECOVERED_NM = np.arange(380.0, 731.0, 10.0)
 _PLANCK_NM = np.arange(300.0, 1101.0, 5.0)
 
 
-def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, Spectrum], ...]:
+def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, Reflectance], ...]:
     """Reflectances of a source.
 
     Parameters
@@ -48,7 +54,7 @@ def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, 
     Returns
     -------
     tuple
-        Names, such as "munsell:5R 5/8", with their reflectances, 0 to 1.
+        Names, such as "munsell:5R 5/8", with functions that return their reflectances, 0 to 1.
 
     Raises
     ------
@@ -57,9 +63,14 @@ def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, 
     """
     source, separator, member = name.partition(":")
     if source in _COLLECTIONS:
-        spectra = _collection(source)
+        spectra: Mapping[str, Reflectance] = _collection(source)
     elif source.endswith(".csv"):
-        spectra = dict(read_spectra(path_inside(folder, source, where), "hold"))
+        table = read_spectra(path_inside(folder, source, where), "hold")
+        for key, spectrum in table.items():
+            if spectrum.values.min() < 0 or spectrum.values.max() > 1:
+                bounds = f"{spectrum.values.min():g} to {spectrum.values.max():g} in {source}:{key}"
+                raise InputError(where, bounds, "reflectances from 0 to 1")
+        spectra = {key: partial(_as_it_is, spectrum) for key, spectrum in table.items()}
     else:
         raise InputError(where, f"'{name}'", _REFLECTANCE_NAMES, suggestion(source, _COLLECTIONS))
     if separator:
@@ -68,11 +79,7 @@ def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, 
             listed = ", ".join(members[:12]) + (", ..." if len(members) > 12 else "")
             raise InputError(where, f"'{member}' in {source}", f"one of {listed}", suggestion(member, members))
         spectra = {member: spectra[member]}
-    for key, spectrum in spectra.items():
-        if spectrum.values.min() < 0 or spectrum.values.max() > 1:
-            bounds = f"{spectrum.values.min():g} to {spectrum.values.max():g} in {source}:{key}"
-            raise InputError(where, bounds, "reflectances from 0 to 1")
-    return tuple((f"{source}:{key}", spectrum) for key, spectrum in spectra.items())
+    return tuple((f"{source}:{key}", reflectance) for key, reflectance in spectra.items())
 
 
 def light_source(name: str, folder: Path, where: str) -> Spectrum | None:
@@ -135,12 +142,17 @@ def planck_light(temperature_k: float) -> Spectrum:
 
 
 @lru_cache(maxsize=len(_COLLECTIONS))
-def _collection(source: str) -> dict[str, Spectrum]:
+def _collection(source: str) -> Mapping[str, Reflectance]:
     """Reflectances of a collection by name."""
     if source == "cornell-box":
-        return {name: material.reflectance for name, material in cornell_box().materials.items()}
+        paints = cornell_box().materials
+        return {name: partial(getattr, material, "reflectance") for name, material in paints.items()}
     if source == "munsell":
-        return _munsell()
+        from colour import MUNSELL_COLOURS
+
+        colours = MUNSELL_COLOURS["Munsell Colours 1929"]
+        names = [(f"{hue} {value:g}/{chroma:g}", tuple(xyy)) for (hue, value, chroma), xyy in colours]
+        return {name: partial(_recovered, xyy) for name, xyy in names}
     if source == "colorchecker":
         from colour import SDS_COLOURCHECKERS
 
@@ -154,10 +166,9 @@ def _collection(source: str) -> dict[str, Spectrum]:
         from colour.quality.cfi2017 import load_TCS_CIE2017
 
         samples = load_TCS_CIE2017(SpectralShape(380, 780, 1))
-        return {
-            f"{index + 1}": _reflectance(samples.wavelengths, column) for index, column in enumerate(samples.values.T)
-        }
-    return {str(name): _reflectance(table.wavelengths, table.values) for name, table in tables.items()}
+        columns = enumerate(samples.values.T, start=1)
+        return {f"{number}": partial(_reflectance, samples.wavelengths, column) for number, column in columns}
+    return {str(name): partial(_reflectance, table.wavelengths, table.values) for name, table in tables.items()}
 
 
 def _reflectance(wavelength_nm: object, values: object) -> Spectrum:
@@ -165,21 +176,33 @@ def _reflectance(wavelength_nm: object, values: object) -> Spectrum:
     return Spectrum(np.asarray(wavelength_nm, float), np.clip(np.asarray(values, float), 0.0, 1.0))
 
 
-def _munsell() -> dict[str, Spectrum]:
-    """Reflectances of Munsell's colours of 1929.
+@lru_cache(maxsize=1024)
+def _recovered(xyy: tuple[float, float, float]) -> Spectrum:
+    """Reflectance of a Munsell colour, recovered from its x, y and Y under illuminant C.
 
-    They are spectra of the published colours under illuminant C, recovered by the method of Otsu, Yamamoto and
-    Hachisuka 2018.
+    The method is that of Otsu, Yamamoto and Hachisuka 2018.
     """
-    from colour import MSDS_CMFS, MUNSELL_COLOURS, SDS_ILLUMINANTS, SpectralShape, xyY_to_XYZ
+    from colour import xyY_to_XYZ
     from colour.recovery import XYZ_to_sd_Otsu2018
 
-    shape = SpectralShape(380, 730, 10)
-    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
-    light = SDS_ILLUMINANTS["C"].copy().align(shape)
-    spectra = {}
-    for (hue, value, chroma), xyy in MUNSELL_COLOURS["Munsell Colours 1929"]:
-        xyz = np.asarray(xyY_to_XYZ(xyy)) / 100
+    observer, light = _observer_and_light()
+    xyz = np.asarray(xyY_to_XYZ(np.array(xyy))) / 100
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that tables are aligned
         table = XYZ_to_sd_Otsu2018(xyz, observer, light)
-        spectra[f"{hue} {value:g}/{chroma:g}"] = _reflectance(_RECOVERED_NM, table.values)
-    return spectra
+    return _reflectance(_RECOVERED_NM, table.values)
+
+
+@lru_cache(maxsize=1)
+def _observer_and_light() -> tuple[Any, Any]:
+    """CIE 1931 observer and illuminant C at the wavelengths of recovered reflectances."""
+    from colour import MSDS_CMFS, SDS_ILLUMINANTS, SpectralShape
+
+    shape = SpectralShape(_RECOVERED_NM[0], _RECOVERED_NM[-1], _RECOVERED_NM[1] - _RECOVERED_NM[0])
+    observer = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape)
+    return observer, SDS_ILLUMINANTS["C"].copy().align(shape)
+
+
+def _as_it_is(spectrum: Spectrum) -> Spectrum:
+    """The spectrum of a table."""
+    return spectrum

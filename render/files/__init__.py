@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .colour_pictures import COLOUR_SPACES, primaries_matrix
+    from .colour_pictures import COLOUR_SPACES, picture_of_colours, primaries_matrix, stated_space
     from .cube_camera import camera_attribute, camera_of_attribute
-    from .cube_checks import RADIANCE_UNIT
+    from .cube_checks import RADIANCE_UNIT, negative_pixels, require_light, require_numbers
     from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
     from .cube_strips import strip_cameras, write_strips
     from .declared import (
@@ -21,13 +21,16 @@ if TYPE_CHECKING:
         declared_for,
         require_used,
         stated_in,
+        with_declarations,
+        with_notes,
     )
     from .dng import write_dng
-    from .exr_channels import require_exr_size, write_channels
-    from .headers import Window, common_pixels, window_in_file, window_of
+    from .exr_channels import ExrChannels, read_layers, require_exr_size, write_channels
+    from .headers import Window, common_pixels, layers_of, listed, window_in_file, window_of, with_window
     from .netcdf import open_netcdf
     from .previews import cube_to_srgb, raw_to_srgb, scene_white, xyz_weights
     from .raw_files import write_raw
+    from .spectral_exr import spectral_channels
 
 __all__ = [
     "AS_STATED",
@@ -39,6 +42,7 @@ __all__ = [
     "WRITABLE",
     "Declared",
     "DeclaredPair",
+    "ExrChannels",
     "Window",
     "camera_attribute",
     "camera_of_attribute",
@@ -46,19 +50,31 @@ __all__ = [
     "cube_to_srgb",
     "declared_for",
     "files_of",
+    "layers_of",
+    "listed",
+    "negative_pixels",
     "open_cube",
     "open_netcdf",
+    "picture_of_colours",
     "primaries_matrix",
     "raw_to_srgb",
     "read_cube",
+    "read_layers",
     "read_picture",
     "require_exr_size",
+    "require_light",
+    "require_numbers",
     "require_used",
     "scene_white",
+    "spectral_channels",
     "stated_in",
+    "stated_space",
     "strip_cameras",
     "window_in_file",
     "window_of",
+    "with_declarations",
+    "with_notes",
+    "with_window",
     "write_channels",
     "write_cube",
     "write_dng",

@@ -174,7 +174,7 @@ def require_numbers(cube: xr.Dataset, path: Path) -> None:
         If a value is not finite, with the first place, or a standard error is below 0.
     """
     missing = cube.attrs.get("missing") == "NaN"
-    for name in ("radiance", "xyz", "standard_error"):
+    for name in ("radiance", "xyz", "rgb", "standard_error"):
         if name not in cube:
             continue
         values = cube[name].values
@@ -186,6 +186,11 @@ def require_numbers(cube: xr.Dataset, path: Path) -> None:
             raise InputError(f"{path}: {name}", fault, "finite numbers")
     if "standard_error" in cube and (cube["standard_error"].values < 0).any():
         raise InputError(f"{path}: standard_error", "a value below 0", "0 or more")
+
+
+def _light(picture: xr.Dataset) -> xr.DataArray:
+    """Radiance, X, Y, Z, or R, G, B of a picture."""
+    return next(picture[name] for name in ("radiance", "xyz", "rgb") if name in picture)
 
 
 def negative_pixels(picture: xr.Dataset) -> int:
@@ -201,7 +206,9 @@ def negative_pixels(picture: xr.Dataset) -> int:
     int
         The number.
     """
-    values = picture["radiance" if "radiance" in picture else "xyz"]
+    values = _light(picture)
+    if not (values.values < 0).any():
+        return 0
     below = values < -1e-6 * float(np.abs(values).mean())
     return int(below.any(dim=[d for d in values.dims if d not in ("y", "x")]).sum())
 
@@ -221,7 +228,7 @@ def require_light(picture: xr.Dataset, source: Path | str) -> None:
     InputError
         If negative values sum up to more than filters with negative lobes, or noise, leave.
     """
-    values = picture["radiance" if "radiance" in picture else "xyz"].values
+    values = _light(picture).values
     below, above = (float(np.abs(values.sum(where=side, dtype=float))) for side in (values < 0, values > 0))
     if below > _MAX_NEGATIVE_SHARE * above:
         share = below / (below + above)

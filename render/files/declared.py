@@ -87,6 +87,8 @@ class Declared:
     colour_space: str | None = None
     #: Unit of a list of wavelengths that the file has without one; None if not declared.
     wavelength_unit: str | None = None
+    #: Layer of channels R, G, B that is the picture, where a file holds several; None if not declared.
+    layer: str | None = None
 
     def given(self) -> set[str]:
         """Names of the fields that are declared.
@@ -109,6 +111,7 @@ DECLARABLE = {
     "wavelengths": "wavelengths_nm",
     "wavelength-unit": "wavelength_unit",
     "colour-space": "colour_space",
+    "layer": "layer",
 }
 _KEYS = {name: key for key, name in DECLARABLE.items()}
 
@@ -315,7 +318,7 @@ def _agrees(name: str, declared: object, file_values: object) -> bool:
         return first[1] == second[1] and bool(np.isclose(first[0], second[0], rtol=1e-9))
     if name == "wavelength_unit":
         return same_unit(declared, file_values)
-    if name == "colour_space":
+    if name in ("colour_space", "layer"):
         return declared == file_values
     first_nm, second_nm = np.sort(np.atleast_1d(declared)), np.sort(np.atleast_1d(file_values))  # type: ignore[call-overload]
     return first_nm.shape == second_nm.shape and bool(np.allclose(first_nm, second_nm, rtol=1e-6, atol=0))

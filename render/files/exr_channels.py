@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .headers import Window, inside_display, listed, one_layer_hint, window_of_header
 
-__all__ = ["ExrChannels", "read_channels", "require_exr_size", "write_channels"]
+__all__ = ["ExrChannels", "read_channels", "read_layers", "require_exr_size", "write_channels"]
 
 #: Bytes of pixels that one byte of an OpenEXR file can hold: its compressions use deflate or pack less.
 _MAX_COMPRESSION = 1100
@@ -56,24 +56,61 @@ def read_channels(path: Path) -> ExrChannels:
     InputError
         If the file cannot be read, has several parts, channels of several sizes, or no pixel in its display window.
     """
+    channels, parts = _read(path)
+    if len(parts) > 1:
+        description = f"{len(parts)} parts ({listed([name or 'without a name' for name in parts])})"
+        software = str(channels.header.get("software", ""))
+        raise InputError(path, description, "one part", one_layer_hint("", software))
+    return channels
+
+
+def read_layers(path: Path) -> ExrChannels:
+    """All channels of a file of one or several parts.
+
+    Parameters
+    ----------
+    path
+        OpenEXR file.
+
+    Returns
+    -------
+    ExrChannels
+        As ``read_channels``. Channels of several parts bear the name of their part as layer. Parts with another data
+        window than the first are left out with a note.
+
+    Raises
+    ------
+    InputError
+        As ``read_channels``, except for several parts.
+    """
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[ExrChannels, list[str]]:
+    """Channels of all parts of the first one's data window, and the names of all parts."""
+    notes: list[str] = []
     try:
         require_exr_size(path)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # The file empties its header and channels when it is closed.
             header = dict(file.header())
-            planes = {name: np.array(c.pixels, np.float32) for name, c in file.channels().items()}
             parts = [str(part.header.get("name", "")) for part in file.parts]
+            planes: dict[str, NDArray[np.float32]] = {}
+            for number, part_name in enumerate(parts):
+                if not _same_window(file.header(number), header):
+                    notes.append(f"the part '{part_name}' has another data window and is left out")
+                    continue
+                for name, channel in file.channels(number).items():
+                    key = name if number == 0 or part_name in name else f"{part_name}.{name}"
+                    planes[key] = np.array(channel.pixels, np.float32)
     except (OSError, RuntimeError, ValueError, TypeError, MemoryError) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(path, f"a file that cannot be read ({error})", "an OpenEXR file") from None
-    if len(parts) > 1:
-        description = f"{len(parts)} parts ({listed([name or 'without a name' for name in parts])})"
-        raise InputError(path, description, "one part", one_layer_hint("", str(header.get("software", ""))))
     shapes = {plane.shape for plane in planes.values()}
     if len(shapes) > 1:
         raise InputError(path, "channels of several sizes", "channels of one size")
-    window, notes = window_of_header(header), []
+    window = window_of_header(header)
     part = inside_display(path, window)
     if shapes == {(window.height, window.width)} and part != window:
         rows, columns = window.slices(part)
@@ -81,7 +118,12 @@ def read_channels(path: Path) -> ExrChannels:
         notes.append(f"pixels outside the display window (overscan) are left out: {part} of {window} are read")
     if (part.left, part.top, part.width, part.height) != part.display:
         notes.append(f"the data window is part of the display window: {part}")
-    return ExrChannels(planes, header, part, tuple(notes))
+    return ExrChannels(planes, header, part, tuple(notes)), parts
+
+
+def _same_window(header: Mapping[str, Any], first: Mapping[str, Any]) -> bool:
+    """Whether two parts hold the same pixels."""
+    return bool(np.array_equal(np.asarray(header["dataWindow"]), np.asarray(first["dataWindow"])))
 
 
 def require_exr_size(path: Path) -> None:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
-from scipy.signal import lfilter
 
 __all__ = ["IN_PLACE", "PictureCopy", "exchanges", "number_of_exchanges", "with_moments", "with_streak"]
 
@@ -195,6 +194,8 @@ def _with_trail(signal: NDArray[np.float64], angle_deg: float, length_px: float)
 
     ``angle_deg`` is the way along which trails lie: 0 to the right, 90 down, 180 to the left, 270 up.
     """
+    from scipy.signal import lfilter  # slow to import
+
     turns = round(angle_deg / 90)
     along = np.rot90(signal, turns)
     retained = np.exp(-1 / length_px)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 __all__ = ["PointMap", "SurfaceMap", "WaveMap"]
@@ -97,6 +96,8 @@ class PointMap:
         NDArray
             (n,) values.
         """
+        from scipy.interpolate import LinearNDInterpolator  # slow to import
+
         plane = _plane(self.points)
         try:
             triangles = Delaunay((self.points - self.points[0]) @ plane)

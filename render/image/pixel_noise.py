@@ -30,7 +30,7 @@ def high_pass(picture: NDArray[np.float64]) -> NDArray[np.float64]:
     NDArray
         (y, x) differences; the image is mirrored at its border.
     """
-    return convolve(picture, _KERNEL, mode="mirror")
+    return convolve(np.ascontiguousarray(picture), _KERNEL, mode="mirror")  # one band of a cube is spread over memory
 
 
 def variance_of_neighbours(
@@ -63,7 +63,7 @@ def variance_of_neighbours(
     for band in range(picture.shape[-1]):
         ground = np.ascontiguousarray(level[..., band])
         scale = np.maximum(ground, max(1e-3 * float(level[..., band].mean()), 1e-150))
-        relative = (high_pass(np.ascontiguousarray(picture[..., band])) / scale) ** 2
+        relative = (high_pass(picture[..., band]) / scale) ** 2
         typical = np.zeros(count + 1)
         typical[1:] = [_median(relative.ravel()[part]) for part in pixels]
         relative = np.minimum(relative, 30 * typical[parts])

@@ -118,6 +118,7 @@ def render_to_precision(
     percentile: float = 50.0,
     checkpoint: Path | None = None,
     scheduler: str | None = None,
+    pictures: int = 1,
 ) -> RenderedImage:
     """Render until a percentile of the pixels' relative standard errors is at most `error`.
 
@@ -141,6 +142,9 @@ def render_to_precision(
         removes it. None to save nothing.
     scheduler
         Address of a Dask scheduler, whose workers share the passes; None to render in this process.
+    pictures
+        Number of pictures that share the rays: the job's wavelengths are those of each in turn, and `error` holds for
+        every one.
 
     Returns
     -------
@@ -155,7 +159,7 @@ def render_to_precision(
     progress.stage("rendering a pilot")
     pilot = replace(job, samples=PILOT_SAMPLES, batches=BATCHES)
     rough = render_passes(pilot, share(progress, 0.0, 0.0))
-    pilot_error = relative_error(rough, percentile)
+    pilot_error = _largest_error(rough, percentile, pictures)
     if pilot_error <= error:
         progress.part(1.0)
         return rough
@@ -176,10 +180,18 @@ def render_to_precision(
             _write(checkpoint, final, passes)
             progress.part(len(passes) / total)
         result = combined([passes[number] for number in sorted(passes)])
-        reached = relative_error(result, percentile)
+        reached = _largest_error(result, percentile, pictures)
         if reached <= error or total >= MOST_PASSES:
             return result
         total = int(min(max(total + 1, np.ceil(total * (reached / error) ** 2)), MOST_PASSES))
+
+
+def _largest_error(image: RenderedImage, percentile: float, pictures: int) -> float:
+    """Largest of the relative errors of pictures whose wavelengths follow one another."""
+    if pictures == 1:
+        return relative_error(image, percentile)
+    parts = zip(np.split(image.spectra, pictures, axis=1), np.split(image.wavelength_nm, pictures), strict=True)
+    return max(relative_error(replace(image, spectra=s, wavelength_nm=w), percentile) for s, w in parts)
 
 
 def _halvings(rough: RenderedImage, percentile: float, most: int) -> NDArray[np.uint8] | None:

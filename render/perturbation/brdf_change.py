@@ -20,7 +20,7 @@ from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 from .coat import Coat
 from .patch_light import PatchLight
 
-__all__ = ["Reflection", "changed_reflection", "with_reflection"]
+__all__ = ["Reflection", "changed_reflection", "coat_light", "with_reflection"]
 
 #: Number of cosines, in equal steps, over which light from all directions is summed.
 _COSINES = 256
@@ -117,6 +117,14 @@ class _ReflectionChange:
         change = [c + r * factor * b for c, r, b in zip(change, self.reflectance, far, strict=True)]
         change = self._with_coat(change, surface, arriving, points, i, first=6)
         return [dr.select(surface.active, c, 0) for c in change]
+
+    def coat_at_surface(self, points: SobolPoints, i: mi.UInt32, ray: mi.Ray3f) -> list[mi.Float]:
+        """Light of the coat at the surface that the camera sees, by band: a part of ``at_surface``."""
+        hit = intersect(self.light.tracer, ray)
+        surface = self._surface(hit, ray, hit.front & (hit.material == self.material))
+        arriving = self._from_lamps(surface, points.point(i, 2), points.point(i, 3))
+        reflected = self._with_coat(self._none(), surface, arriving, points, i, first=6)
+        return [dr.select(surface.active, r, 0) for r in reflected]
 
     def before_last(self, diffuse: list[mi.Float]) -> Sample:
         """Sampler of the light that the material reflects towards the surface seen, minus its mean.
@@ -317,16 +325,7 @@ def changed_reflection(
         (w, y, x) change of radiance, relative to the lamps' mean.
     """
     bands, count = radiance.shape[1], camera.width_px * camera.height_px
-    change = _ReflectionChange(
-        light,
-        reflection,
-        material,
-        bands,
-        patch_radiance=device_array(mi.Float, radiance),
-        reflectance=[dr.opaque(mi.Float, float(r)) for r in reflectances[material]],
-        all_reflectances=device_array(mi.Float, reflectances),
-        lamp_shares=[[dr.opaque(mi.Float, float(s)) for s in row] for row in lamp_shares],
-    )
+    change = _reflection_change(light, radiance, reflectances, lamp_shares, reflection, material)
     picture = np.zeros((bands, count))
     if len(seen_in):
         picture[:, seen_in] = _means(
@@ -335,6 +334,82 @@ def changed_reflection(
     if reflection.albedo is not None:
         sample = change.before_last(_for_diffuse_light(reflection.albedo))
         picture += _means(sample, camera, np.arange(count), samples[1], _DIMENSIONS_BEFORE_LAST, bands, seed)
+    return picture.reshape(bands, camera.height_px, camera.width_px)
+
+
+def _reflection_change(
+    light: PatchedScene,
+    radiance: NDArray,
+    reflectances: NDArray,
+    lamp_shares: NDArray,
+    reflection: Reflection,
+    material: int,
+) -> _ReflectionChange:
+    """Samplers of a changed reflection; the parameters are those of ``changed_reflection``."""
+    return _ReflectionChange(
+        light,
+        reflection,
+        material,
+        radiance.shape[1],
+        patch_radiance=device_array(mi.Float, radiance),
+        reflectance=[dr.opaque(mi.Float, float(r)) for r in reflectances[material]],
+        all_reflectances=device_array(mi.Float, reflectances),
+        lamp_shares=[[dr.opaque(mi.Float, float(s)) for s in row] for row in lamp_shares],
+    )
+
+
+def coat_light(
+    light: PatchedScene,
+    camera: Camera,
+    radiance: NDArray,
+    reflectances: NDArray,
+    lamp_shares: NDArray,
+    reflection: Reflection,
+    *,
+    material: int,
+    seen_in: NDArray[np.int64],
+    samples: int = 256,
+    seed: int = 0,
+) -> NDArray[np.float64]:
+    """Light that the coat of one material reflects at the surfaces seen.
+
+    It is a part of ``changed_reflection``, by the same rays.
+
+    Parameters
+    ----------
+    light
+        Scene with its patches and lamps.
+    camera
+        Camera of the picture.
+    radiance
+        (p, w) of the patches, relative to the lamps' mean.
+    reflectances
+        (material, w) of all materials and of the lamps.
+    lamp_shares
+        (lamps, w) radiance of each lamp relative to their mean.
+    reflection
+        The reflection with its coat.
+    material
+        Index of the material.
+    seen_in
+        (n,) pixels that see the material, counted along the rows.
+    samples
+        Rays of each of these pixels.
+    seed
+        Seed of the random numbers.
+
+    Returns
+    -------
+    NDArray
+        (w, y, x) radiance, relative to the lamps' mean; 0 without a coat.
+    """
+    bands = radiance.shape[1]
+    picture = np.zeros((bands, camera.width_px * camera.height_px))
+    if len(seen_in) and reflection.coat is not None:
+        change = _reflection_change(light, radiance, reflectances, lamp_shares, reflection, material)
+        picture[:, seen_in] = _means(
+            change.coat_at_surface, camera, seen_in, samples, _DIMENSIONS_AT_SURFACE, bands, seed
+        )
     return picture.reshape(bands, camera.height_px, camera.width_px)
 
 
@@ -359,22 +434,18 @@ def with_reflection(
     Returns
     -------
     PatchLight
-        The light with the change added to its picture.
+        The light with the change added to its picture, and the coat's part to its specular light.
     """
     transport, radiance = light.transport, light.patch_radiance()
     reflectances = light.scene.reflectances(light.wavelength_nm)
+    inputs = (transport.light, transport.camera, radiance, reflectances, light.lamp_shares, reflection)
+    seen_in = transport.pixels_of(material)
     added = transport.cached(
         (*of, material, *samples, radiance, reflectances, light.lamp_shares),
-        lambda: changed_reflection(
-            transport.light,
-            transport.camera,
-            radiance,
-            reflectances,
-            light.lamp_shares,
-            reflection,
-            material=material,
-            seen_in=transport.pixels_of(material),
-            samples=samples,
-        ),
+        lambda: changed_reflection(*inputs, material=material, seen_in=seen_in, samples=samples),
     )
-    return light.change(added=light.added + added)
+    changed = light.change(added=light.added + added)
+    if light.specular is None:
+        return changed
+    coat = coat_light(*inputs, material=material, seen_in=seen_in, samples=samples[0])
+    return changed.change(specular=light.specular + coat)

@@ -10,7 +10,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from ..device import SobolPoints, device_array, dr, mi
 from ..radiosity import LampSampler, lamp_point, patch_of
@@ -95,6 +94,8 @@ class AirTransport:
         NDArray
             (..., w) light; 0 at the sides of the box, where only the black backs of its walls are seen.
         """
+        from scipy.interpolate import RegularGridInterpolator  # slow to import
+
         part = np.minimum(points_mm[..., 2] < self.front_mm, len(self.axes) - 1)
         result, start = np.empty((*part.shape, values.shape[1])), 0
         for k, axes in enumerate(self.axes):

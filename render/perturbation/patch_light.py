@@ -53,6 +53,8 @@ class PatchLight:
     max_bounces: int | None
     #: Rays of effects that trace additional ones.
     samples: int
+    #: (w, y, x) light of coats at the surfaces seen, a part of the picture; None where it is not asked for.
+    specular: NDArray[np.float64] | None = None
 
     def change(self, **values: Any) -> PatchLight:
         """Copy with other arrays.

@@ -246,8 +246,11 @@ def _shares(lines: NDArray[np.float64], faces: NDArray[np.float64]) -> NDArray[n
             row[:, 0, None, None] * u + row[:, 1, None, None] * v + row[:, 2, None, None]
             for row in np.moveaxis(functions, 1, 0)
         )
-        nearer = (np.min(sides, axis=0) > 0) & (depth > nearest)
-        nearest[nearer], face[nearer] = depth[nearer], k
+        nearer = depth > nearest
+        for side in sides:
+            nearer &= side > 0
+        np.copyto(nearest, depth, where=nearer)
+        np.copyto(face, k, where=nearer)
     shares = [np.sum(area * (face == k), axis=(1, 2)) for k in range(faces.shape[1])]
     return np.round(np.stack(shares, axis=1), _DECIMALS)
 

@@ -31,11 +31,22 @@ def test_as_scipy(function, reference, values):
     assert_array_equal(function(np.asarray(values)), reference(np.asarray(values)))
 
 
-def test_commands_do_without_scipy_stats_and_plots():
-    """Of what a test of two cubes imports: neither of these, which take longer than the test."""
-    command = (
-        "import sys, cboxlab.validation.compare_renders.regress.inputs\n"
-        "print(*({'scipy.stats', 'matplotlib', 'mitsuba', 'trimesh', 'colour', 'dask'} & {*sys.modules}))"
-    )
+@pytest.mark.parametrize(
+    ("imports", "slow"),
+    [
+        (
+            "cboxlab.validation.compare_renders.regress.inputs",
+            "scipy.stats scipy.signal scipy.interpolate matplotlib mitsuba trimesh colour dask",
+        ),
+        (
+            "cboxlab.rendering.model, cboxlab.validation.report",
+            "scipy.stats scipy.signal scipy.interpolate colour dask",
+        ),
+        ("cboxlab.calibration.result", "scipy.stats scipy.signal colour dask"),
+    ],
+)
+def test_commands_do_without_slow_imports(imports, slow):
+    """A command that does not need these takes less time than their import."""
+    command = f"import sys, {imports}\nprint(*({{*{slow.split()}}} & {{*sys.modules}}))"
     run = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
     assert run.stdout.split() == []

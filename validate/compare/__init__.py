@@ -9,6 +9,7 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
     from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
+    from .corners import Corner, LocatedCorners, locate_corners, scene_corners
     from .edge_alignment import refine_geometry
     from .excess import Region, regions_of
     from .failure import OUTSIDE, Failure, Part
@@ -38,9 +39,11 @@ __all__ = [
     "CalibratedCapture",
     "ChiSquare",
     "Comparison",
+    "Corner",
     "DifferenceStatistics",
     "Failure",
     "FreeScale",
+    "LocatedCorners",
     "NuisanceFit",
     "Nuisances",
     "Part",
@@ -57,12 +60,14 @@ __all__ = [
     "fit_lamp_scale",
     "free_columns",
     "held_lamp_scale",
+    "locate_corners",
     "prepare",
     "read_map",
     "refine_geometry",
     "refitted_picture",
     "regions_of",
     "rendered_from",
+    "scene_corners",
     "solved_light",
     "srgb_matrix",
     "srgb_preview",

@@ -9,6 +9,7 @@ from typing import Any
 from cboxlab.rendering.dataset import Recipe
 from cboxlab.utils.files import replacing
 
+from .formats import MEDIA_TYPES, PICTURE_ENDINGS
 from .layout import INDEX, Layout, file_hash, versions, write_json
 
 __all__ = ["write_card", "write_croissant"]
@@ -82,7 +83,7 @@ def write_card(layout: Layout, recipe: Recipe, records: Sequence[dict[str, Any]]
         "",
         "The pictures are rendered, not photographed. All surfaces reflect by Lambert's law except where an effect "
         "says otherwise. Boxes of one geometry belong to one part. `recipe.toml` makes the same files again; "
-        "`index.csv` lists them with their checksums. Open them with `cboxlab.open_dataset`, or as NetCDF-4.",
+        "`index.csv` lists them with their checksums. Open them with `cboxlab.open_dataset`, or with xarray.",
         "",
     ]
     with replacing(layout.folder / "README.md") as temporary:
@@ -133,8 +134,8 @@ def write_croissant(layout: Layout, recipe: Recipe, records: Sequence[dict[str, 
                 "@type": "cr:FileSet",
                 "@id": "pictures-files",
                 "name": "pictures",
-                "encodingFormat": "application/x-netcdf",
-                "includes": "boxes/*/*.nc",
+                "encodingFormat": MEDIA_TYPES[recipe.picture.format],
+                "includes": f"boxes/*/*{PICTURE_ENDINGS[recipe.picture.format]}",
             },
         ],
         "recordSet": [{"@type": "cr:RecordSet", "@id": "pictures", "name": "pictures", "field": fields}],

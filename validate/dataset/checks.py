@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.stats import rankdata
 
+from ..predict import COAT
+
 __all__ = ["Checks", "check_picture"]
 
 #: Standard errors that a radiance may lie below 0, or above the brightest lamp: one sample in 10^9.
@@ -101,9 +103,32 @@ def _energy_faults(cube: xr.Dataset, box: Box, radiance: NDArray, error: NDArray
         off = np.abs(parts - radiance).max() / size if size > 0 else 0.0
         if off > _SUM + 6 * rounding:
             faults.append(f"energy: the parts of the light differ from the radiance by {off:.2g} of the brightest")
+    faults += _split_faults(cube, box, radiance, rounding)
     if "albedo" in cube and not (0 <= cube["albedo"].values.min() and cube["albedo"].values.max() <= 1 + 1e-6):
         faults.append("range: an albedo outside 0 to 1")
     return faults
+
+
+def _split_faults(cube: xr.Dataset, box: Box, radiance: NDArray, rounding: float) -> list[str]:
+    """Faults of the split into lamp, albedo times irradiance over pi, and specular light.
+
+    Pixels of one flat surface that do not touch a sphere count, in boxes whose only effects on light transport are
+    coats.
+    """
+    truths = {"albedo", "irradiance", "specular", "reflections", "coverage"}
+    if not truths <= set(cube) or any(e.stage == "transport" and e.id != COAT for e in box.model.effects):
+        return []
+    coverage = cube["coverage"].values
+    balls = [index for index, surface in enumerate(box.model.scene.surfaces) if surface.ball]
+    near = maximum_filter((coverage[..., balls] > 0).any(axis=-1), 3)  # their silhouettes are found by rays
+    alone = (coverage > 1 - 1e-6).any(axis=-1) & ~near
+    parts = {name: cube[name].values.astype(np.float64) for name in ("albedo", "irradiance", "specular")}
+    split = cube["reflections"].values[0] + parts["albedo"] * parts["irradiance"] / np.pi + parts["specular"]
+    size = float(radiance.max())
+    off = np.abs(split - radiance)[alone].max(initial=0.0) / size if size > 0 else 0.0
+    if off <= _SUM + 6 * rounding:
+        return []
+    return [f"energy: albedo times irradiance and specular light miss the radiance by {off:.2g} of the brightest"]
 
 
 def _peak(lamp: object) -> float:

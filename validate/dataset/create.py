@@ -16,6 +16,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .card import write_card, write_croissant
+from .formats import require_format
 from .layout import begin, write_index
 from .opened import Dataset, open_dataset
 from .picture import sensor_camera
@@ -128,6 +129,7 @@ def read_recipe(path: Path) -> Recipe:
         If the recipe is faulty, a sensor does not see its wavelengths, or its first box cannot be drawn.
     """
     recipe = load_recipe(path)
+    require_format(recipe.picture.format, f"{path}: picture.format")
     for index, sensor in enumerate(recipe.sensor):
         camera = sensor_camera(sensor, path.parent)
         for channel in camera.channels.values():
@@ -183,7 +185,8 @@ def create_dataset(
     names = camera_names(recipe)
     total = recipe.boxes * len(names)
     tasks = tasks_of(recipe, path, layout)
-    pending = {(n, name) for task in tasks for n in task.boxes for name in names if layout.record(n, name) is None}
+    numbers = [n for task in tasks for n in task.boxes if n < recipe.boxes]
+    pending = {(n, name) for n in numbers for name in names if layout.record(n, name) is None}
     done, seconds = total - len(pending), 0.0
     progress.stage("rendering pictures")
     progress.part(done / total)

@@ -90,8 +90,8 @@ class Layout:
             path = self.box(number, failed) / f"{camera}.json"
             try:
                 record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-                size = path.with_suffix(".nc").stat().st_size
-            except (OSError, ValueError):
+                size = (self.folder / record["file"]).stat().st_size
+            except (OSError, ValueError, KeyError):
                 continue
             if size == record.get("bytes"):
                 return record

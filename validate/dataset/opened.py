@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from cboxlab.rendering.files import open_netcdf, write_cube
 from cboxlab.rendering.model import Model, load_model
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
@@ -19,6 +18,7 @@ from cboxlab.utils.input_files import read_json, require_regular_file
 from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
+from .formats import open_picture, write_copy
 from .layout import INDEX, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
@@ -57,7 +57,7 @@ class Dataset(FrozenMappings):
 
     def __getitem__(self, number: int) -> xr.Dataset:
         """Picture of a row of the index; its values are read on demand."""
-        return open_netcdf(self.folder / self.index[number]["file"])
+        return open_picture(self.folder / self.index[number]["file"])
 
     def __iter__(self) -> Iterator[xr.Dataset]:
         return (self[number] for number in range(len(self)))
@@ -167,7 +167,8 @@ class Dataset(FrozenMappings):
         folder
             Folder of the files.
         ending
-            .hdr for ENVI, .exr for spectral OpenEXR, .png for previews.
+            .hdr for ENVI, .exr for spectral OpenEXR, .mat for HDF5 as benchmarks of spectral recovery read it,
+            .png for previews.
 
         Returns
         -------
@@ -184,7 +185,7 @@ class Dataset(FrozenMappings):
         for row, number in zip(self.index, range(len(self)), strict=True):
             with self[number] as picture:
                 path = target / f"{row['box']:06d}-{row['camera']}{ending}"
-                write_cube(path, picture[["radiance", "surface"]].load())
+                write_copy(path, picture)
             files.append(path)
         return files
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ from cboxlab.rendering.dataset import (
     Box,
     Recipe,
     SensorTable,
+    joined_scene,
     light_parts,
     shadow_fraction,
+    split_image,
     visible_points,
 )
 from cboxlab.rendering.files import RADIANCE_UNIT, camera_attribute, raw_to_srgb, scene_white
@@ -26,13 +28,12 @@ from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.files import writing_hdf5
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
-from ..predict import transported
+from ..predict import Coated, coated
 
-__all__ = ["mean_spectrum", "render_picture", "rounded", "sensor_camera", "visible_weights", "write_picture"]
+__all__ = ["mean_spectrum", "render_pictures", "rounded", "sensor_camera", "visible_weights"]
 
 #: Bits of the mantissa of a number in single precision.
 _FULL_BITS = 23
@@ -41,15 +42,15 @@ _FULL_BITS = 23
 _IRRADIANCE_UNIT = "W m^-2 nm^-1"
 
 
-def render_picture(
-    box: Box, camera_name: str, recipe: Recipe, folder: Path, progress: Progress = NO_PROGRESS
-) -> xr.Dataset:
-    """Picture of a box by one of its cameras.
+def render_pictures(
+    boxes: Sequence[Box], camera_name: str, recipe: Recipe, folder: Path, progress: Progress = NO_PROGRESS
+) -> Iterator[xr.Dataset]:
+    """Pictures of boxes by one of their cameras, from the same rays.
 
     Parameters
     ----------
-    box
-        The box.
+    boxes
+        Boxes that may share rays (``sharing_rays``).
     camera_name
         Name of the camera.
     recipe
@@ -59,30 +60,49 @@ def render_picture(
     progress
         Receives the completed share.
 
-    Returns
-    -------
+    Yields
+    ------
     xr.Dataset
-        The variables of docs/reference/data-set-format.md; their numbers are rounded as the recipe asks.
+        Picture of each box: the variables of docs/reference/data-set-format.md, rounded as the recipe asks.
 
     Raises
     ------
     InputError
         If an effect or a sensor does not fit.
     """
-    scene, camera, bounces = model_cube_inputs(box.model, box.cameras[camera_name])
+    inputs = [model_cube_inputs(box.model, box.cameras[camera_name]) for box in boxes]
+    scenes, camera, bounces = [scene for scene, _, _ in inputs], *inputs[0][1:]
+    each_nm, seed = recipe.picture.wavelength_nm, boxes[0].seed
+    joined, grid = joined_scene(scenes, each_nm)
+    first = MOST_PASSES * _order(boxes[0], camera_name, recipe)
+    job = RenderJob(joined, camera, grid, seed=seed, max_bounces=bounces, first_batch=first)
+    image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
+    geometry = _geometry(image, joined, camera, seed)
+    for box, part in zip(boxes, split_image(image, len(boxes), each_nm), strict=True):
+        yield _picture(box, camera_name, recipe, folder, image=part, geometry=geometry)
+
+
+def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
+    """Number of a picture among those of one geometry."""
     variant = box.number % recipe.boxes_per_geometry
-    order = variant * len(box.cameras) + list(box.cameras).index(camera_name)
-    job = RenderJob(
-        scene,
-        camera,
-        recipe.picture.wavelength_nm,
-        seed=box.seed,
-        max_bounces=bounces,
-        first_batch=MOST_PASSES * order,
-    )
-    image = render_to_precision(job, recipe.picture.noise, progress=progress)
-    changed = transported(image, scene, camera, box.model.effects, box.seed, bounces)
-    data = {**_light(image, changed, scene), **_geometry(image, scene, camera, box.seed)}
+    return variant * len(box.cameras) + list(box.cameras).index(camera_name)
+
+
+def _picture(
+    box: Box,
+    camera_name: str,
+    recipe: Recipe,
+    folder: Path,
+    *,
+    image: RenderedImage,
+    geometry: Mapping[str, Any],
+) -> xr.Dataset:
+    """Picture of a box from its image without effects on light transport."""
+    scene, camera, bounces = model_cube_inputs(box.model, box.cameras[camera_name])
+    order = _order(box, camera_name, recipe)
+    changes = coated(image, scene, camera, box.model.effects, box.seed, bounces)
+    changed = changes.image
+    data = {**_light(image, changes, scene), **geometry}
     cube = xr.Dataset(
         {name: value for name, value in data.items() if name in _wanted(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
@@ -110,13 +130,20 @@ def _wanted(recipe: Recipe) -> set[str]:
     return {"radiance", "standard_error", "surface", "material", *recipe.picture.truths}
 
 
-def _light(image: RenderedImage, changed: RenderedImage, scene: Scene) -> dict[str, Any]:
-    """Radiance, its errors and its parts; `changed` has the effects of light transport."""
+def _light(image: RenderedImage, changes: Coated, scene: Scene) -> dict[str, Any]:
+    """Radiance, its errors and its parts; `changes` has the effects of light transport."""
     every = np.eye(image.wavelength_nm.size)
+    changed = changes.image
     mean, variance = changed.project(every)
     axes, unit = ("y", "x", "wavelength"), {"units": RADIANCE_UNIT}
     parts = light_parts(image, scene)
     added = changed.mean(every) - image.mean(every) if changed is not image else np.zeros_like(mean)
+    irradiance, specular = parts.irradiance, changes.specular
+    if changes.coats is not image:
+        at_base = changes.coats.mean(every) - image.mean(every) - specular
+        reflects = parts.albedo > 0
+        irradiance = irradiance + np.pi * np.divide(at_base, parts.albedo, out=np.zeros_like(mean), where=reflects)
+        specular = np.where(reflects, specular, specular + at_base)  # the difference is of rounding
     names = ("order", *axes)
     return {
         "radiance": (axes, mean, unit),
@@ -127,7 +154,8 @@ def _light(image: RenderedImage, changed: RenderedImage, scene: Scene) -> dict[s
             {"units": "cd m^-2", "names": "X, Y, Z"},
         ),
         "albedo": (axes, parts.albedo, {"units": "1"}),
-        "irradiance": (axes, parts.irradiance, {"units": _IRRADIANCE_UNIT}),
+        "irradiance": (axes, irradiance, {"units": _IRRADIANCE_UNIT}),
+        "specular": (axes, specular, unit),
         "reflections": (names, parts.reflections, {**unit, "names": ", ".join(REFLECTIONS)}),
         "effects_light": (axes, added, unit),
     }
@@ -245,30 +273,6 @@ def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> M
         return arrays
     arrays[f"developed_{name}"] = ((*along, "rgb"), np.stack(pictures), {"colour_space": "sRGB"})
     return arrays
-
-
-def write_picture(path: Path, cube: xr.Dataset) -> None:
-    """Write a picture as NetCDF-4, each array deflated in one chunk.
-
-    Parts of light have a chunk each.
-
-    Parameters
-    ----------
-    path
-        File to write, completely or not at all.
-    cube
-        The picture.
-    """
-    encoding = {str(name): _packed(value) for name, value in cube.data_vars.items()}
-    with writing_hdf5(path) as file:
-        cube.to_netcdf(file, engine="h5netcdf", encoding=encoding)
-
-
-def _packed(values: xr.DataArray) -> dict[str, Any]:
-    """Chunk and compression of an array."""
-    first = values.dims[0]
-    chunk = values.shape if first == "y" else (1, *values.shape[1:])
-    return {"zlib": True, "complevel": 4, "shuffle": True, "chunksizes": chunk}
 
 
 def mean_spectrum(cube: xr.Dataset) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cboxlab.rendering.dataset import draw_box
+from cboxlab.rendering.dataset import draw_box, sharing_rays
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render_passes
 from cboxlab.rendering.model import labelled_cube, model_cube_inputs
@@ -15,9 +15,10 @@ from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .create import read_recipe
-from .picture import render_picture, write_picture
+from .formats import PICTURE_ENDINGS, write_picture
+from .picture import render_pictures
 from .sheet import drawn_values, histograms, thumbnail, write_page
-from .tasks import camera_names
+from .tasks import block_of, camera_names
 
 __all__ = ["Preview", "preview_recipe"]
 
@@ -110,12 +111,15 @@ def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress
         progress.part((number + 1) / (len(first) + 1))
     progress.stage("measuring one picture")
     name = next(iter(boxes[0].cameras))
-    render_picture(boxes[0], name, recipe, path.parent)  # the first one compiles its kernels
+    block = [draw_box(recipe, number, path.parent) for number in block_of(recipe, 0)]
+    group = sharing_rays(block)[0]
+    list(render_pictures(group, name, recipe, path.parent))  # the first pictures compile their kernels
     begun = time.monotonic()
-    cube = render_picture(boxes[0], name, recipe, path.parent)
     with temporary_folder() as folder:
-        write_picture(folder / "picture.nc", cube)
-        seconds, size = time.monotonic() - begun, (folder / "picture.nc").stat().st_size
+        file = folder / f"picture{PICTURE_ENDINGS[recipe.picture.format]}"
+        for cube in render_pictures(group, name, recipe, path.parent):
+            write_picture(file, cube)
+        seconds, size = (time.monotonic() - begun) / len(group), file.stat().st_size
     rejected = sum(sum(box.record["rejected"].values()) for box in boxes) / len(boxes)
     count = recipe.boxes * len(camera_names(recipe))
     preview = Preview(Path(page), count, seconds, size, rejected)

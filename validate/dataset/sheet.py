@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.dataset import Recipe
-from cboxlab.rendering.files import cube_to_srgb, open_cube
+from cboxlab.rendering.files import cube_to_srgb
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from jinja2 import Environment
@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
+from .formats import open_picture
 from .layout import Layout, read_box
 
 __all__ = ["drawn_values", "thumbnail", "write_page", "write_sheet"]
@@ -211,7 +212,7 @@ def write_sheet(layout: Layout, recipe: Recipe, records: Sequence[Mapping[str, A
         lines.append(_components(spectra))
         some = [sound[i] for i in np.unique(np.linspace(0, len(sound) - 1, _THUMBNAILS).astype(int))]
         for record in some:
-            with open_cube(layout.folder / record["file"]) as cube:
+            with open_picture(layout.folder / record["file"]) as cube:
                 pictures.append(
                     (f"{record['box']:06d} {record['camera']}", thumbnail(cube[["radiance", "surface"]].load()))
                 )

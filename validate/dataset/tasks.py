@@ -11,18 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
+import xarray as xr
+from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe, sharing_rays
 from cboxlab.rendering.model import write_model
 from cboxlab.utils.errors import InputError
 from threadpoolctl import threadpool_limits
 
 from .checks import check_picture
+from .formats import COPY_ENDINGS, PICTURE_ENDINGS, write_copy, write_picture
 from .layout import Layout, file_hash, versions, write_json
-from .picture import mean_spectrum, render_picture, visible_weights, write_picture
+from .picture import mean_spectrum, render_pictures, visible_weights
 
-__all__ = ["Task", "camera_names", "run_task", "tasks_of"]
+__all__ = ["Task", "block_of", "camera_names", "run_task", "tasks_of"]
 
-#: Most boxes of a task: a task of a minute is repeated where its worker ends.
+#: Most boxes of a task, which may share rays: a task of a minute is repeated where its worker ends.
 _MOST_BOXES = 8
 
 #: Decimals of a figure in a record.
@@ -37,7 +39,7 @@ class Task:
     recipe: str
     #: Folder of the data set.
     folder: str
-    #: Numbers of the boxes.
+    #: Numbers of the boxes, a whole block (``block_of``).
     boxes: tuple[int, ...]
     #: Version of each package on which the bits of a picture depend.
     versions: tuple[tuple[str, str], ...] = field(default_factory=lambda: tuple(versions().items()))
@@ -64,8 +66,31 @@ def camera_names(recipe: Recipe) -> list[str]:
     return names
 
 
+def block_of(recipe: Recipe, number: int) -> range:
+    """Boxes of one geometry that are rendered together.
+
+    A block does not depend on the number of boxes of the set: a larger set begins like a smaller one.
+
+    Parameters
+    ----------
+    recipe
+        The recipe.
+    number
+        Number of a box.
+
+    Returns
+    -------
+    range
+        Numbers of the boxes of its block; some may lie beyond the set.
+    """
+    geometry, variant = divmod(number, recipe.boxes_per_geometry)
+    first = geometry * recipe.boxes_per_geometry
+    start = first + variant - variant % _MOST_BOXES
+    return range(start, min(start + _MOST_BOXES, first + recipe.boxes_per_geometry))
+
+
 def tasks_of(recipe: Recipe, recipe_file: Path, layout: Layout) -> list[Task]:
-    """Tasks that remain: boxes without a complete picture by each camera.
+    """Tasks that remain: blocks of boxes without a complete picture by each camera.
 
     Parameters
     ----------
@@ -82,14 +107,14 @@ def tasks_of(recipe: Recipe, recipe_file: Path, layout: Layout) -> list[Task]:
         Tasks in the order of the boxes.
     """
     names, tasks = camera_names(recipe), []
-    each = min(recipe.boxes_per_geometry, _MOST_BOXES)
-    for geometry in range(-(-recipe.boxes // recipe.boxes_per_geometry)):
-        first = geometry * recipe.boxes_per_geometry
-        boxes = range(first, min(first + recipe.boxes_per_geometry, recipe.boxes))
-        remaining = [n for n in boxes if any(layout.record(n, name) is None for name in names)]
-        for start in range(0, len(remaining), each):
-            some = tuple(remaining[start : start + each])
-            tasks.append(Task(str(recipe_file.resolve()), str(layout.folder.resolve()), some))
+    source, target = str(recipe_file.resolve()), str(layout.folder.resolve())
+    number = 0
+    while number < recipe.boxes:
+        block = block_of(recipe, number)
+        in_set = range(number, min(block.stop, recipe.boxes))
+        if any(layout.record(n, name) is None for n in in_set for name in names):
+            tasks.append(Task(source, target, tuple(block)))
+        number = block.stop
     return tasks
 
 
@@ -141,33 +166,46 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
     path = Path(task.recipe)
     recipe = _recipe(task.recipe, path.stat().st_mtime)
     layout = Layout(Path(task.folder))
-    for number in task.boxes:
-        records = {name: layout.record(number, name) for name in camera_names(recipe)}
-        if all(record is not None for record in records.values()):
-            yield from (record for record in records.values() if record is not None)
-            continue
-        box = draw_box(recipe, number, path.parent)
-        for name, record in records.items():
-            yield record if record is not None else _rendered(box, name, recipe, path.parent, layout)
+    for group in sharing_rays([draw_box(recipe, number, path.parent) for number in task.boxes]):
+        for name in camera_names(recipe):
+            numbers = [box.number for box in group if box.number < recipe.boxes]
+            records = {number: layout.record(number, name) for number in numbers}
+            if all(record is not None for record in records.values()):
+                yield from (record for record in records.values() if record is not None)
+                continue
+            begun = time.monotonic()
+            pictures = _one_thread(render_pictures(group, name, recipe, path.parent))
+            for box, cube in zip(group, pictures, strict=True):
+                if box.number in records:
+                    yield records[box.number] or _stored(cube, box, name, recipe, layout, begun)
+                    begun = time.monotonic()
 
 
-def _rendered(box: Box, camera: str, recipe: Recipe, folder: Path, layout: Layout) -> dict[str, Any]:
-    """Record of a picture that is rendered, checked and written; boxes that fail are kept apart.
+def _one_thread(pictures: Iterator[xr.Dataset]) -> Iterator[xr.Dataset]:
+    """The pictures, with linear algebra in one thread.
 
-    Linear algebra runs in one thread: sums over several threads round differently, and a picture has the same bits on
-    any number of processors.
+    Sums over several threads round differently, and a picture has the same bits on any number of processors.
     """
-    begun = time.monotonic()
-    with threadpool_limits(1):
-        cube = render_picture(box, camera, recipe, folder)
+    while True:
+        with threadpool_limits(1):
+            picture = next(pictures, None)
+        if picture is None:
+            return
+        yield picture
+
+
+def _stored(cube: xr.Dataset, box: Box, camera: str, recipe: Recipe, layout: Layout, begun: float) -> dict[str, Any]:
+    """Record of a picture that is checked and written; boxes that fail are kept apart."""
     checks = check_picture(cube, box, recipe.picture.noise, recipe.picture.mantissa_bits)
     target = layout.box(box.number, bool(checks.faults))
     target.mkdir(parents=True, exist_ok=True)
     if not (target / "box.json").exists():
         write_model(target / "model.toml", box.model)
         write_json(target / "box.json", box.record)
-    file = target / f"{camera}.nc"
+    file = target / f"{camera}{PICTURE_ENDINGS[recipe.picture.format]}"
     write_picture(file, cube)
+    for kind in recipe.picture.copies:
+        write_copy(target / f"{camera}{COPY_ENDINGS[kind]}", cube)
     spectrum = mean_spectrum(cube)
     luminance = spectrum @ visible_weights(cube["wavelength"].values)[:, 1]
     record = {

@@ -25,6 +25,7 @@ from .search import Candidate, Problem, Signature, columns_of, screen
 from .stepwise import MAX_EFFECTS, refitted
 
 __all__ = [
+    "BaseFlaws",
     "BesideFlaws",
     "SelectedBesideFlaws",
     "Verdict",
@@ -98,6 +99,8 @@ class BesideFlaws:
     evidence: float
     #: (n + 11,) whitened residual with the effects.
     residual: NDArray[np.float64]
+    #: (n,) change of the used samples by all flaws, DN.
+    change_dn: NDArray[np.float64]
     #: Every kind's size, the largest first.
     flaws: tuple[Flaw, ...]
 
@@ -115,7 +118,12 @@ class BesideFlaws:
     def small(self) -> bool:
         """Whether flaws of the sizes expected explain it, also where they were not fitted."""
         size = sum(flaw.chi2_per_dof for flaw in self.flaws)
-        return self.evident and size < _MAX_FLAWED
+        return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
+
+    @property
+    def found(self) -> BaseFlaws:
+        """The flaws without their columns."""
+        return BaseFlaws(self.reported, self.small, self.change_dn)
 
     @property
     def reported(self) -> tuple[Flaw, ...]:
@@ -123,6 +131,18 @@ class BesideFlaws:
         if not self.evident:
             return ()
         return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > _MIN_HELDOUT)
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFlaws:
+    """Flaws of the base without their columns, whose size is that of many pictures."""
+
+    #: Flaws worth a sentence, the largest first.
+    reported: tuple[Flaw, ...]
+    #: Whether flaws of the sizes expected explain it, see `BesideFlaws.small`.
+    small: bool
+    #: (n,) change of the used samples by all flaws, DN.
+    change_dn: NDArray[np.float64]
 
 
 def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
@@ -161,32 +181,6 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     return build_flaw_model(linearised.model, columns, signal, residual)
 
 
-def _fitted_to(model: FlawModel[LinearModel], residual: NDArray[np.float64]) -> BesideFlaws:
-    """Flaws of the base, fitted to a residual.
-
-    Parameters
-    ----------
-    model
-        Columns of the flaws.
-    residual
-        (n + 11,) residual of the plain model.
-
-    Returns
-    -------
-    BesideFlaws
-        Widths, amounts and sizes.
-    """
-    whitened = model.whitened(residual)
-    fitted = model.fit(whitened)
-    return BesideFlaws(
-        model,
-        fitted,
-        model.score(model.without(fitted), whitened) - fitted.score,
-        whitened,
-        tuple(model.flaws(fitted, whitened)),
-    )
-
-
 def confirmed_beside_flaws(
     linearised: LinearisedFit, selected: Sequence[Candidate]
 ) -> tuple[list[Candidate], BesideFlaws, tuple[Verdict, ...]]:
@@ -213,11 +207,12 @@ def confirmed_beside_flaws(
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
         residual = residual_with(linearised, confirmed)
-        flaws = _fitted_to(_flaw_model(linearised, residual), residual)
+        flaws = _beside(linearised, confirmed)
         verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
+        del flaws  # the next one is as large
         worst = min(failing, key=lambda index: verdicts[index].evidence)
         rejected.append(verdicts[worst])
         del confirmed[worst]
@@ -299,7 +294,9 @@ def selected_beside_flaws(
             break
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, flaws), [*selected, best])
+        del flaws  # the next one is as large
         flaws = _beside(linearised, selected)
+    del flaws
     selected, flaws, verdicts = confirmed_beside_flaws(linearised, selected)
     if selected:
         selected = refitted_together(_judged(linearised, flaws), selected)
@@ -314,7 +311,17 @@ def selected_beside_flaws(
 def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
     """Flaws of the base with effects in place."""
     residual = residual_with(linearised, selected)
-    return _fitted_to(_flaw_model(linearised, residual), residual)
+    model = _flaw_model(linearised, residual)
+    whitened = model.whitened(residual)
+    fitted = model.fit(whitened)
+    return BesideFlaws(
+        model,
+        fitted,
+        model.nothing - fitted.score,
+        whitened,
+        model.change_dn(linearised.model, fitted, residual),
+        tuple(model.flaws(fitted, whitened)),
+    )
 
 
 def _judged(linearised: LinearisedFit, flaws: BesideFlaws) -> LinearisedFit:
@@ -337,14 +344,15 @@ def _best_beside(
     model, whitened = flaws.model, flaws.model.whitened(residual)
     gains = []
     for signature in signatures:
-        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        columns = _whitened_columns(model, problem, signature)
         for weighted in (columns, model.weighted(flaws.fitted, columns)):
             amount = _amount(weighted, columns, whitened)
-            gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, columns, amount))
+            gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, amount))
     first = sorted(gains[::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     second = sorted(gains[1::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
-    for _, signature, columns, start in (*first, *second):
+    for _, signature, start in (*first, *second):
+        columns = _whitened_columns(model, problem, signature)
         amount, fitted = _amount_beside(model, columns, whitened, start)
         evidence = flaws.score - fitted.score - price_of(len(amount))
         candidate = _started(screen(problem, signature, residual), signature, amount)
@@ -375,10 +383,15 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: Besi
     model, ratios = flaws.model, [1.0]
     usable = [signature for signature in signatures if not signature.by_priors]
     for signature in usable[:: max(len(usable) // _NUM_SAMPLED, 1)]:
-        columns = np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
+        columns = _whitened_columns(model, problem, signature)
         plain, with_flaws = (float(np.sum(each * columns)) for each in (columns, model.weighted(flaws.fitted, columns)))
         ratios.append(float(np.sqrt(plain / max(with_flaws, 1e-12 * plain))) if plain > 0 else 1.0)
     return max(float(np.median(ratios)), 1.0)
+
+
+def _whitened_columns(model: FlawModel[LinearModel], problem: Problem, signature: Signature) -> NDArray[np.float64]:
+    """(n + 11, p) changes by an effect's numbers, whitened next to the flaws."""
+    return np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
 
 
 def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[np.float64]:

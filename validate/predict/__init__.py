@@ -8,10 +8,12 @@ from .predictor import Predictor, build_predictor, effects_key
 from .rendering import CONVERGENCE, Picture, render_to_noise
 from .sensing import sensing
 from .traced_picture import traced_picture
-from .transported import transported
+from .transported import COAT, Coated, coated, transported
 
 __all__ = [
+    "COAT",
     "CONVERGENCE",
+    "Coated",
     "ExternalPicture",
     "Picture",
     "PictureErrors",
@@ -19,6 +21,7 @@ __all__ = [
     "build_predictor",
     "cached_picture",
     "cells_and_columns",
+    "coated",
     "default_cache",
     "digest_of",
     "effects_key",

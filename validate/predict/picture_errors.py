@@ -10,8 +10,9 @@ not overlap. V has few columns. The inverse square root of each part has a close
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,32 @@ class PictureErrors:
             apart[some] -= self.common[some] @ along
         return apart
 
+    def of_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Likeliest errors of the cells in a vector over sigma, all other errors taken off.
+
+        Parameters
+        ----------
+        pixels
+            (n,) values over sigma.
+
+        Returns
+        -------
+        NDArray
+            (n,) over sigma.
+        """
+        amount = np.bincount(self.cell, self.weight * pixels, len(self.shrink)) / (1 + self._cell_squares)
+        return np.asarray(self.weight * amount[self.cell])
+
+    @property
+    def volume_of_cells(self) -> float:
+        """Logarithm of the determinant of the covariance by noise and cells over that by noise."""
+        return float(np.log1p(self._cell_squares).sum())
+
+    @property
+    def _cell_squares(self) -> NDArray[np.float64]:
+        """(cells,) variance by a cell's error along it, over that of noise."""
+        return np.asarray(np.bincount(self.cell, self.weight.astype(float) ** 2, len(self.shrink)), float)
+
     def _by_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Vector (n,) whitened by the errors of cells alone."""
         sums = np.bincount(self.cell, self.weight * pixels, len(self.shrink))
@@ -120,10 +147,12 @@ def picture_errors(
     region = parts_of_faces(_REGIONS)
     large = np.flatnonzero(np.bincount(region) >= _MIN_REGION_PIXELS * len(used))
     regions = (np.where(region == number, _REGION_ERROR * level, 0.0) for number in large)
-    return cells_and_columns(parts_of_faces(_CELLS), _CELL_ERROR * level, [*others, *regions])
+    return cells_and_columns(
+        parts_of_faces(_CELLS), _CELL_ERROR * level, chain(others, regions), len(others) + len(large)
+    )
 
 
-def cells_and_columns(cell: NDArray, weight: NDArray, columns: Sequence[NDArray]) -> PictureErrors:
+def cells_and_columns(cell: NDArray, weight: NDArray, columns: Iterable[NDArray], count: int) -> PictureErrors:
     """Errors of cells that do not overlap, and further errors.
 
     Parameters
@@ -133,7 +162,9 @@ def cells_and_columns(cell: NDArray, weight: NDArray, columns: Sequence[NDArray]
     weight
         (n,) standard deviation of the cell's error at each sample, over sigma.
     columns
-        One standard deviation of each further error: (n,) over sigma.
+        One standard deviation of each further error: (n,) over sigma. They may be many, so none is kept.
+    count
+        Their number.
 
     Returns
     -------
@@ -150,18 +181,18 @@ def cells_and_columns(cell: NDArray, weight: NDArray, columns: Sequence[NDArray]
         np.zeros((len(cell), 0), np.float32),
         np.zeros(0),
     )
-    common = np.empty((len(cell), len(columns)), np.float32)
+    common = np.empty((len(cell), count), np.float32)
     for column, other in zip(common.T, columns, strict=True):
         column[:] = cells.whitened(other)
     blocks = _blocks(len(cell))
-    none = np.zeros((common.shape[1], common.shape[1]))
+    none = np.zeros((count, count))
     values, vectors = np.linalg.eigh(sum((common[some].T.astype(float) @ common[some] for some in blocks), none))
     independent = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
     values, vectors = values[independent], vectors[:, independent]
-    orthonormal = np.empty((len(cell), len(values)), np.float32)
-    for some in blocks:
-        orthonormal[some] = common[some] @ (vectors / np.sqrt(values))
-    return PictureErrors(cells.cell, cells.weight, shrink, orthonormal, 1 - 1 / np.sqrt(1 + values))
+    turn = vectors / np.sqrt(values)
+    for some in blocks:  # in place: a second matrix of this size would double the memory
+        common[some, : len(values)] = common[some] @ turn
+    return PictureErrors(cells.cell, cells.weight, shrink, common[:, : len(values)], 1 - 1 / np.sqrt(1 + values))
 
 
 def _blocks(count: int) -> list[slice]:

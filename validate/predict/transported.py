@@ -7,7 +7,7 @@ Here patches are a twentieth of it, with more rays, other random numbers, and wa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.chain import after_stage
@@ -19,7 +19,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
-__all__ = ["transported"]
+__all__ = ["COAT", "Coated", "coated", "transported"]
 
 #: Wavelengths computed together.
 _AT_ONCE = 16
@@ -38,6 +38,21 @@ _SAMPLES = 512
 
 #: Rays of each pixel for light that patches do not describe.
 _PICTURE_SAMPLES = 512
+
+#: Effect that adds a coat to a paint.
+COAT = "gloss"
+
+
+@dataclass(frozen=True, eq=False)
+class Coated:
+    """An image with effects of light transport, and what coats do to it."""
+
+    #: The image with all effects.
+    image: RenderedImage
+    #: The image with coats as the only effects.
+    coats: RenderedImage
+    #: (y, x, w) radiance that coats reflect at the surfaces seen, W m^-2 sr^-1 nm^-1.
+    specular: NDArray[np.float64]
 
 
 def transported(
@@ -70,9 +85,67 @@ def transported(
     RenderedImage
         The image with the change as further coefficients and spectra; the image itself without such effects.
     """
+    return _changed(image, scene, camera, (effects,), seed, max_bounces)[0][0]
+
+
+def coated(
+    image: RenderedImage,
+    scene: Scene,
+    camera: Camera,
+    effects: Sequence[AppliedEffect],
+    seed: int,
+    max_bounces: int | None = None,
+) -> Coated:
+    """Image as of ``transported``, with the change by coats apart.
+
+    Parameters
+    ----------
+    image
+        The rendered image.
+    scene
+        Scene of the image.
+    camera
+        Camera of the image.
+    effects
+        Effects; those of other stages do not count.
+    seed
+        Seed of the image.
+    max_bounces
+        Most reflections of the image; None for no limit.
+
+    Returns
+    -------
+    Coated
+        The images and the coats' light.
+    """
+    coats = [effect for effect in effects if effect.id == COAT]
+    others = [effect for effect in effects if effect.stage == "transport" and effect.id != COAT]
+    if not coats:
+        none = np.zeros((*image.coefficients.shape[1:3], image.wavelength_nm.size))
+        return Coated(transported(image, scene, camera, effects, seed, max_bounces), image, none)
+    sets = (effects, coats) if others else (coats,)
+    images, specular = _changed(image, scene, camera, sets, seed, max_bounces, apart=True)
+    return Coated(images[0], images[-1], specular)
+
+
+def _changed(
+    image: RenderedImage,
+    scene: Scene,
+    camera: Camera,
+    sets: Sequence[Sequence[AppliedEffect]],
+    seed: int,
+    max_bounces: int | None,
+    *,
+    apart: bool = False,
+) -> tuple[list[RenderedImage], NDArray[np.float64]]:
+    """Image changed by each of some sets of effects, and the coats' light of the last set.
+
+    The coats' light is 0 unless it is wanted ``apart``.
+    """
+    effects = sets[0]
     steps = [effect.effect.spectral_step_nm for effect in effects if effect.stage == "transport"]
     if not steps:
-        return image
+        return [image], np.zeros(0)
     grid = np.arange(min(400.0, np.floor(image.wavelength_nm[0])), max(700.0, image.wavelength_nm[-1]) + 1.0)
     every = _thinned(image.wavelength_nm, min(steps))
     coarse = image.wavelength_nm[every]
@@ -84,26 +157,36 @@ def transported(
     lamp, own_lamp = (scene.lamp_radiance(nm) for nm in (grid, image.wavelength_nm))
     dark = _DARK * lamp.max()  # light is divided by the lamp's radiance, which is 0 between the lines of a lamp
     lamp, own_lamp = np.maximum(lamp, dark), np.maximum(own_lamp, dark)
-    ratios, additions = [], []
+    changes: list[list[NDArray]] = [[] for _ in sets]
+    speculars: list[NDArray] = []
     parts = -(-coarse.size // _AT_ONCE)
     for some, at_each in zip(np.array_split(coarse, parts), np.array_split(at_coarse, parts), strict=True):
         light: PatchLight = patch_light(
             transport, scene, some, grid, at_each, lamp, max_bounces=max_bounces, samples=_PICTURE_SAMPLES
         )
-        before, after = light.picture(), after_stage(light, effects, "transport").picture()
-        ratio, addition = _ratio_and_addition(before, after)
-        ratios.append(ratio)
-        additions.append(addition)
-    ratio, addition = (np.moveaxis(np.concatenate(parts), 0, -1) for parts in (ratios, additions))
+        before = light.picture()
+        after = light.change(specular=np.zeros_like(light.added)) if apart else light
+        for each, ratios_and_additions in zip(sets, changes, strict=True):
+            changed = after_stage(after, each, "transport")
+            ratios_and_additions.append(np.stack(_ratio_and_addition(before, changed.picture())))
+        speculars.append(np.zeros_like(light.added) if changed.specular is None else changed.specular)
     between = np.array([np.interp(image.wavelength_nm, coarse, row) for row in np.eye(coarse.size)])
     mean = image.project(np.eye(image.wavelength_nm.size)[:, every])[0] / own_lamp[every]
-    change = (mean * (ratio - 1) + addition).astype(np.float32)
+    spectra = between * own_lamp
+    images = []
+    for ratios_and_additions in changes:
+        ratio, addition = np.moveaxis(np.concatenate(ratios_and_additions, axis=1), 1, -1)
+        images.append(_with_change(image, (mean * (ratio - 1) + addition).astype(np.float32), spectra))
+    return images, np.moveaxis(np.concatenate(speculars), 0, -1) @ spectra
+
+
+def _with_change(image: RenderedImage, change: NDArray[np.float32], spectra: NDArray[np.float64]) -> RenderedImage:
+    """Image with (y, x, k) further coefficients, alike in all batches, and their (k, w) spectra."""
+    added = np.broadcast_to(change, (len(image.coefficients), *change.shape))
     return replace(
         image,
-        coefficients=np.concatenate(
-            [image.coefficients, np.broadcast_to(change, (len(image.coefficients), *change.shape))], axis=-1
-        ),
-        spectra=np.concatenate([image.spectra, between * own_lamp]),
+        coefficients=np.concatenate([image.coefficients, added], axis=-1),
+        spectra=np.concatenate([image.spectra, spectra]),
     )
 
 

@@ -136,7 +136,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
         figures=_figures(c),
         warnings=[*warnings(c, run), *inputs.further_warnings],
         suspicions=inputs.suspicions,
-        viewer=viewer_fragment(data, "viewer"),
+        viewer=viewer_fragment(data, "viewer", {"link": True}),
         chapters=[chapter for chapter in chapters if chapter is not None],
         folded=folded,
         provenance=dict(inputs.provenance),

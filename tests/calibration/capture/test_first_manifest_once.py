@@ -37,10 +37,12 @@ def written(folder):
 
 
 def frames(manifest):
+    """Frames of all tables; those that several channels of a mosaic share, once."""
     tables = [
         table for key in ("band", "bracket", "dark", "flat", "reference", "target") for table in manifest.get(key, [])
     ]
-    return [frame for table in tables for frame in table["frames"]]
+    letters = [table["channel"] for table in tables if "channel" in table]
+    return [frame for table in tables if table.get("channel") in (None, *letters[:1]) for frame in table["frames"]]
 
 
 def digests(folder):

@@ -6,15 +6,15 @@ from cboxlab.calibration.colour.shading import PatchPixels, fit_shading
 
 def patches_under(light, rng, noise=0.5):
     """Twelve patches of random reflectance on a 200 x 300 frame under a light (v, u)."""
-    found = []
+    results = []
     for row in range(3):
         for column in range(4):
             v, u = (a.ravel() for a in np.mgrid[row * 60 + 10 : row * 60 + 50, column * 70 + 10 : column * 70 + 60])
             signal = 200 * rng.uniform(0.05, 1.0) * light(u, v)
-            found.append(
+            results.append(
                 PatchPixels(u.astype(float), v.astype(float), signal + noise * rng.standard_normal(u.size), noise)
             )
-    return found
+    return results
 
 
 def test_illumination_is_recovered_from_the_patches_alone():

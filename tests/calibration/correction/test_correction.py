@@ -343,6 +343,6 @@ def test_a_channels_flat_has_the_mean_of_all_places(pattern):
     fall_off = 1 - 0.2 * (x**2 + y**2) + 0.03 * x
     factors = {}
     for letter in dict.fromkeys(pattern.replace(" ", "")):
-        own = channel_mask(pattern, fall_off.shape, letter)
-        factors[letter] = fall_off[own].mean() * _mean_of_all_places(fall_off, own)
+        mask = channel_mask(pattern, fall_off.shape, letter)
+        factors[letter] = fall_off[mask].mean() * _mean_of_all_places(fall_off, mask)
     np.testing.assert_allclose(list(factors.values()), fall_off.mean(), rtol=1e-9)

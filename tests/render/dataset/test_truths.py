@@ -5,9 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.dataset import light_parts, shadow_fraction, visible_points
+from cboxlab.rendering.device import mi
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import NOTHING, RenderJob
 from cboxlab.rendering.integrators import render_passes
+from cboxlab.rendering.integrators.stock import scene_dict, sensor_dict
+from cboxlab.rendering.visibility import film_for
 from cboxlab.scenes import Lamp, Material, Scene, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
 from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside, quad, square
@@ -155,3 +158,26 @@ def _looking_down():
     right = np.cross(forward, [0.0, 1.0, 0.0])
     right /= np.linalg.norm(right)
     return replace(camera, rotation=np.array([right, np.cross(forward, right), forward]))
+
+
+def test_points_and_albedo_are_those_of_stock_mitsuba(scene, image, alone):
+    """Its AOVs at the pixels' centres: distance, position, normal and albedo, to single precision."""
+    points, parts = visible_points(scene, CAMERA), light_parts(image, scene)
+    reflectances = [{"type": "rgb", "value": row.tolist()} for row in scene.reflectances(BANDS)]
+    with mi.scoped_set_variant("scalar_rgb"):
+        black = {"type": "rgb", "value": 0.0}
+        loaded = mi.load_dict(
+            scene_dict(scene, dict(zip(scene.materials, reflectances, strict=False)), [black], [black])
+        )
+        view = sensor_dict(film_for(CAMERA, 1), CAMERA, {"pixel_format": "luminance"})
+        view["sampler"] = {"type": "stratified", "sample_count": 1, "jitter": False}
+        aovs = mi.load_dict({"type": "aov", "aovs": "t:depth,p:position,n:sh_normal,a:albedo"})
+        picture = np.array(mi.render(loaded, sensor=mi.load_dict(view), integrator=aovs), float)[..., -10:]
+    found = (points.surface >= 0) & (points.surface < len(scene.surfaces))
+    assert found.mean() > 0.8
+    rows, columns = np.indices(found.shape)
+    depth = picture[..., 0] * (CAMERA.directions(columns, rows) @ CAMERA.rotation[2]) + view["near_clip"]
+    np.testing.assert_allclose(points.depth_mm[found], depth[found], rtol=1e-6)
+    np.testing.assert_allclose(points.position_mm[found], picture[..., 1:4][found], atol=1e-3)
+    np.testing.assert_allclose(points.normal[found], picture[..., 4:7][found], atol=1e-5)
+    np.testing.assert_allclose(parts.albedo[alone], picture[..., 7:][alone], rtol=1e-6, atol=1e-7)

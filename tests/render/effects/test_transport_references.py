@@ -91,7 +91,7 @@ def test_haze(published):
 
 
 def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
-    """Past the box the camera sees only air that the open front lights; beside the walls there is no light. Six cells
+    """Past the box the camera sees only air that the open front lights; next to the walls there is no light. Six cells
     across, 208 mm each, may be wrong by a tenth of it, Monte Carlo by its own standard error."""
     scene = published[0]
     camera = replace(cornell_camera(SIZE), focal_length_px=0.75 * cornell_camera(SIZE).focal_length_px)

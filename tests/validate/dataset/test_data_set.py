@@ -2,26 +2,35 @@
 
 import csv
 import json
-import os
 import shutil
+import sys
+import time
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.dataset import draw_box, load_recipe
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.files import read_cube
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, workers
 from cboxlab.validation.dataset.checks import check_picture
+from cboxlab.validation.dataset.formats import COPY_ENDINGS, open_picture, write_copy, write_picture
 from cboxlab.validation.dataset.layout import Layout, begin
-from cboxlab.validation.dataset.picture import rounded
+from cboxlab.validation.dataset.picture import render_pictures, rounded
 from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
 from cboxlab.validation.dataset.workers import in_processes
 from helpers.command_line import assert_one_line_of_help
+from helpers.ending import ends_once
 from helpers.recipes import write_recipe
+from threadpoolctl import threadpool_limits
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+
+#: Two boxes that share rays.
+PAIR = ("boxes = 2", "boxes = 2\nboxes_per_geometry = 2")
 
 #: A second camera, an effect of light transport and a sensor.
 MORE = (
@@ -48,12 +57,13 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def recipe_file(folder):
-    return write_recipe(folder, ("step_nm = 100.0", "step_nm = 30.0"), ("{ integer = [1, 2] }", "1"), MORE)
+    return write_recipe(folder, ("step_nm = 100.0", "step_nm = 30.0"), ("{ integer = [1, 2] }", "1"), PAIR, MORE)
 
 
 @pytest.fixture(scope="module")
 def run(folder, recipe_file):
-    return create_dataset(recipe_file, folder / "all")
+    with threadpool_limits(2):  # workers of a scheduler compute in one thread
+        return create_dataset(recipe_file, folder / "all")
 
 
 def checksums(dataset):
@@ -79,7 +89,8 @@ def test_an_interrupted_run_continues_to_the_same_bits(folder, run, recipe_file)
 
 def test_workers_of_a_scheduler_write_the_same_bits(folder, run, recipe_file):
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**local) as cluster:
         shared = create_dataset(recipe_file, folder / "shared", Workers(scheduler=cluster.scheduler_address))
     assert checksums(shared.dataset) == checksums(run.dataset)
 
@@ -150,6 +161,57 @@ def test_a_spoilt_picture_fails_its_checks(run, recipe_file, spoil, word):
     assert any(word in fault for fault in check_picture(spoilt, box, 0.1, 23).faults)
 
 
+def test_a_coated_box_splits_into_albedo_irradiance_and_specular_light(tmp_path, monkeypatch):
+    """To rounding, in pixels of one surface; a coat's light that is wrong by a little fails the checks."""
+    for name, value in (("_PATCHES_PER_DIAGONAL", 6), ("_PATCH_SAMPLES", 128), ("_SAMPLES", 64)):
+        monkeypatch.setattr(sys.modules["cboxlab.validation.predict.transported"], name, value)
+    gloss = '[[effect]]\nid = "gloss"\nmaterial = "light"\nspecular = 0.6\nroughness = [0.2, 0.3]\n[room]'
+    path = write_recipe(tmp_path, ("[room]", gloss))
+    recipe = load_recipe(path)
+    box = draw_box(recipe, 0, tmp_path)
+    (picture,) = render_pictures([box], "main", recipe, tmp_path)
+    single = picture["coverage"].values.max(axis=-1) > 1 - 1e-6
+    split = picture["reflections"][0] + picture["albedo"] * picture["irradiance"] / np.pi + picture["specular"]
+    difference = np.abs(split - picture["radiance"]).values[single]
+    assert single.sum() > 60 and difference.max() < 2e-6 * float(picture["radiance"].max())
+    assert float(picture["specular"].max()) > 0.01 * float(picture["radiance"].median())
+    assert check_picture(picture, box, 0.1, 23).faults == ()
+    picture["specular"] += 0.01 * picture["radiance"].max()
+    assert any("specular light miss" in fault for fault in check_picture(picture, box, 0.1, 23).faults)
+
+
+def test_formats_hold_the_same_picture(run, tmp_path):
+    """Zarr is equal to the bit, and its file, too; copies hold the radiance, HDF5 in the order of the benchmarks."""
+    pytest.importorskip("zarr")
+    with run.dataset[0] as picture:
+        cube = picture.load()
+    files = [tmp_path / name for name in ("a.zarr.zip", "b.zarr.zip")]
+    for file in files:
+        write_picture(file, cube)
+    with open_picture(files[0]) as again:
+        xr.testing.assert_identical(again.load().drop_encoding(), cube.drop_encoding())
+    assert files[0].read_bytes() == files[1].read_bytes()
+    for ending in COPY_ENDINGS.values():
+        write_copy(tmp_path / f"copy{ending}", cube)
+    for ending in (".exr", ".hdr"):
+        np.testing.assert_array_equal(read_cube(tmp_path / f"copy{ending}")["radiance"], cube["radiance"])
+    with h5py.File(tmp_path / "copy.mat") as file:
+        bands, most = file["bands"][()].squeeze(), file["norm_factor"][()].item()
+        radiance = np.array(file["cube"]).T * most  # as readers of the benchmarks turn it
+    np.testing.assert_array_equal(bands, cube["wavelength"])
+    np.testing.assert_allclose(radiance, cube["radiance"], rtol=1e-6)
+
+
+def test_a_set_in_zarr_with_copies(tmp_path):
+    pytest.importorskip("zarr")
+    formats = ("noise = 0.1", 'noise = 0.1\ntruths = ["albedo"]\nformat = "zarr"\ncopies = ["hdf5", "exr"]')
+    made = create_dataset(write_recipe(tmp_path, formats, ("boxes = 2", "boxes = 1")), tmp_path / "set")
+    assert [row["file"] for row in made.dataset.index] == ["boxes/000000/main.zarr.zip"]
+    assert {"main.mat", "main.exr", "main.json"} <= {path.name for path in (tmp_path / "set/boxes/000000").iterdir()}
+    assert set(made.dataset.arrays("radiance", "albedo")[0]) == {"radiance", "albedo"}
+    assert not made.dataset.damaged()
+
+
 def test_fewer_bits_round_to_the_stated_error():
     values = xr.DataArray(np.random.default_rng(1).lognormal(0, 5, 10000).astype(np.float32))
     for bits in (8, 12, 23):
@@ -159,22 +221,43 @@ def test_fewer_bits_round_to_the_stated_error():
     assert np.isnan(rounded(xr.DataArray(np.array([np.nan], np.float32)), 8)).all()
 
 
-def ends_once(task):
-    """Records of a task whose first worker ends without a word."""
-    mark = f"{task.folder}/{task.boxes[0]}"
-    if not os.path.exists(mark):
-        with open(mark, "w"):
-            os._exit(1)
-    return [{"box": number} for number in task.boxes]
-
-
 def test_the_task_of_a_worker_that_ends_is_run_again(tmp_path, monkeypatch):
-    tasks = [Task("", str(tmp_path), (0,))]
-    assert list(in_processes(tasks, 1, lambda: None, ends_once)) == [[{"box": 0}]]
-    (tmp_path / "0").unlink()
+    """Their processes know neither this module nor cboxlab, and so begin at once."""
+    tasks = [tmp_path / "mark"]
+    assert list(in_processes(tasks, 1, lambda: None, ends_once, abs)) == [[{"box": "mark"}]]
+    tasks[0].unlink()
     monkeypatch.setattr(workers, "_MOST_ENDS", 1)
     with pytest.raises(InputError, match="worker processes that ended"):
-        list(in_processes(tasks, 1, lambda: None, ends_once))
+        list(in_processes(tasks, 1, lambda: None, ends_once, abs))
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_a_scheduler_that_ends_loses_nothing(monkeypatch, again):
+    """One that starts again gets the tasks that remain; without one the run ends in one line."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "_RESTART_S", 20.0 if again else 1.0)
+    local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    local |= {"protocol": "tcp", "host": "127.0.0.1"}
+    clusters = [distributed.LocalCluster(**local)]
+    address, results = clusters[0].scheduler_address, []
+    port = int(address.rsplit(":", 1)[1])
+    try:
+        for result in workers.on_scheduler([0.1, 0.2, 0.3], address, lambda: None, slept):
+            results.append(result)
+            if len(clusters) == 1:
+                clusters[0].close()
+                clusters.append(distributed.LocalCluster(**local, scheduler_port=port) if again else None)
+    except InputError as error:
+        assert not again and "no answer" in str(error) and "Repeat the command" in str(error)
+    finally:
+        for cluster in filter(None, clusters):
+            cluster.close()
+    assert sorted(results) == [0.1, 0.2, 0.3] if again else len(results) < 3
+
+
+def slept(seconds):
+    time.sleep(seconds)
+    return seconds
 
 
 def test_a_worker_with_other_versions_is_named(tmp_path):
@@ -186,7 +269,8 @@ def test_a_worker_with_other_versions_is_named(tmp_path):
 def test_tasks_hold_boxes_of_one_geometry(tmp_path):
     path = write_recipe(tmp_path, ("boxes = 2", "boxes = 25\nboxes_per_geometry = 10"))
     tasks = tasks_of(load_recipe(path), path, Layout(tmp_path / "set"))
-    assert sorted(n for task in tasks for n in task.boxes) == list(range(25))
+    numbers = [n for task in tasks for n in task.boxes]
+    assert numbers == list(range(28)) and len(tasks[-1].boxes) == 8  # whole blocks, also at the end of the set
     assert all(len({n // 10 for n in task.boxes}) == 1 for task in tasks)
 
 

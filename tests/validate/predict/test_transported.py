@@ -12,7 +12,8 @@ from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
-from cboxlab.validation.predict.transported import transported
+from cboxlab.validation.predict.transported import coated, transported
+from helpers.boxes import BANDS, box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -73,3 +74,54 @@ def test_a_cube_shows_a_gradient_of_reflectance():
     assert np.all((ratio[floor] > 0.5) & (ratio[floor] < 1.0))
     rows = [ratio[row][floor[row]].mean() for row in range(24) if floor[row].sum() > 6]
     assert np.all(np.diff(rows) > 0)  # lower rows show the floor's front
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5])
+def test_the_specular_part_is_the_coats_lobe_over_the_lamp(rho):
+    """Pixel by pixel, against quadrature of Walter's GGX lobe with Fresnel's reflectance over the lamp's square.
+
+    The light leaves the box after one reflection, whatever the base's reflectance, which changes the rest alone.
+    """
+    scene, camera, strength, alpha = box_with_lamp(rho), camera_inside(16), 0.8, 0.3
+    gloss = apply_checked("gloss", {"material": "grey", "specular": strength, "roughness": alpha}, "test")
+    image = render_final_gather(RenderJob(scene, camera, BANDS, 64, 2, max_bounces=1))
+    parts = coated(image, scene, camera, (gloss,), 1, max_bounces=1)
+    floor = (image.surface == image.surface_names.index("floor")) & (image.coverage.max(axis=-1) == 1)
+    rows, columns = np.nonzero(floor)
+    way = camera.directions(columns, rows)
+    place = camera.position_mm - way * (camera.position_mm[1] / way[:, 1])[:, None]
+    expected = np.array([_lobe_over_lamp(scene, p, -d, strength, alpha) for p, d in zip(place, way, strict=True)])
+    specular = parts.specular[floor]
+    assert floor.sum() > 30
+    np.testing.assert_allclose(specular, specular[:, :1] * np.ones(3), rtol=1e-6)  # a coat has no colour
+    np.testing.assert_allclose(specular[:, 0], expected, rtol=0.1)  # a pixel holds many angles
+    assert abs(specular[:, 0].sum() / expected.sum() - 1) < 0.01
+    added = parts.image.mean(np.eye(3)) - image.mean(np.eye(3))
+    if rho == 0:
+        np.testing.assert_allclose(added[floor], specular, rtol=1e-4)
+    else:
+        assert np.all(added[floor] < specular)  # the coat keeps light from the base
+
+
+def _lobe_over_lamp(scene, point, outgoing, strength, alpha):
+    """Light of a lamp of radiance 1 that a coat on the floor reflects; sums over 40 x 40 parts of the lamp."""
+    corners = scene.lamp.surface.vertices_mm
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, z = ((low[k] + (high[k] - low[k]) * (np.arange(40) + 0.5) / 40) for k in (0, 2))
+    parts = np.stack([*np.meshgrid(x, z)], axis=-1).reshape(-1, 2)
+    to_lamp = np.stack([parts[:, 0], np.full(len(parts), low[1]), parts[:, 1]], axis=1) - point
+    square = np.sum(to_lamp**2, axis=1)
+    incoming = to_lamp / np.sqrt(square)[:, None]
+    half = (incoming + outgoing) / np.linalg.norm(incoming + outgoing, axis=1, keepdims=True)
+    density = alpha**2 / (np.pi * (half[:, 1] ** 2 * (alpha**2 - 1) + 1) ** 2)
+
+    def masking(cosine):
+        return 2 / (1 + np.sqrt(1 + alpha**2 * (1 / cosine**2 - 1)))
+
+    c = np.sum(incoming * half, axis=1)
+    inside = np.sqrt(1 - (1 - c**2) / 2.25)
+    across, along = (c - 1.5 * inside) / (c + 1.5 * inside), (1.5 * c - inside) / (1.5 * c + inside)
+    reflected = strength * (across**2 + along**2) / 2
+    lobe = reflected * density * masking(incoming[:, 1]) * masking(outgoing[1]) / (4 * incoming[:, 1] * outgoing[1])
+    area = (high[0] - low[0]) * (high[2] - low[2]) / len(parts)
+    return np.sum(lobe * incoming[:, 1] * incoming[:, 1] * area / square)

@@ -92,9 +92,9 @@ def test_every_control_and_picture_has_a_name(browser, report):
 
 
 def test_pixels_are_marked_where_they_are(browser, report):
-    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and beside it."""
+    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and next to it."""
     _open(browser, report, 1280)
-    found = browser.run("""[...document.querySelectorAll('.framed')].flatMap((frame) => {
+    outcome = browser.run("""[...document.querySelectorAll('.framed')].flatMap((frame) => {
       const picture = frame.querySelector('img').getBoundingClientRect();
       const marks = (where) => [...frame.querySelectorAll(where)].map(
         (e) => [parseInt(e.textContent), e.getBoundingClientRect()]);
@@ -103,8 +103,8 @@ def test_pixels_are_marked_where_they_are(browser, report):
         ...marks('.down span').map(([n, box]) => [n, ((box.top + box.bottom) / 2 - picture.top) / picture.height]),
       ];
     })""")
-    assert len(found) > 20
-    for pixel, place in found:
+    assert len(outcome) > 20
+    for pixel, place in outcome:
         assert place == pytest.approx((pixel + 0.5) / BOX.size, abs=0.02)
 
 

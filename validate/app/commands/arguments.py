@@ -51,7 +51,8 @@ NoCacheOption = Annotated[
 _DECLARED = (
     "Property that a file does not state, as KEY=VALUE. Repeat the option for several properties. The keys are units "
     "('W m^-2 sr^-1 nm^-1', or 'cd m^-2' in colour), scale (factor to these units), wavelengths (400:700:20), "
-    "wavelength-unit (nm), and colour-space (rec709, rec2020, p3-d65, aces, acescg or radiance)."
+    "wavelength-unit (nm), colour-space (rec709, rec2020, p3-d65, aces, acescg or radiance), and layer (the picture "
+    "among several layers, in `cbox regress`)."
 )
 DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
 DeclarePairOption = Annotated[

@@ -125,7 +125,8 @@ def _declared(values: dict[str, str]) -> Declared:
 
     scale = positive_number(values["scale"], "--declare scale") if "scale" in values else None
     at = _listed_wavelengths(values["wavelengths"]) if "wavelengths" in values else None
-    return Declared(values.get("units"), scale, at, values.get("colour-space"), values.get("wavelength-unit"))
+    texts = (values.get(key) for key in ("colour-space", "wavelength-unit", "layer"))
+    return Declared(values.get("units"), scale, at, *texts)
 
 
 @contextmanager

@@ -27,9 +27,9 @@ def regress(
     baseline: Annotated[
         str,
         typer.Argument(
-            help="Spectral cube (.nc, .exr, .hdr) or colour picture (.exr, .hdr). Independent cubes of one picture can "
-            "be joined by commas, or be a folder. It may also be a command that writes them to {out}, a model file "
-            "(.toml), or cornell-box.",
+            help="Spectral cube (.nc, .exr, .hdr) or colour picture of any scene (.exr, .hdr). Independent ones of the "
+            "same view can be joined by commas, or be a folder. It may also be a command that writes them to {out}, a "
+            "model file (.toml), or cornell-box.",
             show_default=False,
         ),
     ],

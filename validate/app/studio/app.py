@@ -20,8 +20,10 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from ...report.viewer import viewer_data, viewer_script, viewer_style
+from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
+from .first_capture import first_draft, write_first
 from .jobs import Jobs
+from .picker import Picker
 from .places import list_inputs
 from .wire import catalogue_record, study_record, view
 from .workbench import EarlierStateError, Workbench
@@ -63,6 +65,11 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "index.html": ("text/html", _page_file("index.html")),
     "studio.js": ("text/javascript", _page_file("studio.js")),
     "controls.js": ("text/javascript", _page_file("controls.js")),
+    "first.html": ("text/html", _page_file("first.html")),
+    "first.js": ("text/javascript", _page_file("first.js")),
+    "points.html": ("text/html", _page_file("points.html")),
+    "points.js": ("text/javascript", _page_file("points.js")),
+    "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),
     "studio.css": ("text/css", _page_file("studio.css")),
     "viewer.js": ("text/javascript", viewer_script),
     "viewer.css": ("text/css", viewer_style),
@@ -113,6 +120,7 @@ class _Handlers:
 
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
+        self._picker = Picker(bench.root)
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
         #: Last answers by name, for pages that ask during a computation.
@@ -187,6 +195,33 @@ class _Handlers:
         self._render_later()
         headers = {**_HEADERS, _REVISION_HEADER: str(bench.revision)}
         return Response(content, media_type="application/octet-stream", headers=headers)
+
+    async def points(self, request: Request) -> Response:
+        """Corners of a capture's photograph, their positions, or the file of them."""
+        name, body, picker = request.path_params["name"], await _body(request), self._picker
+        capture, marks = _text(body, "capture"), body.get("points", [])
+        if not isinstance(marks, list):
+            raise InputError("points", repr(marks)[:80], "a list of marked corners")
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "picture": lambda: picker.picture(capture),
+            "locate": lambda: picker.locate(capture, marks, _flag(body, "by_edges")),
+            "write": lambda: picker.write(capture, marks),
+        }
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
+
+    async def first(self, request: Request) -> Response:
+        """Draft of a folder's first capture.toml, or its file."""
+        steps = {"draft": first_draft, "write": write_first}
+        name, body = request.path_params["name"], await _body(request)
+        folder, entries = _text(body, "folder"), body.get("entries", [])
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        if not isinstance(entries, list):
+            raise InputError("entries", repr(entries)[:80], "a list of entries")
+        record = await self.jobs.quick(lambda: steps[name](self.bench.root, folder, entries))
+        return JSONResponse(record, headers=_HEADERS)
 
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
@@ -297,6 +332,8 @@ def build_app(
         Route("/api/events", handlers.events),
         Route("/api/cancel", handlers.cancel, methods=["POST"]),
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),
+        Route("/api/first/{name:str}", handlers.first, methods=["POST"]),
+        Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
         Route("/api/job/{name:str}", handlers.job, methods=["POST"]),
     ]
 

@@ -12,7 +12,6 @@ import numpy as np
 from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.optimize import linear_sum_assignment, minimize_scalar
 
 from .evidence import Evidence, Fit
@@ -91,7 +90,7 @@ def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
 
 
 def group_name(side: Side, group: NDArray[np.bool_]) -> str:
-    """Name of a group of planes: their mean wavelength in nm, or X, Y, Z.
+    """Name of a group of planes: their mean wavelength in nm, X, Y, Z, or R, G, B.
 
     Parameters
     ----------
@@ -125,7 +124,9 @@ def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
         masks = [evidence.group == g for g in range(evidence.groups)]
         fit = evidence.fit([base * mask for mask in masks])
         factors = {group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)}
-        if min(factors.values()) >= 0:
+        if min(factors.values()) >= 0 and side.as_stored:
+            yield Explanation("channel-gains", {"factor_by_channel": factors}, fit, len(masks))
+        elif min(factors.values()) >= 0:
             yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit, len(masks))
 
 
@@ -201,6 +202,12 @@ def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterat
 def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     """Bands in another order; in colour red, green and blue, for each known set of primaries."""
     base = evidence.baseline
+    if side.as_stored:
+        for order in permutations(range(len(side.bands))):
+            letters = "".join(side.bands[i] for i in order)
+            if letters != "RGB":
+                yield Explanation("bands-exchanged", {"order": letters}, exact(evidence, base[..., list(order)]), 1)
+        return
     if side.in_colour:
         for (space, corners), order in product(COLOUR_SPACES.items(), permutations(range(3))):
             matrix = primaries_matrix(corners)
@@ -227,6 +234,8 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
 
 def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explanation]:
     """Wavelengths reversed, shifted, or shifted and stretched."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     base = evidence.baseline
     if wavelength_nm.size < _MIN_WAVELENGTHS:
         return

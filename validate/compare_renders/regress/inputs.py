@@ -338,6 +338,12 @@ def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[st
     """Rendering of the stated scene, or of the published one where the baseline shows it."""
     from .variants import build_variants, mismatch
 
+    if baseline.as_stored:
+        if view is not None:
+            expected = "X, Y, Z or spectra, next to a model"
+            hint = "declare colour-space=NAME, units='cd m^-2' and scale=FACTOR to it."
+            raise InputError(baseline.source, "R, G, B of no stated unit and colour space", expected, hint)
+        return None
     if view is None:
         camera = baseline.camera or candidate.camera
         if camera is None and baseline.shape[0] != baseline.shape[1]:

@@ -25,6 +25,7 @@ from .patterns import (
     SHARES,
     Difference,
     PooledMean,
+    block_spread,
     dark_pixels,
     odd_lines,
     odd_tiles,
@@ -44,8 +45,6 @@ __all__ = [
     "cancelling_patterns",
     "difference_of",
     "pooled_means",
-    "quieter_part",
-    "roughness_of",
 ]
 
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
@@ -169,9 +168,9 @@ class Pooling:
         _Sums
             Its pictures.
         """
-        difference = self.trimmed.difference[..., number]
+        difference = np.ascontiguousarray(self.trimmed.difference[..., number])
         return _Sums(
-            self.trimmed.level[..., number],
+            np.ascontiguousarray(self.trimmed.level[..., number]),
             difference,
             self.noise.of_band(number),
             None if self.shared is None else self.shared[..., number],
@@ -181,63 +180,11 @@ class Pooling:
         )
 
 
-def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
-    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
-
-    The variances are those of neighbouring pixels inside smooth parts.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x) pictures.
-    smooth
-        (y, x) pixels away from edges.
-
-    Returns
-    -------
-    float
-        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
-    """
-    inner = minimum_filter(smooth, 3)
-    if inner.sum() < _MIN_PIXELS:
-        return 0.5
-    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
-    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
-    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
-
-
-def roughness_of(
-    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Variance of each pixel relative to other pixels, from the variances that two sides state.
-
-    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
-    the mean. The two sides are weighted so that these biases of their difference cancel.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x, w) variances.
-    body
-        (y, x) pixels but those of the lamp.
-
-    Returns
-    -------
-    NDArray
-        (y, x) relative variance, about 1 on average.
-    """
-    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
-    first, second = sums[0] ** 2, sums[1] ** 2
-    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
-    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
-    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])
-
-
 def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
     """Tests of all pools.
 
-    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, edges,
-    border and lamp, a grid of blocks, and patterns.
+    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, and patterns.
+    There are pools of edges, border and lamp, too, and a grid of blocks with their spread.
 
     Parameters
     ----------
@@ -261,11 +208,16 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     ]
     parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
     pools += [_pool_of(pooling, summed, "stratum", n, mask, len(parts)) for n, mask in parts.items()]
+    blocks = []
     for i in range(BLOCKS**2):
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
-        pools.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
+        blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
+    tested = [row for row in blocks if row is not None]
+    spread = block_spread(tested, pooling.noise.clustering)
     return (
         *(row for row in pools if row is not None),
+        *tested,
+        *([] if spread is None else [pool_of_finding("spread", spread, pooling.false_alarms * SHARES["spread"])]),
         *_even(pooling),
         *_patterns(pooling, strata.edges | strata.lamp, ""),
         *_patterns(pooling, strata.lamp, "lamp "),

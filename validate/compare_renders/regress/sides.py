@@ -19,15 +19,18 @@ from cboxlab.rendering.files import (
     camera_of_attribute,
     common_pixels,
     declared_for,
-    read_picture,
     stated_in,
     window_of,
     xyz_weights,
 )
+from cboxlab.rendering.image import high_pass
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
+
+from ..scene_pictures import AS_STORED, GUIDES, read_scene_picture
 
 __all__ = [
     "Side",
@@ -37,12 +40,18 @@ __all__ = [
     "cut_side",
     "in_common_quantity",
     "on_common_pixels",
+    "quieter_part",
     "read_side",
+    "roughness_of",
     "side_of",
 ]
 
 #: Batches assumed behind a standard error whose cube does not state them: few, for cautious tests.
 _ASSUMED_BATCHES = 4
+#: Fewest pixels away from edges whose neighbours give a variance.
+_MIN_SMOOTH_PIXELS = 12
+#: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
+_SQUARE_CUT = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +62,10 @@ class SurfaceMap:
     index: NDArray[np.int64]
     #: Names of the surfaces.
     names: tuple[str, ...]
-    #: (y, x) pixels that see the lamp.
-    lamp: NDArray[np.bool_]
+    #: (y, x) pixels that see the lamp; None where the map does not say so.
+    lamp: NDArray[np.bool_] | None
+    #: Whether the names are those of objects, which pictures of other noise have too.
+    of_objects: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +76,7 @@ class Side(FrozenMappings):
     source: str
     #: (w,) wavelengths, nm; NaN in colour.
     wavelength_nm: NDArray[np.float64]
-    #: (y, x, w) radiance, W m^-2 sr^-1 nm^-1; in colour X, Y, Z, cd m^-2.
+    #: (y, x, w) radiance, W m^-2 sr^-1 nm^-1; in colour X, Y, Z, cd m^-2, or R, G, B in a file's numbers.
     radiance: NDArray[np.float64]
     #: (y, x, w) variance of the radiance; None where unknown.
     variance: NDArray[np.float64] | None
@@ -75,7 +86,7 @@ class Side(FrozenMappings):
     surfaces: SurfaceMap | None
     #: Remarks for the reader of a verdict.
     notes: tuple[str, ...] = ()
-    #: Whether the three planes are X, Y, Z, without wavelengths.
+    #: Whether the three planes are colours, without wavelengths.
     in_colour: bool = False
     #: Fields of ``Declared`` that the user declared and that were used.
     declared: tuple[str, ...] = ()
@@ -90,6 +101,17 @@ class Side(FrozenMappings):
     window: Window | None = None
     #: (b, y, x, w) radiance of the independent cubes whose mean the side is; None for a single cube.
     batches: NDArray[np.float64] | None = None
+    #: Names of the three planes in colour.
+    colours: tuple[str, ...] = ("X", "Y", "Z")
+    #: (y, x, c) albedo, normal, depth by kind, where a file has them.
+    guides: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    #: Name of the primaries of R, G, B as stored; empty where not stated.
+    colour_space: str = ""
+
+    @property
+    def as_stored(self) -> bool:
+        """Whether the planes are R, G, B in a file's numbers."""
+        return self.in_colour and self.colours == AS_STORED
 
     @property
     def pixels(self) -> Window:
@@ -99,8 +121,8 @@ class Side(FrozenMappings):
 
     @property
     def bands(self) -> tuple[str, ...]:
-        """Name of each plane: wavelength in nm, or X, Y, Z."""
-        return ("X", "Y", "Z") if self.in_colour else tuple(f"{w:.10g}" for w in self.wavelength_nm)
+        """Name of each plane: wavelength in nm, X, Y, Z, or R, G, B."""
+        return self.colours if self.in_colour else tuple(f"{w:.10g}" for w in self.wavelength_nm)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -178,13 +200,15 @@ def cut_side(side: Side, part: Window) -> Side:
     rows, columns = pixels.slices(part)
     surfaces = side.surfaces
     if surfaces is not None:
-        surfaces = replace(surfaces, index=surfaces.index[rows, columns], lamp=surfaces.lamp[rows, columns])
+        lamp = None if surfaces.lamp is None else surfaces.lamp[rows, columns]
+        surfaces = replace(surfaces, index=surfaces.index[rows, columns], lamp=lamp)
     return replace(
         side,
         radiance=side.radiance[rows, columns],
         variance=None if side.variance is None else side.variance[rows, columns],
         rounding=None if side.rounding is None else side.rounding[:, rows, columns],
         batches=None if side.batches is None else side.batches[:, rows, columns],
+        guides={kind: guide[rows, columns] for kind, guide in side.guides.items()},
         surfaces=surfaces,
         camera=None if side.camera is None else cut_camera(side.camera, pixels, part),
         window=part,
@@ -264,7 +288,7 @@ def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
     InputError
         If a file cannot be read, if the pictures do not fit together or are equal, or if radiance is not finite.
     """
-    return side_of([read_picture(path, declared) for path in paths], [str(path) for path in paths])
+    return side_of([read_scene_picture(path, declared) for path in paths], [str(path) for path in paths])
 
 
 def in_common_quantity(first: Side, second: Side) -> tuple[Side, Side]:
@@ -279,7 +303,23 @@ def in_common_quantity(first: Side, second: Side) -> tuple[Side, Side]:
     -------
     tuple of Side
         Both sides in one quantity.
+
+    Raises
+    ------
+    InputError
+        If one side alone is R, G, B as stored, or if both are of different primaries.
     """
+    if first.as_stored != second.as_stored:
+        stored, other = (first, second) if first.as_stored else (second, first)
+        raise InputError(
+            stored.source,
+            "R, G, B of no stated unit and colour space",
+            f"the quantity of {other.source}",
+            "declare colour-space=NAME, units='cd m^-2' and scale=FACTOR to it.",
+        )
+    spaces = first.colour_space, second.colour_space
+    if all(spaces) and spaces[0] != spaces[1]:
+        raise InputError(second.source, f"R, G, B of {spaces[1]}", f"{spaces[0]}, as {first.source}")
     if first.in_colour == second.in_colour:
         return first, second
     return _in_colour(first), _in_colour(second)
@@ -364,9 +404,10 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
 
 def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
     """Side of one cube, with notes on its standard error."""
-    in_colour = "xyz" in cube
+    quantity = next(name for name in ("xyz", "rgb", "radiance") if name in cube)
+    in_colour = quantity != "radiance"
     ordered = cube.transpose("y", "x", "component" if in_colour else "wavelength", ...)
-    radiance = ordered["xyz" if in_colour else "radiance"].values.astype(np.float64)
+    radiance = ordered[quantity].values.astype(np.float64)
     bad = ~np.isfinite(radiance)
     if bad.any():
         row, column, _ = (int(i[0]) for i in np.nonzero(bad))
@@ -401,6 +442,9 @@ def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
         _rounding(ordered),
         stated_in(cube),
         window_of(cube),
+        colours=AS_STORED if quantity == "rgb" else ("X", "Y", "Z"),
+        guides={kind: cube[f"guide_{kind}"].values for kind in GUIDES if f"guide_{kind}" in cube},
+        colour_space=str(cube.attrs.get("colour_space", "")),
     )
 
 
@@ -428,4 +472,58 @@ def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
         names = tuple(f"surface {i}" for i in range(int(index.max()) + 1))
     if index.max() >= len(names):
         return None
+    if surface.attrs.get("lamp") == "unknown":
+        return SurfaceMap(index, names, None, bool(surface.attrs.get("of_objects", 0)))
     return SurfaceMap(index, names, index == int(surface.attrs.get("lamp", -1)))
+
+
+def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
+    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
+
+    The variances are those of neighbouring pixels inside smooth parts.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x) pictures.
+    smooth
+        (y, x) pixels away from edges.
+
+    Returns
+    -------
+    float
+        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
+    """
+    inner = minimum_filter(smooth, 3)
+    if inner.sum() < _MIN_SMOOTH_PIXELS:
+        return 0.5
+    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
+    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
+    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
+
+
+def roughness_of(
+    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Variance of each pixel relative to other pixels, from the variances that two sides state.
+
+    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
+    the mean. The two sides are weighted so that these biases of their difference cancel.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x, w) variances.
+    body
+        (y, x) pixels but those of the lamp.
+
+    Returns
+    -------
+    NDArray
+        (y, x) relative variance, about 1 on average.
+    """
+    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
+    first, second = sums[0] ** 2, sums[1] ** 2
+    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
+    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
+    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])

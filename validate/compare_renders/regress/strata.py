@@ -55,7 +55,9 @@ class Strata(FrozenMappings):
         return self.used & ~self.lamp
 
 
-def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata:
+def strata_of(
+    level: NDArray[np.float64], surfaces: SurfaceMap | None, other: NDArray[np.float64] | None = None
+) -> Strata:
     """Parts of a picture.
 
     Parameters
@@ -64,6 +66,8 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
         (y, x) radiance of the baseline, summed over wavelengths.
     surfaces
         Map of surfaces; None where unknown. Lamp and edges then follow from the radiance alone.
+    other
+        (y, x) radiance of the candidate: pixels count that are lit in either picture, or few samples would bias them.
 
     Returns
     -------
@@ -71,18 +75,20 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
         The parts.
     """
     used = level > 1e-9 * max(float(level.max()), 1e-300)
+    if other is not None:
+        used |= other > 1e-9 * max(float(level.max()), 1e-300)
     quiet = median_filter(level, 3, mode="nearest")
     span = local_range(level)
     edges = _sharp(quiet, span, level)
-    if surfaces is None:
-        bright = (
-            quiet > _LAMP_FACTOR * np.percentile(quiet[used], _LAMP_PERCENTILE) if used.any() else np.zeros_like(used)
-        )
-        names: dict[str, NDArray[np.bool_]] = {}
-    else:
-        bright = surfaces.lamp
+    bright = _bright(quiet, used)
+    names: dict[str, NDArray[np.bool_]] = {}
+    if surfaces is not None:
         index = surfaces.index
         edges = edges | (maximum_filter(index, 3) != minimum_filter(index, 3))
+        if surfaces.lamp is None:
+            edges = edges | (index < 0)
+        else:
+            bright = surfaces.lamp
     lamp = binary_dilation(bright, np.ones((3, 3)))
     border = np.zeros(level.shape, bool)
     border[[0, -1], :] = border[:, [0, -1]] = True
@@ -94,6 +100,13 @@ def strata_of(level: NDArray[np.float64], surfaces: SurfaceMap | None) -> Strata
     return Strata(
         used, lamp, used & ~lamp & edges & ~border, border & used & ~lamp, smooth, names, block, surfaces is not None
     )
+
+
+def _bright(quiet: NDArray, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(y, x) pixels so much brighter than all others that they show a lamp."""
+    if not used.any():
+        return np.zeros_like(used)
+    return np.asarray(quiet > _LAMP_FACTOR * np.percentile(quiet[used], _LAMP_PERCENTILE))
 
 
 def _sharp(quiet: NDArray, span: NDArray, level: NDArray) -> NDArray[np.bool_]:

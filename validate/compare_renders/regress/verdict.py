@@ -8,6 +8,7 @@ import numpy as np
 from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from .grids import Common, common_wavelengths
 from .noise import Noise, noise_of, paired_variance, smooth_variance, variance_of
@@ -20,10 +21,8 @@ from .pooled import (
     cancelling_patterns,
     difference_of,
     pooled_means,
-    quieter_part,
-    roughness_of,
 )
-from .sides import Side, SurfaceMap
+from .sides import Side, SurfaceMap, quieter_part, roughness_of
 from .strata import Strata, strata_of
 
 __all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
@@ -42,6 +41,10 @@ _MIN_SMOOTH_PART = 0.4
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
+#: Relative change of an albedo, a normal or a depth that is noted: samples inside a pixel change it by less.
+_GUIDE_CHANGE = 0.02
+#: Part of the smooth pixels from which such a change is noted.
+_GUIDE_PART = 0.005
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
 _MAX_PIXEL_DEGREES = 8.0
 
@@ -138,10 +141,11 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
 def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
     """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
     surface_map = surfaces or baseline.surfaces or candidate.surfaces
-    strata = strata_of(baseline.radiance.sum(axis=-1), surface_map)
+    levels = _total(baseline), _total(candidate)
+    strata = strata_of(levels[0], surface_map, levels[1])
     if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():
         return strata
-    others = strata_of(candidate.radiance.sum(axis=-1), surface_map)
+    others = strata_of(levels[1], surface_map, levels[0])
     return others if _SMOOTHER * strata.smooth.sum() < others.smooth.sum() else strata
 
 
@@ -233,6 +237,9 @@ def _remarks(comparison: Comparison) -> list[str]:
     notes = []
     if comparison.pooling.paired:
         notes.append("both sides have the same random numbers: they are compared cube by cube")
+    if comparison.noise.estimated:
+        notes.append(f"noise assumed: {_typical_noise(comparison):.2%} of the light per pixel")
+    notes += _changed_guides(comparison)
     if not comparison.strata.mapped:
         notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
     if np.array_equal(comparison.common.candidate.radiance, comparison.common.baseline.radiance):
@@ -248,6 +255,42 @@ def _remarks(comparison: Comparison) -> list[str]:
             f"neighbouring pixels are correlated: variances of means are {comparison.noise.clustering:.2g} times larger"
         )
     return notes
+
+
+def _typical_noise(comparison: Comparison) -> float:
+    """Median over the smooth pixels of the difference's standard deviation over the light."""
+    used = comparison.strata.smooth if comparison.strata.smooth.any() else comparison.strata.used
+    if not used.any():
+        return 0.0
+    level = comparison.trimmed.level.sum(axis=-1)[used]
+    return float(np.median(np.sqrt(comparison.noise.total[used]) / np.maximum(level, 1e-300)))
+
+
+def _changed_guides(comparison: Comparison) -> list[str]:
+    """Notes on albedo, normals and depth that differ away from edges.
+
+    Paints, geometry or the camera have then changed.
+    """
+    baseline, candidate = _sides(comparison)
+    inside = comparison.strata.smooth
+    notes = []
+    for kind in sorted(set(baseline.guides) & set(candidate.guides)):
+        first, second = (np.nan_to_num(side.guides[kind], posinf=0.0) for side in (baseline, candidate))
+        if first.shape != second.shape:
+            continue
+        size = np.abs(first).max(axis=-1)
+        step = _GUIDE_CHANGE * np.maximum(size, 1e-3 * max(float(size.max()), 1e-30))
+        # samples inside a pixel differ where a guide is not even
+        even = inside & (_span(first) < step) & (_span(second) < step)
+        apart = even & (np.abs(second - first).max(axis=-1) > step)
+        if apart.sum() > _GUIDE_PART * max(int(inside.sum()), 1):
+            notes.append(f"the {kind} differs in {apart.sum() / inside.sum():.1%} of the pixels away from edges")
+    return notes
+
+
+def _span(guide: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x) largest range of a guide's component in 3 x 3 pixels."""
+    return np.asarray((maximum_filter(guide, (3, 3, 1)) - minimum_filter(guide, (3, 3, 1))).max(axis=-1))
 
 
 def _relative(comparison: Comparison) -> NDArray[np.float64]:

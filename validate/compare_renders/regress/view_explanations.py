@@ -47,6 +47,7 @@ def from_view(evidence: Evidence) -> Iterator[Explanation]:
         One for each kind of change and each mirror axis and width of border.
     """
     yield from _mirrored(evidence)
+    yield from _rolled(evidence)
     yield from _displaced(evidence.grouped())
     yield _filter(evidence)
     yield from _border(evidence)
@@ -61,6 +62,28 @@ def _mirrored(evidence: Evidence) -> Iterator[Explanation]:
         "both": base[::-1, ::-1],
     }.items():
         yield Explanation("mirrored", {"axis": axis}, exact(evidence, picture), 1)
+
+
+def _rolled(evidence: Evidence) -> Iterator[Explanation]:
+    """The picture rolled: what leaves at one side enters at the other.
+
+    The clearest peak of the pictures' correlation gives the number of pixels.
+    """
+    before, after = (np.log1p(p.sum(axis=-1) / max(float(p.sum(axis=-1).mean()), 1e-300)) for p in _lit(evidence))
+    spectrum = np.fft.rfft2(after - after.mean()) * np.conj(np.fft.rfft2(before - before.mean()))
+    correlation = np.fft.irfft2(spectrum, before.shape)
+    rows, columns = (int(i) for i in np.unravel_index(int(correlation.argmax()), before.shape))
+    if rows == 0 and columns == 0:
+        return
+    picture = np.roll(evidence.baseline, (rows, columns), axis=(0, 1))
+    dy, dx = ((n + size // 2) % size - size // 2 for n, size in zip((rows, columns), before.shape, strict=True))
+    values = {"dx_px": float(dx), "dy_px": float(dy), "rolled": True}
+    yield Explanation("shift", values, exact(evidence, picture), 2)
+
+
+def _lit(evidence: Evidence) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both pictures without values below 0."""
+    return np.maximum(evidence.baseline, 0.0), np.maximum(evidence.candidate, 0.0)
 
 
 def moved(picture: NDArray[np.float64], by_px: NDArray[np.float64]) -> NDArray[np.float64]:

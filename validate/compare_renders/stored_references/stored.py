@@ -151,12 +151,14 @@ def _regions(side: Side) -> tuple[NDArray[np.bool_], dict[str, NDArray[np.bool_]
     Without a map of surfaces the lamp is found by its brightness, and there are no surfaces.
     """
     surface_map = side.surfaces
-    if surface_map is None:
+    if surface_map is None or not surface_map.of_objects:
         return strata_of(side.radiance.sum(axis=-1), None).body, {}
     index = surface_map.index
     inside = maximum_filter(index, 3) == minimum_filter(index, 3)
     inside[[0, -1], :] = inside[:, [0, -1]] = False
     surfaces = {name: (index == i) & inside for i, name in enumerate(surface_map.names)}
+    if surface_map.lamp is None:
+        return strata_of(side.radiance.sum(axis=-1), surface_map).body, surfaces
     return ~surface_map.lamp, surfaces
 
 

@@ -54,8 +54,8 @@ class FlawColumns:
 
     #: (k,) kind of each column, and after a colon its form; the columns of a form have one width.
     kind: NDArray[np.str_]
-    #: (k, n) change of the used samples by each column at one standard deviation of its prior, DN.
-    change: NDArray[np.float32]
+    #: (n,) each, change of the used samples by a column at one standard deviation of its prior, DN.
+    change: tuple[NDArray[np.float32], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def flaw_columns(
     ):
         kinds.append(kind)
         columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
-    return FlawColumns(np.array(kinds), np.array(columns, np.float32).reshape(len(columns), int(used.sum())))
+    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns))
 
 
 def _meeting_faces(face: NDArray[np.int64]) -> list[tuple[int, int]]:

@@ -11,7 +11,7 @@ within the kind's bound. Deviations of single pixels, alike in all bands, whiten
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol, Self, TypeVar
@@ -37,7 +37,7 @@ _MAX_WIDTH = 3.0
 #: Smallest width, in its tolerance.
 _MIN_WIDTH = 0.01
 
-#: Largest relative deviation of single pixels.
+#: Largest relative deviation of single pixels: a flaw is small, or it is a cause.
 _MAX_PIXEL_ERROR = 0.005
 
 #: Rounds of the widths' fit.
@@ -102,14 +102,16 @@ class FlawModel(Generic[W]):
 
     #: The capture's linear model, single pixels' deviations in its covariance.
     model: W
-    #: Relative standard deviation of single pixels.
+    #: Relative standard deviation of single pixels, as estimated.
     pixel_error: float
+    #: -2 ln(evidence) of the residual without flaws, over that of this model's covariance without columns.
+    nothing: float
     #: (k,) kind of each column.
     kind: NDArray[np.str_]
     #: (n + 11, k) whitened, projected columns.
     columns: NDArray[np.float32]
-    #: (k, n) the same as given, DN.
-    change: NDArray[np.float32]
+    #: (n,) each, the same as given, DN.
+    change: tuple[NDArray[np.float32], ...]
     #: (band, y, x) predicted signal, DN.
     signal: NDArray[np.float64]
 
@@ -136,6 +138,11 @@ class FlawModel(Generic[W]):
             return residual
         pixels = self.model.errors.whitened(residual[:count])
         return self.model.project(np.append(pixels, residual[count:]))
+
+    @property
+    def beyond_flaws(self) -> bool:
+        """Whether single pixels deviate by more than flats do that were taken a while ago."""
+        return self.pixel_error > _MAX_PIXEL_ERROR
 
     def _aim(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(self.columns.T @ residual.astype(np.float32), float)
@@ -248,27 +255,36 @@ class FlawModel(Generic[W]):
             (n + 11,) in the whitened model.
         """
         members = self._of_kind(kind) if kind else self.kind != _SHARED
-        return np.asarray(self.columns[:, members] @ fitted.amount[members].astype(np.float32), float)
+        return np.asarray(self.columns @ np.where(members, fitted.amount, 0.0).astype(np.float32), float)
 
     def _of_kind(self, kind: str) -> NDArray[np.bool_]:
         """(k,) columns of a kind, in all its forms."""
         return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
-    def change_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
-        """Change of the used samples by all fitted flaws.
+    def change_dn(self, plain: W, fitted: FittedFlaws, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Change of the used samples by all fitted flaws, single pixels included.
 
         Parameters
         ----------
+        plain
+            The model without errors in its covariance.
         fitted
             Fitted widths and amounts.
+        residual
+            (n + 11,) residual of the plain model.
 
         Returns
         -------
         NDArray
             (n,) DN.
         """
-        members = self.kind != _SHARED
-        return np.asarray(fitted.amount[members].astype(np.float32) @ self.change[members], float)
+        flaws, shared = np.zeros(self.model.count), np.zeros(self.model.count)
+        for kind, amount, change in zip(self.kind, fitted.amount, self.change, strict=True):
+            (shared if kind == _SHARED else flaws)[:] += amount * change
+        if self.model.errors is not None:
+            rest = residual[: self.model.count] - (flaws + shared) / plain.sigma
+            flaws += plain.sigma * self.model.errors.of_cells(rest)
+        return flaws
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model with the flaws in its covariance.
@@ -285,10 +301,9 @@ class FlawModel(Generic[W]):
         LinearModel
             Shared errors are counted as well.
         """
-        columns = [
-            width * change / plain.sigma for width, change in zip(self._prior(fitted.width), self.change, strict=True)
-        ]
-        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns))
+        prior = self._prior(fitted.width)
+        columns = (width * change / plain.sigma for width, change in zip(prior, self.change, strict=True))
+        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns, len(prior)))
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a residual.
@@ -315,25 +330,25 @@ class FlawModel(Generic[W]):
         if self.pixel_error > 0 and self.model.errors is not None:
             cells = self.model.errors
             weight = float(cells.weight @ cells.weight)
-            flaws.append(Flaw(_PIXELS, weight / count, self.pixel_error, 1.0))
+            flaws.append(Flaw(_PIXELS, weight / count, min(self.pixel_error, _MAX_PIXEL_ERROR), 1.0))
         return sorted(flaws, key=lambda flaw: -flaw.chi2_per_dof)
 
     def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
         members, count = self._of_kind(kind), self.model.count
         rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
-        rows, columns = np.indices(self.model.used.shape[1:])
-        board = (rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2 == 1
+        columns = self.columns[:count, members]
+        v, u = np.indices(self.model.used.shape[1:])
+        board = (v // _HELDOUT_BLOCK_PX + u // _HELDOUT_BLOCK_PX) % 2 == 1
         white = np.broadcast_to(board, self.model.used.shape)[self.model.used]
         gains = np.zeros(2)
         for inside in (white, ~white):
-            fitted_rows = self.columns[:count, members][inside]
+            fitted_rows = np.where(inside[:, None], columns, np.float32(0))
             ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)
-            products = fitted_rows.T.astype(float) @ fitted_rows
-            amount = np.linalg.solve(products + ridge, fitted_rows.T @ rest[inside])
+            products = (fitted_rows.T @ fitted_rows).astype(float)
+            change = columns @ np.linalg.solve(products + ridge, fitted_rows.T @ rest)
             for index, part in enumerate((inside, ~inside)):
-                change = self.columns[:count, members][part] @ amount
-                gains[index] += float(2 * change @ rest[part] - change @ change)
+                gains[index] += float(2 * change[part] @ rest[part] - change[part] @ change[part])
         return float(gains[1] / max(gains[0], 1e-30))
 
 
@@ -359,21 +374,28 @@ def build_flaw_model(
         In the covariance with single pixels' deviations.
     """
     plain = _with_columns(model, 0.0, flaws, signal)
-    remaining = residual - plain.part(fitted := plain.fit(residual)) - plain.part(fitted, _SHARED)
+    fitted = plain.fit(residual)
+    nothing = plain.score(plain.without(fitted), residual)
+    remaining = residual - plain.part(fitted) - plain.part(fitted, _SHARED)
     error = _pixel_error(model, signal, remaining)
     if error == 0:
-        return plain
-    return _with_columns(model, error, flaws, signal)
+        return replace(plain, nothing=nothing)
+    del plain  # its columns are as large as those to come
+    beside = _with_columns(model, error, flaws, signal)
+    cells = beside.model.errors
+    return replace(beside, nothing=nothing - (0.0 if cells is None else cells.volume_of_cells))
 
 
 def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
     """Columns whitened and projected, with the errors that bands and faces share."""
     model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
     shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
-    change = np.vstack([flaws.change, shared])
-    columns = np.array([model.whiten_used(column.astype(float)) for column in change], np.float32)
+    changes = (*flaws.change, *shared)
+    columns = np.empty((len(changes), len(plain.shared_errors)), np.float32)
+    for column, change in zip(columns, changes, strict=True):
+        column[:] = model.whiten_used(change.astype(float))
     kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
-    return FlawModel(model, error, kind, columns.T.copy(), change, signal)
+    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal)
 
 
 def _pixel_index(model: Whitening) -> NDArray[np.int64]:
@@ -395,12 +417,16 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
     e, w = each.reshape(shape), weight.reshape(shape)
     shared = sum(float(np.sum(a * b)) for a, b in ((e[1:], e[:-1]), (e[:, 1:], e[:, :-1])))
     weights = sum(float(np.sum(a * b)) for a, b in ((w[1:], w[:-1]), (w[:, 1:], w[:, :-1])))
-    return float(np.sqrt(np.clip(common - max(shared / max(weights, 1e-300), 0.0), 0.0, _MAX_PIXEL_ERROR**2)))
+    return float(np.sqrt(max(common - max(shared / max(weights, 1e-300), 0.0), 0.0)))
 
 
 def _pixel_errors(
-    model: Whitening, signal: NDArray[np.float64], error: float, columns: Sequence[NDArray] = ()
+    model: Whitening, signal: NDArray[np.float64], error: float, columns: Iterable[NDArray] = (), count: int = 0
 ) -> PictureErrors:
-    """Deviations of single pixels as a covariance, with further errors (n,) over sigma."""
+    """Deviations of single pixels as a covariance, with further errors.
+
+    columns : ``count`` of them, (n,) over sigma.
+    """
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
-    return cells_and_columns(cell, error * signal[model.used] / model.sigma, columns)
+    weight = min(error, _MAX_PIXEL_ERROR) * signal[model.used] / model.sigma
+    return cells_and_columns(cell, weight, columns, count)

@@ -149,6 +149,11 @@ class Explanation(FrozenMappings):
         return self.field is not None and self.field.acts == "moments"
 
     @property
+    def single_pixels(self) -> bool:
+        """Whether it is a pattern of single pixels."""
+        return self.field is not None and self.field.image is not None and self.field.image.kind == "pixels"
+
+    @property
     def runner_up(self) -> str | None:
         """Identifier of the second-best family; None where there is one family only."""
         return self.rivals[1].family if len(self.rivals) > 1 else None

@@ -3,7 +3,7 @@
 It is plain JavaScript. Its interface in the browser is documented at the head of ``static/viewer.js``.
 """
 
-from .fragment import viewer_fragment, viewer_script, viewer_style
+from .fragment import viewer_fragment, viewer_part, viewer_script, viewer_style
 from .payload import changed_data, encoded, picture_data, viewer_data
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "picture_data",
     "viewer_data",
     "viewer_fragment",
+    "viewer_part",
     "viewer_script",
     "viewer_style",
 ]

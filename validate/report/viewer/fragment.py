@@ -8,12 +8,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-__all__ = ["viewer_fragment", "viewer_script", "viewer_style"]
+__all__ = ["viewer_fragment", "viewer_part", "viewer_script", "viewer_style"]
 
 _STATIC = Path(__file__).parent / "static"
 
 #: Files of the script, each after those that it uses.
-_PARTS = ("arrays.js", "colour.js", "layers.js", "pixel.js", "viewer.js")
+_PARTS = ("arrays.js", "colour.js", "layers.js", "pixel.js", "regions.js", "export.js", "viewer.js")
 
 
 @cache
@@ -25,8 +25,24 @@ def viewer_script() -> str:
     str
         One script in strict mode.
     """
-    body = "\n".join((_STATIC / name).read_text(encoding="utf-8") for name in _PARTS)
+    body = "\n".join(viewer_part(name) for name in _PARTS)
     return f'(function () {{\n"use strict";\n{body}\nglobalThis.CBoxViewer = CBoxViewer;\n}})();\n'
+
+
+def viewer_part(name: str) -> str:
+    """One file of the script, whose functions another page uses.
+
+    Parameters
+    ----------
+    name
+        Name of the file.
+
+    Returns
+    -------
+    str
+        JavaScript.
+    """
+    return (_STATIC / name).read_text(encoding="utf-8")
 
 
 @cache

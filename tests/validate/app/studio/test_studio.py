@@ -2,16 +2,13 @@
 
 import json
 import shutil
-import socket
 import struct
 import threading
 import time
 import urllib.request
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
-import uvicorn
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench, build_app
@@ -20,6 +17,7 @@ from cboxlab.validation.diagnose import stepwise
 from helpers.browser import open_browser
 from helpers.glare_capture import GLARE, glare_capture
 from helpers.page_faults import FAULTS
+from helpers.server import served
 from starlette.testclient import TestClient
 
 #: Effects that the diagnosis tries here; each costs seconds.
@@ -95,9 +93,11 @@ def test_only_this_machines_pages_with_the_token_are_answered(client):
         assert client.get(f"/secret/{path}").status_code == 404
 
 
-@pytest.mark.parametrize(
-    "name", ["", "index.html", "studio.js", "controls.js", "studio.css", "viewer.js", "viewer.css"]
-)
+PAGES = ["", "index.html", "first.html", "points.html"]
+SCRIPTS = ["studio.js", "controls.js", "first.js", "points.js", "arrays.js", "viewer.js", "studio.css", "viewer.css"]
+
+
+@pytest.mark.parametrize("name", [*PAGES, *SCRIPTS])
 def test_the_pages_files_are_its_own(client, name):
     answer = client.get(f"/secret/{name}")
     assert answer.status_code == 200 and answer.headers["cache-control"] == "no-store"
@@ -194,23 +194,6 @@ def test_a_fit_is_saved_and_opened_again(client, bench):
     assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
     assert "below" in finished(client, "open", capture="nowhere")["error"]
     assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
-
-
-@contextmanager
-def served(bench):
-    """The workbench's address, on a server in a thread."""
-    listening = socket.create_server(("127.0.0.1", 0))
-    server = uvicorn.Server(
-        uvicorn.Config(build_app(bench, "secret", HERE, idle_s=1e9), log_level="warning", timeout_graceful_shutdown=1)
-    )
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}/secret/"
-    finally:
-        server.should_exit = True
-        thread.join(20)
-        listening.close()
 
 
 @pytest.fixture(scope="module")
@@ -311,7 +294,7 @@ def test_the_page_tells_a_mistake_and_goes_on(page):
     )
     page.until("document.getElementById('mistake').textContent.includes('from 0 to 0.5')")
     assert page.run("document.querySelector('#effects input[type=text]').value") == "0"
-    page.errors.clear()  # the browser tells the refused request, too
+    page.errors.clear()  # the browser reports the refused request, too
     press(page, "undo")
     page.until("page.controls.length === 0 && document.getElementById('mistake').textContent === ''")
 
@@ -357,8 +340,8 @@ def test_effects_are_grouped_and_searched(page):
 
 
 def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
-    tried = stepwise.hypotheses
-    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    hypotheses = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in TRIED])
     page.run(
         "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
         "globalThis[id + '_seen'] = all;"

@@ -10,7 +10,7 @@ CUBES = 4
 
 
 def side(first_seed, changed=lambda radiance, rng: radiance):
-    """Mean of cubes with seeds of their own."""
+    """Mean of cubes with different seeds."""
     rng = np.random.default_rng(first_seed)
     cubes = []
     for number in range(CUBES):

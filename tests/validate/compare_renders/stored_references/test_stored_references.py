@@ -169,11 +169,11 @@ def test_the_plugin_goes_from_no_reference_to_green_and_red(suite):
     assert "--update-light-references" in printed
     assert not (suite / "references").exists()
     assert run_suite(suite, "--update-light-references")[0] == 0
-    kept = (suite / "references" / "box.json").read_bytes()
+    content = (suite / "references" / "box.json").read_bytes()
     rendered(suite / "box.nc", 3, 0.997 * CLEAN)
     rendered(suite / "hall.nc", 2)
     code, printed = run_suite(suite)
     assert code == 1
     assert "1 failed, 1 passed" in printed
     assert re.search(r"whole picture: -0\.[23]", printed)
-    assert (suite / "references" / "box.json").read_bytes() == kept
+    assert (suite / "references" / "box.json").read_bytes() == content

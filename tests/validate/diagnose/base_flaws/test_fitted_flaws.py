@@ -1,4 +1,4 @@
-"""Flaws of a base: their evidence and an effect's amplitude beside them are those of the whole covariance."""
+"""Flaws of a base: their evidence and an effect's amplitude next to them are those of the whole covariance."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ def columns(draw, number=6):
     """Two kinds of smooth columns of about the size of the noise."""
     rows = np.arange(SIDE) / SIDE
     waves = [np.cos(np.pi * (k + 1) * rows + draw.uniform(0, 6)) for k in range(number)]
-    change = [np.broadcast_to(wave[:, None], SIGNAL.shape).ravel() for wave in waves]
-    return FlawColumns(np.array(["shading:0", "field"] * (number // 2)), np.array(change, np.float32))
+    change = [np.broadcast_to(wave[:, None], SIGNAL.shape).ravel().astype(np.float32) for wave in waves]
+    return FlawColumns(np.array(["shading:0", "field"] * (number // 2)), tuple(change))
 
 
 def covariance(model: FlawModel, width):
@@ -59,9 +59,9 @@ def covariance(model: FlawModel, width):
 
 def test_scores_are_those_of_the_whole_covariance():
     draw = np.random.default_rng(5)
-    given = columns(draw)
-    residual = draw.standard_normal(SIGNAL.size) + 0.5 * given.change[0] + 0.3 * given.change[1]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    column_values = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + 0.5 * column_values.change[0] + 0.3 * column_values.change[1]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
     whole = covariance(model, fitted.width)
@@ -74,10 +74,10 @@ def test_scores_are_those_of_the_whole_covariance():
 
 def test_an_amplitude_beside_flaws_is_that_of_generalised_least_squares():
     draw = np.random.default_rng(6)
-    given = columns(draw)
-    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + given.change[2][:, None]
+    column_values = columns(draw)
+    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + column_values.change[2][:, None]
     residual = draw.standard_normal(SIGNAL.size) + 2 * shape[:, 0]
-    model = build_flaw_model(Plain(), given, SIGNAL, draw.standard_normal(SIGNAL.size))
+    model = build_flaw_model(Plain(), column_values, SIGNAL, draw.standard_normal(SIGNAL.size))
     fitted = model.fit(model.whitened(residual - 2 * shape[:, 0]))
     expected = np.linalg.solve(covariance(model, fitted.width), shape)
     assert model.weighted(fitted, shape) == pytest.approx(expected, abs=1e-4)
@@ -96,10 +96,37 @@ def test_deviations_of_single_pixels_are_those_that_bands_have_in_common(error):
 
 def test_a_flaw_that_is_everywhere_is_seen_where_it_was_not_fitted():
     draw = np.random.default_rng(8)
-    given = columns(draw)
-    residual = draw.standard_normal(SIGNAL.size) + given.change[0]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    column_values = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + column_values.change[0]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     first, *_ = (flaw for flaw in model.flaws(model.fit(whitened), whitened) if flaw.kind != "pixels")
     assert first.kind == "shading" and first.heldout > 0.7
-    assert first.chi2_per_dof == pytest.approx(np.mean(given.change[0] ** 2), rel=0.2)
+    assert first.chi2_per_dof == pytest.approx(np.mean(column_values.change[0] ** 2), rel=0.2)
+
+
+def test_single_pixels_count_as_evidence_and_are_taken_off_as_likely_as_they_are():
+    """Against the covariance by noise, columns and pixels, written out."""
+    draw = np.random.default_rng(9)
+    column_values = columns(draw)
+    alike = np.broadcast_to(0.4 * draw.standard_normal((SIDE, SIDE)), SIGNAL.shape).ravel()
+    residual = draw.standard_normal(SIGNAL.size) + alike + column_values.change[1]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
+    fitted = model.fit(model.whitened(residual))
+    prior, change = np.array([fitted.width[str(kind)] for kind in model.kind]), np.array(column_values.change)
+    smallest, flaws = ((change.T * width**2) @ change for width in (np.full(6, 0.01), prior))
+    pixel = np.tile(np.arange(SIDE**2), BANDS)
+    flaws += (100 * model.pixel_error) ** 2 * (pixel[:, None] == pixel)
+    none, whole = np.eye(SIGNAL.size) + smallest, np.eye(SIGNAL.size) + flaws
+    first, last = (residual @ np.linalg.solve(each, residual) + np.linalg.slogdet(each)[1] for each in (none, whole))
+    assert model.nothing - fitted.score == pytest.approx(first - last, abs=0.1)
+    assert first - last > 50 and not model.beyond_flaws
+    taken_off = model.change_dn(Plain(), fitted, residual)
+    np.testing.assert_allclose(taken_off, flaws @ np.linalg.solve(whole, residual), atol=2e-3)
+
+
+def test_pixels_that_deviate_by_a_percent_are_no_flaw():
+    draw = np.random.default_rng(10)
+    alike = np.broadcast_to(draw.standard_normal((SIDE, SIDE)), SIGNAL.shape).ravel()
+    model = build_flaw_model(Plain(), columns(draw), SIGNAL, draw.standard_normal(SIGNAL.size) + alike)
+    assert model.beyond_flaws and model.pixel_error == pytest.approx(0.01, rel=0.2)

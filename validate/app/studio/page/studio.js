@@ -206,11 +206,12 @@ async function reload() {
   const picture = await (await request("picture")).json();
   const view = page.viewer ? page.viewer.state : { mode: "side", a: "measured", b: "rendered", c: "residual" };
   const fits = page.viewer && page.shape === `${picture.width} ${picture.height}`;
-  if (!fits) Object.assign(view, { x: picture.width / 2, y: picture.height / 2, zoom: 1, pixel: null });
+  if (!fits) Object.assign(view, { x: picture.width / 2, y: picture.height / 2, zoom: 1, pixel: null, region: null });
+  if (!fits && page.viewer) history.replaceState(null, "", location.pathname); // a link to another picture
   page.shape = `${picture.width} ${picture.height}`;
   const place = make("div", { id: "viewer" });
   $("picture").replaceChildren(place);
-  page.viewer = new CBoxViewer(place, picture, view);
+  page.viewer = new CBoxViewer(place, picture, { ...view, link: true });
   await page.viewer.ready;
   await receive(await request("view"));
 }

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from scipy.interpolate import CubicSpline
-
 from .cause import Cause, Pictures, Trial, as_found
 
 __all__ = ["CAUSE"]
@@ -19,6 +17,8 @@ _MIN_WAVELENGTHS = 4
 
 def _trials(pictures: Pictures) -> Iterator[Trial]:
     """Shift of 0.11 to 0.2 nm in the visible range."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     at = pictures.wavelength_nm
     if at is None or at.size < _MIN_WAVELENGTHS:
         return

@@ -5,6 +5,7 @@ from .difference import Difference, Finding
 from .lines import odd_lines, odd_tiles, tile_steps
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, PooledMean, pool_of_finding
+from .spread import block_spread
 from .texture import FIXED_TEXTURE, fine_structure, textures
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "Difference",
     "Finding",
     "PooledMean",
+    "block_spread",
     "dark_pixels",
     "fine_structure",
     "odd_lines",

@@ -11,11 +11,14 @@ const SCALES = {
 /** Colours of mask reasons, distinct in all common colour vision deficiencies. */
 const REASON_COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2"];
 
-/** The layers in the order of the lists. kind: picture, difference (signed), size (from 0), reason. */
+/** The layers in the order of the lists. kind: picture, difference (signed), size (from 0), reason. signal: what a
+    difference is computed from, a band or one of X, Y, Z. */
 const fixedLayers = (picture) => [
   { id: "measured", name: "Photograph", kind: "picture" },
   { id: "rendered", name: "Rendering", kind: "picture" },
   { id: "residual", name: "Photograph minus rendering, σ", kind: "difference", end: "sigma", unit: "σ", perBand: true },
+  { id: "absolute", name: "Photograph minus rendering", kind: "difference", signal: true },
+  { id: "relative", name: "Photograph minus rendering, relative", kind: "difference", signal: true, end: "percent", unit: "%" },
   ...picture.colour_differences.map((difference) => ({
     id: difference.id, name: difference.title, kind: "size", end: "colour", unit: difference.unit, difference,
   })),
@@ -30,6 +33,35 @@ function layersOf(picture) {
     perBand: map.perBand, values: map.values,
   }));
   return [...fixedLayers(picture), ...own];
+}
+
+/** Name of the surface of pixel `i`. */
+function surfaceName(picture, i) {
+  const label = picture.surface[i];
+  return label >= 0 ? picture.surfaces[label] : label === -1 ? "lamp" : "outside the box";
+}
+
+/** Axis of XYZ that `band` of the viewer's state stands for; Y for all bands. */
+const axisOf = (band) => (band <= -2 ? -2 - band : 1);
+
+/** Name of the signal that `band` stands for, with its unit. */
+function signalName(picture, band) {
+  const one = picture.bands[band];
+  const name = one ? (one.nm === null ? one.id : `${one.nm.toFixed(0)} nm`) : "XYZ"[axisOf(band)];
+  return `${name}, ${signalUnit(picture, band)}`;
+}
+
+const signalUnit = (picture, band) => (band >= 0 ? "DN" : picture.xyz_unit);
+
+/** [measured, rendered, sigma] of pixel `i` in a band or in one of X, Y, Z; NaN where it is left out. */
+function signalAt(picture, band, i) {
+  const count = picture.width * picture.height;
+  const k = band * count + i;
+  if (band >= 0) return picture.mask[k] ? [NaN, NaN, NaN] : [picture.measured[k], picture.rendered[k], picture.sigma[k]];
+  if (leftOut(picture, i)) return [NaN, NaN, NaN];
+  const weights = picture.xyz_per_dn[axisOf(band)];
+  const sum = (values, power) => weights.reduce((total, w, b) => total + (w * values[b * count + i]) ** power, 0);
+  return [sum(picture.measured, 1), sum(picture.rendered, 1), Math.sqrt(sum(picture.sigma, 2))];
 }
 
 /** Whether pixel `i` is left out in some band. */
@@ -72,8 +104,14 @@ function layerValues(picture, layer, band) {
   if (layer.kind === "picture") {
     const signals = picture[layer.id];
     if (band >= 0) return signals.subarray(band * count, (band + 1) * count);
-    const axis = band <= -2 ? -2 - band : 1;
-    for (let i = 0; i < count; i++) out[i] = xyzOf(picture, signals, i)[axis];
+    for (let i = 0; i < count; i++) out[i] = xyzOf(picture, signals, i)[axisOf(band)];
+    return out;
+  }
+  if (layer.signal) {
+    for (let i = 0; i < count; i++) {
+      const [measured, rendered] = signalAt(picture, band, i);
+      out[i] = layer.id === "absolute" ? measured - rendered : rendered > 0 ? 100 * (measured / rendered - 1) : NaN;
+    }
     return out;
   }
   if (layer.perBand) {
@@ -114,7 +152,7 @@ function layerScale(picture, layer, state, values) {
   }
   const end = SCALES[state.scale][layer.end] ?? largest(values);
   if (layer.kind === "size") return { low: 0, high: end, unit: layer.unit, table: sequential };
-  return { low: -end, high: end, unit: layer.unit, table: diverging };
+  return { low: -end, high: end, unit: layer.unit ?? signalUnit(picture, state.band), table: diverging };
 }
 
 /** RGBA bytes of a layer, pixel by pixel; clear where there is no value. */

@@ -16,7 +16,6 @@ function signed(value, places = 2) {
 function pixelRecord(picture, x, y) {
   const count = picture.width * picture.height;
   const i = y * picture.width + x;
-  const label = picture.surface[i];
   const bands = picture.bands.map((band, b) => {
     const [measured, rendered, sigma, mask] = ["measured", "rendered", "sigma", "mask"].map(
       (name) => picture[name][b * count + i]);
@@ -39,7 +38,7 @@ function pixelRecord(picture, x, y) {
   }
   return {
     x, y, bands, light, spectrum,
-    surface: label >= 0 ? picture.surfaces[label] : label === -1 ? "lamp" : "outside the box",
+    surface: surfaceName(picture, i),
     xyz_measured: xyzOf(picture, picture.measured, i), xyz_rendered: xyzOf(picture, picture.rendered, i),
     ...Object.fromEntries(differences), luminance_percent: colourValue(picture, null, i),
   };
@@ -181,6 +180,11 @@ function bandTable(record) {
     band.id, band.nm === null ? "–" : band.nm.toFixed(0), shown(band.measured, 5), shown(band.rendered, 5),
     shown(band.sigma, 3), band.reasons.length ? band.reasons.join(", ") : signed(band.residual),
   ]);
+  return valueTable(head, rows);
+}
+
+/** A table of texts; the first cell of a row names it. */
+function valueTable(head, rows) {
   return html("div", { class: "cbv-scroll" }, html("table", {}, [
     html("thead", {}, html("tr", {}, head.map((h) => html("th", { scope: "col" }, h)))),
     html("tbody", {}, rows.map((row) =>
@@ -193,8 +197,8 @@ function pixelPanel(picture, record) {
   const values = [
     ...picture.colour_differences.map((difference) => [difference.label, shown(record[difference.id], 3)]),
     ["luminance", Number.isFinite(record.luminance_percent) ? signed(record.luminance_percent) + " %" : "–"],
-    ["XYZ measured", record.xyz_measured.map((v) => shown(v, 4)).join(", ")],
-    ["XYZ rendered", record.xyz_rendered.map((v) => shown(v, 4)).join(", ")],
+    [`XYZ measured, ${picture.xyz_unit}`, record.xyz_measured.map((v) => shown(v, 4)).join(", ")],
+    [`XYZ rendered, ${picture.xyz_unit}`, record.xyz_rendered.map((v) => shown(v, 4)).join(", ")],
   ];
   const charts = [signalChart(picture, record), residualChart(picture, record)];
   if (record.spectrum) charts.push(spectrumChart(picture, record));

@@ -7,16 +7,20 @@
  *   viewer.set({mode: "side", band: 2}); // change what is shown, see `state`
  *   viewer.select(x, y);                 // what a click does; viewer.select(null) closes the panel
  *   viewer.values(x, y);                 // all data of a pixel, as plain numbers
+ *   viewer.csv("panes" | "region");      // what is shown as the text of a CSV file
+ *   viewer.figure(n);                    // canvas of the n-th picture with caption and scales
  *   viewer.state;                        // a copy: mode "slider" | "flip" | "side", layers a, b (compared) and c (beside
  *                                        // them), band, exposure, scale "standard" | "fine" | "coarse" | "own",
- *                                        // zoom, x, y (centre, px), split (%), showing "a" | "b", pixel [x, y] or null
+ *                                        // zoom, x, y (centre, px), split (%), showing "a" | "b", pixel [x, y] or null,
+ *                                        // tool "pixel" | "rectangle" | "polygon" | "line", region {kind, points} or null
  *
  * Events on `element`, both bubble:
  *   "cbox-pixel"  detail: viewer.values(x, y), or null where the panel was closed
  *   "cbox-view"   detail: viewer.state after a change by the user or by set()
  *
- * options: the state to begin with, e.g. {mode: "slider", a: "measured", b: "rendered", c: "residual"}.
- * Layers: measured, rendered, residual, luminance, masks, and the ids in data.colour_differences and data.maps.
+ * options: the state to begin with, e.g. {mode: "slider", a: "measured", b: "rendered", c: "residual"}; and link: true
+ * for a page whose address holds the view in its fragment.
+ * Layers: measured, rendered, residual (in sigma), absolute, relative, luminance, masks, and the ids in data.colour_differences and data.maps.
  * band: number of a band; -1 all bands (pictures as sRGB); -2, -3, -4 for X, Y, Z.
  *
  * data (validate/report/viewer/payload.py makes it; bands stand in the order of their wavelengths):
@@ -40,8 +44,11 @@ class CBoxViewer {
     this.element = element;
     this._state = {
       mode: "slider", a: "measured", b: "rendered", c: "residual", band: -1, exposure: 0, scale: "standard",
-      zoom: 1, x: data.width / 2, y: data.height / 2, split: 50, showing: "a", pixel: null, ...options,
+      zoom: 1, x: data.width / 2, y: data.height / 2, split: 50, showing: "a", pixel: null, tool: "pixel", region: null,
     };
+    const { link, ...first } = options;
+    this._link = Boolean(link);
+    Object.assign(this._state, first);
     this._painted = new Map();
     element.classList.add("cbox-viewer");
     this.ready = this._open(data).catch((error) => {
@@ -51,13 +58,15 @@ class CBoxViewer {
   }
 
   get state() {
-    return { ...this._state, pixel: this._state.pixel && [...this._state.pixel] };
+    return structuredClone(this._state);
   }
 
   async _open(data) {
     const tables = { diverging: colourTable(data.colours.diverging), sequential: colourTable(data.colours.sequential) };
     this.picture = { ...data, tables };
     await this._take(data);
+    if (this._link) Object.assign(this._state, linkedState(location.hash, this.picture));
+    this._clamp();
     this._build();
     new ResizeObserver(() => this._draw()).observe(this.element);
     this._refresh();
@@ -94,7 +103,51 @@ class CBoxViewer {
     Object.assign(this._state, changes);
     this._clamp();
     this._refresh();
+    if (this._link) this._writeLink();
     this.element.dispatchEvent(new CustomEvent("cbox-view", { detail: this.state, bubbles: true }));
+  }
+
+  /** Put the view into the page's address, once nothing has moved for a while: browsers limit how often. */
+  _writeLink() {
+    clearTimeout(this._writing);
+    this._writing = setTimeout(() => {
+      if (this.element.isConnected) history.replaceState(history.state, "", linkOf(this._state));
+    }, 200);
+  }
+
+  /** The pictures shown, or the region, as the text of a CSV file. */
+  csv(what) {
+    const { region, band } = this._state;
+    if (what === "region") return csvText(regionRows(this.picture, region, band));
+    const ids = [...new Set(this._panes().flat())];
+    return csvText(pixelRows(this.picture, ids.map((id) => {
+      const { values, scale } = this._paintedLayer(id);
+      const unit = values ? scale?.unit : this.picture.xyz_unit;
+      const name = values ? this._caption(id) : `${this._layer(id).name}, Y`;
+      return { name: unit && !name.endsWith(unit) ? `${name} (${unit})` : name, values: values ?? layerValues(this.picture, this._layer(id), -1) };
+    })));
+  }
+
+  /** Canvas of the n-th picture as it is shown, with caption and scales. */
+  figure(n) {
+    const ids = this._panes()[n];
+    const bars = ids.map((id) => ({ scale: this._paintedLayer(id).scale, text: this._scaleText(id) })).filter((bar) => bar.scale);
+    const canvas = this._figures.children[n].querySelector("canvas");
+    return figureCanvas(canvas, ids.map((id) => this._caption(id)).join(" | "), bars);
+  }
+
+  _savePictures() {
+    this._panes().forEach((ids, n) => this.figure(n).toBlob((blob) => download(`${ids.join("-")}.png`, blob)));
+  }
+
+  _saveTable(what) {
+    download(what === "region" ? `${this._state.region.kind}.csv` : "pixels.csv", new Blob([this.csv(what)], { type: "text/csv" }));
+  }
+
+  /** Add a point to the region of the tool; both points of a rectangle or line may be given. */
+  mark(point, from = null) {
+    const { tool, region } = this._state;
+    this.set({ region: from ? { kind: tool, points: [from, point] } : withPoint(region, tool, point) });
   }
 
   values(x, y) {
@@ -181,9 +234,13 @@ class CBoxViewer {
       choice("band", "Show", [[-1, "all bands (sRGB)"], ...bands, [-2, "X"], [-3, "Y"], [-4, "Z"]]),
       choice("scale", "Scale", Object.entries(SCALES).map(([key, scale]) => [key, scale.name])),
       range("exposure", "Exposure, stops", -4, 8, 0.5),
+      choice("tool", "A click marks", [["pixel", "a pixel"], ...Object.entries(REGIONS).map(([kind, { name }]) => [kind, "a " + name.toLowerCase()])]),
       html("div", { class: "cbv-zoom", role: "group", "aria-label": "Zoom" }, [
         button("out", "−", () => this._zoom(1 / 1.5)), html("output", { "data-cbv": "zoomed" }),
         button("in", "+", () => this._zoom(1.5)), button("whole", "whole", () => this.set({ zoom: 1 })),
+      ]),
+      html("div", { class: "cbv-zoom", role: "group", "aria-label": "Save" }, [
+        button("png", "PNG", () => this._savePictures()), button("csv", "CSV", () => this._saveTable("panes")),
       ]),
     ]);
     this._controls.querySelector("[data-cbv=out]").setAttribute("aria-label", "Zoom out");
@@ -194,18 +251,27 @@ class CBoxViewer {
     this._hover = html("p", { class: "cbv-hover", "aria-hidden": "true" }, " ");
     this._status = html("p", { class: "cbv-status", role: "status" });
     this._panel = html("section", { class: "cbv-pixel", "aria-label": "Pixel" });
-    this._panel.hidden = true;
+    this._regionPanel = html("section", { class: "cbv-pixel", "aria-label": "Region" });
+    this._regionContent = html("div");
+    this._regionPanel.append(this._regionContent, html("div", { class: "cbv-zoom" }, [
+      button("region-csv", "CSV of this region", () => this._saveTable("region")),
+      button("region-clear", "Clear", () => this.set({ region: null })),
+    ]));
+    this._panel.hidden = this._regionPanel.hidden = true;
     const size = this.picture.block || 1;
     const note = size === 1 ? [] : [html("p", { class: "cbv-help" },
       `The picture is large: each pixel here is the mean of ${size} × ${size} pixels of the capture.`)];
     const help = html("details", { class: "cbv-help" }, [
       html("summary", {}, "Keys"),
       html("p", {}, "With the focus on a picture: arrows move the marked pixel, Shift + arrows the picture; + and − zoom, 0 " +
-        "shows the whole; F flips A and B; , and . move the line of the slider; Escape closes the pixel. The wheel zooms " +
-        "with Ctrl, or once a picture has the focus; drag to move it."),
+        "shows the whole; F flips A and B; , and . move the line of the slider; Enter adds the marked pixel to a region; Escape " +
+        "closes pixel and region. The wheel zooms with Ctrl, or once a picture has the focus; drag to move it. A rectangle " +
+        "or a line is dragged, or has two clicks; every click adds a corner to a polygon."),
     ]);
     const bar = html("div", { class: "cbv-ab" }, [this._split, this._flip]);
-    this.element.replaceChildren(this._controls, this._figures, bar, ...note, this._hover, this._status, this._panel, help);
+    const main = html("div", {}, [this._figures, bar, ...note, this._hover]);
+    this._body = html("div", { class: "cbv-body" }, [main, html("div", { class: "cbv-side" }, [this._panel, this._regionPanel])]);
+    this.element.replaceChildren(this._controls, this._body, this._status, help);
     this._fillLists();
   }
 
@@ -235,9 +301,12 @@ class CBoxViewer {
     this._flip.hidden = s.mode !== "flip";
     this._flip.textContent = `Flip: showing ${s.showing.toUpperCase()}, ${this._layer(s[s.showing]).name}`;
     this._makePanes();
+    this._body.dataset.side = Boolean(s.pixel || s.region);
     this._draw();
     const record = s.pixel && this.values(...s.pixel);
     this._panel.hidden = !record;
+    this._regionPanel.hidden = !s.region;
+    this._regionContent.replaceChildren(...(s.region ? regionPanel(this.picture, s.region, s.band) : []));
     this._panel.replaceChildren(...(record ? pixelPanel(this.picture, record) : []));
   }
 
@@ -273,6 +342,8 @@ class CBoxViewer {
     if (layer.kind === "picture")
       return `${layer.name}, ${band === -1 ? "sRGB" : name || "XYZ"[-2 - band]}` +
         (exposure ? `, ${signed(exposure, 1)} stops` : "");
+    if (layer.signal)
+      return `${layer.name}, ${layer.unit ? signalName(this.picture, band).split(",")[0] + ", " + layer.unit : signalName(this.picture, band)}`;
     return layer.perBand || layer.kind === "reason" ? `${layer.name}, ${name || "all bands"}` : layer.name;
   }
 
@@ -295,12 +366,19 @@ class CBoxViewer {
       const place = (100 * (v - scale.low)) / (scale.high - scale.low);
       return html("span", { style: `left:${place.toFixed(2)}%` }, shown(v));
     });
-    const named = ["", "σ"].includes(scale.unit) ? layer.name : `${layer.name}, ${scale.unit}`;
-    const unit = values.some((v) => Number.isNaN(v)) ? `${named}; hatched: left out` : named;
     return html("div", { class: "cbv-bar", role: "img", "aria-label": `${layer.name}: scale from ${shown(scale.low)} to ${shown(scale.high)} ${scale.unit}` }, [
       html("div", { class: "ramp", style: `background:linear-gradient(to right, ${stops.join(", ")})` }),
-      html("div", { class: "ticks" }, marks), html("div", { class: "unit" }, unit),
+      html("div", { class: "ticks" }, marks), html("div", { class: "unit" }, this._scaleText(id)),
     ]);
+  }
+
+  /** Name and unit of a layer's scale. */
+  _scaleText(id) {
+    const { scale, values } = this._paintedLayer(id);
+    const { name } = this._layer(id);
+    if (!scale) return "";
+    const named = ["", "σ"].includes(scale.unit) ? name : `${name}, ${scale.unit}`;
+    return values.some((v) => Number.isNaN(v)) ? `${named}; hatched: left out` : named;
   }
 
   // ---- drawing
@@ -354,6 +432,8 @@ class CBoxViewer {
         outlined(context, text, x, 8);
       });
     }
+    if (this._state.region)
+      drawRegion(context, this._state.region, (x, y) => [g.left + (x + 0.5) * g.cell, g.top + (y + 0.5) * g.cell], g.cell);
     if (this._state.pixel) {
       const [x, y] = this._state.pixel;
       const size = Math.max(g.cell, 7);
@@ -407,7 +487,9 @@ class CBoxViewer {
     const x = Math.floor((at[0] - g.left) / g.cell);
     const y = Math.floor((at[1] - g.top) / g.cell);
     const inside = x >= 0 && y >= 0 && x < this.picture.width && y < this.picture.height;
-    return { at, g, pixel: inside ? [x, y] : null };
+    const within = (v, size) => Math.min(Math.max(v, 0), size - 1);
+    const nearest = [within(x, this.picture.width), within(y, this.picture.height)];
+    return { at, g, pixel: inside ? [x, y] : null, nearest };
   }
 
   /** Zoom by a factor about a point of the picture, in px; about the marked pixel or the middle where left out. */
@@ -425,13 +507,14 @@ class CBoxViewer {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
-      const { at, g } = this._place(canvas, event);
-      const { mode, split, x, y } = this._state;
-      const onLine = mode === "slider" && Math.abs(at[0] - (g.width * split) / 100) < 16;
-      start = { at, x, y, onLine, moved: false, spread: null };
+      const { at, g, pixel } = this._place(canvas, event);
+      const { mode, split, x, y, tool } = this._state;
+      const onLine = mode === "slider" && tool === "pixel" && Math.abs(at[0] - (g.width * split) / 100) < 16;
+      const from = ["rectangle", "line"].includes(tool) ? pixel : null;
+      start = { at, x, y, onLine, from, moved: false, spread: null };
     });
     canvas.addEventListener("pointermove", (event) => {
-      const { at, g, pixel } = this._place(canvas, event);
+      const { at, g, pixel, nearest } = this._place(canvas, event);
       this._tell(pixel);
       if (!start || !pointers.has(event.pointerId)) return;
       pointers.set(event.pointerId, [event.clientX, event.clientY]);
@@ -445,13 +528,17 @@ class CBoxViewer {
       const by = [at[0] - start.at[0], at[1] - start.at[1]];
       if (Math.hypot(...by) > 4) start.moved = true;
       if (!start.moved || start.spread) return;
-      if (start.onLine) this.set({ split: (100 * at[0]) / g.width });
+      if (start.from) this.mark(nearest, start.from);
+      else if (start.onLine) this.set({ split: (100 * at[0]) / g.width });
       else if (this._state.zoom > 1) this.set({ x: start.x - by[0] / g.cell, y: start.y - by[1] / g.cell });
     });
     const end = (event) => {
       pointers.delete(event.pointerId);
       const { pixel } = this._place(canvas, event);
-      if (start && !start.moved && event.type === "pointerup" && pixel) this.select(...pixel);
+      if (start && !start.moved && event.type === "pointerup" && pixel) {
+        if (this._state.tool === "pixel") this.select(...pixel);
+        else this.mark(pixel);
+      }
       if (!pointers.size) start = null;
     };
     canvas.addEventListener("pointerup", end);
@@ -473,13 +560,11 @@ class CBoxViewer {
     const parts = this._panes().flat().map((id) => {
       const { values, scale } = this._paintedLayer(id);
       const name = this._layer(id).name;
-      if (!values) return `${name} Y ${shown(xyzOf(this.picture, this.picture[id], i)[1], 4)}`;
+      if (!values) return `${name} Y ${shown(xyzOf(this.picture, this.picture[id], i)[1], 4)} ${this.picture.xyz_unit}`;
       if (!scale) return `${name}: ${this.picture.reasons.filter((r) => values[i] & r.bit).map((r) => r.name).join(", ") || "used"}`;
       return `${name} ${shown(values[i], 4)} ${scale.unit}`;
     });
-    const label = this.picture.surface[i];
-    const surface = label >= 0 ? this.picture.surfaces[label] : label === -1 ? "lamp" : "outside the box";
-    this._hover.textContent = `${pixel[0]}, ${pixel[1]} ${surface}: ${parts.join(" · ")}`;
+    this._hover.textContent = `${pixel[0]}, ${pixel[1]} ${surfaceName(this.picture, i)}: ${parts.join(" · ")}`;
   }
 
   _key(event) {
@@ -491,7 +576,8 @@ class CBoxViewer {
       "+": () => this._zoom(1.5), "=": () => this._zoom(1.5), "-": () => this._zoom(1 / 1.5),
       0: () => this.set({ zoom: 1 }), f: () => this.flip(), F: () => this.flip(),
       ",": () => this.set({ split: s.split - 1 }), ".": () => this.set({ split: s.split + 1 }),
-      Escape: () => this.select(null),
+      Enter: () => s.tool !== "pixel" && s.pixel && this.mark([...s.pixel]),
+      Escape: () => { s.region = null; this.select(null); },
     }[event.key];
     if (arrow && event.shiftKey) {
       this.set({ x: s.x + (0.1 * arrow[0] * width) / s.zoom, y: s.y + (0.1 * arrow[1] * height) / s.zoom });

@@ -1,0 +1,91 @@
+"""Marking corners in a photograph: what the server answers, and the page in a real browser."""
+
+import shutil
+
+import numpy as np
+import pytest
+from cboxlab.calibration.geometry import read_points
+from cboxlab.rendering.model import Model
+from cboxlab.validation.app.studio import Workbench, build_app
+from cboxlab.validation.compare import scene_corners
+from cboxlab.validation.synthetic import perturbed_camera
+from helpers.browser import open_browser
+from helpers.glare_capture import glare_capture
+from helpers.page_faults import FAULTS
+from helpers.server import served
+from starlette.testclient import TestClient
+
+CORNERS = {corner.id: corner for corner in scene_corners(Model().scene)}
+#: The camera of the capture.
+CAMERA = perturbed_camera(32, 3)
+#: Corners in view, at several depths.
+IDS = ("c02", "c03", "c06", "c08", "c10", "c12", "c18", "c22", "c24")
+POSITIONS = {name: CAMERA.project(CORNERS[name].position_mm[None])[0] for name in CORNERS}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A folder with a capture whose corners nobody has marked yet."""
+    root = tmp_path_factory.mktemp("points")
+    capture = glare_capture(root / "capture")
+    manifest = (capture / "capture.toml").read_text()
+    begin, geometry, rest = manifest.partition("[geometry]")
+    assert geometry
+    (capture / "capture.toml").write_text(begin + (rest[rest.index("\n[") :] if "\n[" in rest else ""))
+    (capture / "points.csv").unlink()
+    return Workbench(root, None)
+
+
+def test_wrong_marks_are_refused_in_a_line(bench):
+    app = build_app(bench, "", frozenset({"127.0.0.1"}), idle_s=1e9)
+    wrong = [[{"id": "c99", "u": 1, "v": 1}], [{"id": "c02", "u": "1", "v": 1}], [{"id": "c02", "u": 900, "v": 1}]]
+    wrong += [[], [3], [{"id": "c02", "u": 1, "v": 1}] * 2, {"a": 1}, [{"id": "c02", "u": True, "v": 2}]]
+    with TestClient(app, base_url="http://127.0.0.1") as client:
+        for marks in wrong:
+            answer = client.post("/api/points/locate", json={"capture": "capture", "points": marks})
+            assert answer.status_code == 400 and "\n" not in answer.json()["error"], marks
+        for name in ("../capture", "/etc", "nowhere", ""):
+            answer = client.post("/api/points/picture", json={"capture": name})
+            assert answer.status_code == 400
+        assert client.post("/api/points/dance", json={"capture": "capture"}).status_code == 400
+    assert not (bench.root / "capture" / "points.csv").exists()
+
+
+def test_corners_are_clicked_and_written_in_the_browser(bench):
+    with served(bench) as address, open_browser() as page:
+        page.open(f"{address}points.html?capture=capture")
+        page.until("!document.getElementById('work').hidden")
+        assert page.run("document.querySelectorAll('#corners input').length") == len(CORNERS)
+        for name in IDS:
+            page.run(f"document.querySelector('input[value={name}]').click()")
+            box = page.run(
+                "(() => {const c = document.getElementById('photograph'); c.scrollIntoView();"
+                "const b = c.getBoundingClientRect(); return [b.left, b.top, page.zoom]})()"
+            )
+            u, v = POSITIONS[name]
+            page.click(box[0] + (u + 0.5) * box[2], box[1] + (v + 0.5) * box[2])
+            page.until(f"page.marks.has('{name}') && document.body.dataset.busy === 'false'")
+        page.until("document.getElementById('fit').textContent.includes('rms')")
+        # the camera of the clicks sees a corner that nobody marked where it is
+        np.testing.assert_allclose(page.run("page.expected.c16"), POSITIONS["c16"], atol=0.5)
+        assert "residual" in page.run("document.querySelector('input[value=c02]').parentElement.innerText")
+        page.run("document.getElementById('photograph').focus()")
+        before = page.run("page.marks.get('c24').u")
+        page.key("ArrowRight")
+        page.until(f"Math.abs(page.marks.get('c24').u - {before} - 0.5) < 1e-6")
+        page.key("ArrowLeft")
+        page.run("document.getElementById('write').click()")
+        page.until("document.getElementById('saved').textContent.includes('points.csv')")
+        points = read_points(bench.root / "capture" / "points.csv")
+        assert points.ids == IDS
+        # a click is a whole pixel of the screen, 20 of them a pixel of the photograph
+        np.testing.assert_allclose(points.image_px, [POSITIONS[name] for name in IDS], atol=0.06)
+        np.testing.assert_allclose(points.points_mm, [CORNERS[name].position_mm for name in IDS], atol=0.01)
+        assert page.errors == []
+        page.run("document.getElementById('write').click()")  # a second time nothing is replaced
+        page.until("document.getElementById('mistake').textContent.includes('exists already')")
+        for width in (1280, 400):
+            page.size(width)
+            assert page.run("document.documentElement.scrollWidth") <= width
+            assert page.run(FAULTS) == []
+    shutil.rmtree(bench.root)

@@ -1,0 +1,59 @@
+"""Corners of the practice capture from rough clicks, against its survey, which they do not use."""
+
+from pathlib import Path
+
+import cboxlab.validation
+import numpy as np
+import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.geometry import SurveyedPoints
+from cboxlab.calibration.result import calibrate
+from cboxlab.validation.compare import locate_corners, scene_corners
+
+DEMO = Path(cboxlab.validation.__file__).parent / "data" / "demo-capture"
+#: Upper corners of the blocks, the box's rear corners, and one corner of the ceiling, all in view.
+IDS = ("c02", "c03", "c06", "c07", "c08", "c10", "c12", "c14", "c16", "c18", "c22", "c24")
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return calibrate(load_capture(DEMO))
+
+
+def clicks(calibration, ids, seed, error_px=0.5):
+    """Projections of corners by the surveyed camera, and clicks with an error about them."""
+    corners = {corner.id: corner for corner in scene_corners(calibration.capture.scene)}
+    values = np.array([corners[name].position_mm for name in ids])
+    surveyed = calibration.camera.project(values)
+    error = np.random.default_rng(seed).normal(0, error_px, surveyed.shape)
+    return surveyed, SurveyedPoints(ids, values, surveyed + error)
+
+
+def test_corners_of_a_scene_have_names_and_leave_the_lamp_out(calibration):
+    corners = scene_corners(calibration.capture.scene)
+    assert len({corner.id for corner in corners}) == len(corners) == 24
+    assert corners[1].name == "floor, back, right"
+    lamp = np.concatenate([lamp.vertices_mm for lamp in calibration.capture.scene.all_surfaces[-1:]])
+    assert min(np.linalg.norm(lamp - corner.position_mm, axis=1).min() for corner in corners) > 1
+
+
+def test_clicks_are_refined_by_the_edges(calibration):
+    """Half a pixel of error becomes a tenth; the survey, with 0.15 px a point, gives its camera 0.04 px."""
+    surveyed, clicked = clicks(calibration, IDS, 3)
+    found = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
+    error = found.points.image_px - surveyed
+    before = (clicked.image_px - surveyed)[found.by_edges]
+    assert found.by_edges.sum() >= 8
+    assert np.sqrt(np.mean(before**2)) > 0.35
+    assert np.sqrt(np.mean(error[found.by_edges] ** 2)) < 0.15
+    assert np.median(np.abs(error[found.by_edges])) < 0.1
+    # a corner that the edges do not determine stays where it was clicked
+    assert np.array_equal(found.points.image_px[~found.by_edges], clicked.image_px[~found.by_edges])
+    assert found.fit is not None and found.fit.reprojection_rms_px < 0.5
+
+
+def test_too_few_corners_stay_as_clicked(calibration):
+    _, clicked = clicks(calibration, IDS[:4], 2)
+    found = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
+    assert found.fit is None and "4 usable points" in found.reason and not found.by_edges.any()
+    assert np.array_equal(found.points.image_px, clicked.image_px)

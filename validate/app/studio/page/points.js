@@ -1,0 +1,160 @@
+/* The page on which corners of the scene are marked in the photograph. Positions are px; a pixel's centre is whole. */
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+
+const page = {
+  picture: null, // width, height, corners
+  values: null, // the photograph, row by row
+  marks: new Map(), // by id of a corner: {u, v, by_edges, sigma_px, residual_px}
+  expected: {}, // by id: where the camera sees a corner
+  chosen: null, // id
+  zoom: 4,
+  asking: 0, // number of the newest question; older answers are dropped
+};
+
+async function ask(name, body = {}) {
+  const answer = await fetch("api/points/" + name, {
+    method: "POST", headers: { "Content-Type": "application/json" },
+    body: JSON.stringify({ capture: $("capture").value, points: marks(), ...body }),
+  });
+  const record = await answer.json();
+  if (!answer.ok) throw new Error(record.error);
+  return record;
+}
+
+const marks = () => [...page.marks].map(([id, { u, v }]) => ({ id, u, v }));
+
+async function attempt(step) {
+  $("mistake").textContent = $("saved").textContent = "";
+  document.body.dataset.busy = "true";
+  try {
+    await step();
+  } catch (error) {
+    $("mistake").textContent = error.message;
+  }
+  document.body.dataset.busy = "false";
+}
+
+const show = () => attempt(async () => {
+  page.marks.clear();
+  page.expected = {};
+  page.picture = await ask("picture", { points: [] });
+  page.values = await decoded(page.picture.photograph);
+  page.chosen = page.picture.corners[0].id;
+  page.zoom = Math.max(1, Math.round(640 / page.picture.width));
+  $("work").hidden = false;
+  list();
+  draw();
+});
+
+/** Positions, residuals and the other corners, for the marks as they are. */
+async function locate(by_edges) {
+  const number = ++page.asking;
+  const found = await ask("locate", { by_edges });
+  if (number !== page.asking) return;
+  for (const { id, ...mark } of found.points) page.marks.set(id, mark);
+  page.expected = found.expected;
+  const rms = found.rms_px === null ? "" : `Residuals of the camera: rms ${found.rms_px.toFixed(3)} px per coordinate. `;
+  $("fit").textContent = rms + (found.reason && page.marks.size >= 6 ? found.reason : found.reason ? `${page.marks.size} of at least 6 corners.` : "");
+  list();
+  draw();
+}
+
+function mark(u, v) {
+  const { width, height } = page.picture;
+  const within = (value, size) => Math.min(Math.max(value, -0.5), size - 0.51);
+  page.marks.set(page.chosen, { u: within(u, width), v: within(v, height), by_edges: false, sigma_px: null, residual_px: [null, null] });
+  draw();
+  attempt(() => locate(false));
+}
+
+function list() {
+  const rows = page.picture.corners.map((corner) => {
+    const input = make("input", { type: "radio", name: "corner", value: corner.id });
+    input.checked = corner.id === page.chosen;
+    input.addEventListener("change", () => { page.chosen = corner.id; draw(); });
+    const at = page.marks.get(corner.id);
+    const [du, dv] = at ? at.residual_px : [null, null];
+    const residual = du === null ? "" : `; residual ${du.toFixed(2)}, ${dv.toFixed(2)}`;
+    const how = at && at.by_edges ? ` by edges ± ${at.sigma_px.toFixed(2)}` : "";
+    const text = at ? `${at.u.toFixed(2)}, ${at.v.toFixed(2)} px${how}${residual}` : "not marked";
+    return make("label", { class: "check" }, [input,
+      make("span", {}, `${corner.name} (${corner.position_mm.map(numberText).join(", ")} mm): ${text}`)]);
+  });
+  $("corners").replaceChildren(...rows);
+}
+
+function draw() {
+  const { width, height } = page.picture;
+  const canvas = $("photograph");
+  const context = canvas.getContext("2d");
+  const image = new ImageData(width, height);
+  const gain = 2 ** Number($("gain").value);
+  page.values.forEach((value, i) => {
+    const shade = 255 * Math.min(Math.max(gain * value, 0), 1) ** (1 / 2.2);
+    image.data.set([shade, shade, shade, 255], 4 * i);
+  });
+  const small = new OffscreenCanvas(width, height);
+  small.getContext("2d").putImageData(image, 0, 0);
+  [canvas.width, canvas.height] = [width * page.zoom, height * page.zoom];
+  context.imageSmoothingEnabled = false;
+  context.drawImage(small, 0, 0, canvas.width, canvas.height);
+  const cross = (u, v, colour, size) => {
+    const [x, y] = [(u + 0.5) * page.zoom, (v + 0.5) * page.zoom];
+    for (const [line, stroke] of [[3, "#000"], [1, colour]]) {
+      context.lineWidth = line;
+      context.strokeStyle = stroke;
+      context.beginPath();
+      context.moveTo(x - size, y);
+      context.lineTo(x + size, y);
+      context.moveTo(x, y - size);
+      context.lineTo(x, y + size);
+      context.stroke();
+    }
+  };
+  for (const [id, [u, v]] of Object.entries(page.expected)) if (!page.marks.has(id)) cross(u, v, "#56b4e9", 3);
+  for (const [id, { u, v }] of page.marks) cross(u, v, id === page.chosen ? "#fff" : "#e69f00", 8);
+  $("zoom").textContent = "× " + page.zoom;
+}
+
+function zoom(factor) {
+  page.zoom = Math.min(Math.max(Math.round(page.zoom * factor), 1), Math.floor(4096 / page.picture.width));
+  draw();
+}
+
+$("photograph").addEventListener("click", (event) => {
+  const box = $("photograph").getBoundingClientRect();
+  mark((event.clientX - box.left) / page.zoom - 0.5, (event.clientY - box.top) / page.zoom - 0.5);
+});
+$("photograph").addEventListener("keydown", (event) => {
+  const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+  if (!arrow) return;
+  event.preventDefault();
+  const by = event.shiftKey ? 0.1 : 0.5;
+  const [u, v] = page.expected[page.chosen] || [(page.picture.width - 1) / 2, (page.picture.height - 1) / 2];
+  const from = page.marks.get(page.chosen) || { u, v };
+  mark(from.u + by * arrow[0], from.v + by * arrow[1]);
+});
+$("which").addEventListener("submit", (event) => { event.preventDefault(); show(); });
+$("in").addEventListener("click", () => zoom(2));
+$("out").addEventListener("click", () => zoom(0.5));
+$("gain").addEventListener("input", draw);
+$("refine").addEventListener("click", () => attempt(() => locate(true)));
+$("remove").addEventListener("click", () => {
+  page.marks.delete(page.chosen);
+  if (page.marks.size) attempt(() => locate(false));
+  list();
+  draw();
+});
+$("write").addEventListener("click", () => attempt(async () => {
+  const { path, lines } = await ask("write");
+  $("saved").textContent = `Written: ${path}. capture.toml needs: ${lines.replace("\n", " ")}`;
+}));
+attempt(async () => {
+  const found = await (await fetch("api/places")).json();
+  $("captures").replaceChildren(...found.captures.map((name) => make("option", { value: name })));
+  const asked = new URLSearchParams(location.search).get("capture");
+  $("capture").value = asked || found.captures[0] || "";
+  if (asked) await show();
+});

@@ -1,0 +1,203 @@
+"""Positions of the scene's corners in a capture's photograph, as the page marks them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.geometry import SurveyedPoints
+from cboxlab.calibration.result import calibrate
+from cboxlab.scenes import Scene
+from cboxlab.scenes.scene_file import PACKAGED
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import inputs_below
+from numpy.typing import NDArray
+
+from ...compare import Corner, locate_corners, scene_corners
+from ...report.viewer import encoded
+from .places import path_of_name
+
+__all__ = ["Picker"]
+
+#: File of surveyed points in the folder of a capture.
+_FILE = "points.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class _Picture:
+    """Photograph of a capture with its scene."""
+
+    folder: Path
+    photograph: NDArray[np.float64]
+    scene: Scene
+    corners: tuple[Corner, ...]
+
+
+class Picker:
+    """Marked corners of captures below a folder.
+
+    Parameters
+    ----------
+    root
+        Folder below which captures are opened.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._picture: _Picture | None = None
+
+    def picture(self, capture: str) -> dict[str, Any]:
+        """Photograph and corners of a capture; its surveyed points are not needed.
+
+        Parameters
+        ----------
+        capture
+            Folder of the capture, below the root folder.
+
+        Returns
+        -------
+        dict
+            Ready for JSON.
+
+        Raises
+        ------
+        InputError
+            If the capture is faulty, outside the root folder, reduced, or has no scene.
+        """
+        picture = self._picture = self._load(capture)
+        height, width = picture.photograph.shape
+        corners = [{"id": c.id, "name": c.name, "position_mm": c.position_mm.tolist()} for c in picture.corners]
+        return {"width": width, "height": height, "photograph": encoded(picture.photograph), "corners": corners}
+
+    def locate(self, capture: str, marks: Sequence[Any], by_edges: bool) -> dict[str, Any]:
+        """Positions and residuals of marked corners, and where the camera sees the others.
+
+        Parameters
+        ----------
+        capture
+            Folder of the capture.
+        marks
+            Records with ``id`` of a corner and position ``u``, ``v``, px.
+        by_edges
+            Whether to refine the positions by the edges.
+
+        Returns
+        -------
+        dict
+            Ready for JSON.
+
+        Raises
+        ------
+        InputError
+            For marks of unknown corners or without a position in the picture.
+        """
+        picture = self._of(capture)
+        points = _points(picture, marks)
+        located = locate_corners(picture.photograph, picture.scene, points, by_edges=by_edges)
+        residuals = [[None, None]] * len(points.ids) if located.fit is None else located.fit.residuals_px.tolist()
+        expected: dict[str, list[float]] = {}
+        if located.fit is not None:
+            image = located.fit.camera.project(np.array([corner.position_mm for corner in picture.corners]))
+            height, width = picture.photograph.shape
+            inside = np.all((image > -0.5) & (image < (width - 0.5, height - 0.5)), axis=1)
+            expected = {
+                c.id: at.tolist() for c, at, is_inside in zip(picture.corners, image, inside, strict=True) if is_inside
+            }
+        return {
+            "points": [
+                {
+                    "id": name,
+                    "u": float(position[0]),
+                    "v": float(position[1]),
+                    "by_edges": bool(refined),
+                    "sigma_px": None if math.isnan(sigma) else float(sigma),
+                    "residual_px": residual,
+                }
+                for name, position, refined, sigma, residual in zip(
+                    points.ids, located.points.image_px, located.by_edges, located.sigma_px, residuals, strict=True
+                )
+            ],
+            "expected": expected,
+            "rms_px": None if located.fit is None else located.fit.reprojection_rms_px,
+            "reason": located.reason,
+        }
+
+    def write(self, capture: str, marks: Sequence[Any]) -> dict[str, Any]:
+        """Write the marked corners to points.csv in the capture's folder; an existing file stays.
+
+        Parameters
+        ----------
+        capture, marks
+            As of ``locate``.
+
+        Returns
+        -------
+        dict
+            Path of the file, and the lines that capture.toml needs to use it.
+
+        Raises
+        ------
+        InputError
+            As of ``locate``, and if the file exists.
+        """
+        picture = self._of(capture)
+        points = _points(picture, marks)
+        path = picture.folder / _FILE
+        if path.exists() or path.is_symlink():
+            raise InputError(path, "a file that exists already", "no such file", "Move it away to write another one.")
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(("id", "x_mm", "y_mm", "z_mm", "u_px", "v_px"))
+        for name, position_mm, image in zip(points.ids, points.points_mm, points.image_px, strict=True):
+            rows.writerow((name, *(f"{value:.2f}" for value in position_mm), *(f"{value:.3f}" for value in image)))
+        with replacing(path) as temporary:
+            temporary.write_text(text.getvalue(), encoding="utf-8")
+        return {"path": str(path), "lines": f'[geometry]\npoints = "{_FILE}"'}
+
+    def _of(self, capture: str) -> _Picture:
+        folder = path_of_name(self._root, capture, "capture")
+        if self._picture is None or self._picture.folder != folder:
+            self._picture = self._load(capture)
+        return self._picture
+
+    def _load(self, name: str) -> _Picture:
+        folder = path_of_name(self._root, name, "capture")
+        with inputs_below(self._root, PACKAGED):
+            capture = load_capture(folder)
+            if capture.scene is None:
+                raise InputError(folder / "capture.toml", "no scene", "the scene whose corners are marked")
+            if capture.reduction is not None:
+                raise InputError(folder / "capture.toml", "frames that are reduced", "frames in their full size")
+            without_points = capture.manifest.model_copy(update={"geometry": None, "target": ()})
+            calibration = calibrate(replace(capture, manifest=without_points))
+        return _Picture(folder, calibration.photograph, capture.scene, scene_corners(capture.scene))
+
+
+def _points(picture: _Picture, marks: Sequence[Any]) -> SurveyedPoints:
+    """Marked corners; InputError for others."""
+    corners = {corner.id: corner for corner in picture.corners}
+    positions: dict[str, tuple[float, float]] = {}
+    height, width = picture.photograph.shape
+    for mark in marks:
+        name = mark.get("id") if isinstance(mark, Mapping) else None
+        if not isinstance(name, str) or name not in corners or name in positions:
+            raise InputError("points", repr(mark)[:80], "corners of the scene, each once")
+        position = [mark.get(key) for key in ("u", "v")]
+        if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in position):
+            raise InputError(f"points, {name}", repr(position)[:80], "u and v, px")
+        u, v = (float(value) for value in position)
+        if not (-0.5 <= u < width and -0.5 <= v < height):
+            raise InputError(f"points, {name}", f"{u:g}, {v:g}", f"a position in the picture of {width} x {height} px")
+        positions[name] = u, v
+    if not positions:
+        raise InputError("points", "none", "at least one marked corner")
+    places_mm = np.array([corners[name].position_mm for name in positions])
+    return SurveyedPoints(tuple(positions), places_mm, np.array(list(positions.values())), "the marked corners")

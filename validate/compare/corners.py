@@ -1,0 +1,355 @@
+"""Positions of a scene's corners in a photograph, from clicks and the edges around them.
+
+Clicks on six corners or more determine a first camera, which the edges of the whole scene correct
+(``align_photograph``). By it, the faces that pixel p around a corner shows are known, as shares w_k(p). The photograph
+there is fitted by
+
+    I(p) = sum_k w_k(p - d) B_k(p),
+
+with a brightness B_k of second order for each face k. The shift d with the least misfit is the corner's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, fit_camera
+from cboxlab.scenes import Scene
+from cboxlab.scenes.camera import Camera
+from cboxlab.utils.errors import InputError
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates, uniform_filter
+
+from .edge_alignment import align_photograph
+
+__all__ = ["Corner", "LocatedCorners", "locate_corners", "scene_corners"]
+
+#: Half the side of the square of pixels that is fitted, px: each face then has a dozen pixels or more.
+_REACH_PX = 7
+
+#: Halves of the sides of smaller squares whose results are compared: where brightness is no plane, they differ.
+_REACHES_PX = (5, 6)
+
+#: Weight that holds brightness at zero, per pixel: enough where a face is hardly in the square.
+_RIDGE = 1e-8
+
+#: Smallest share of a square that is in the picture.
+_SMALLEST_PART = 0.5
+
+#: Largest shift from the position by the corrected camera, px.
+_SEARCH_PX = 1.5
+
+#: Pixels around a corner whose faces are computed, px: the square, the shift and the blur.
+_MARGIN_PX = 13
+
+#: Rays across a pixel, odd so that one is at its centre: shares of faces are then known to a few percent.
+_RAYS_ACROSS = 5
+
+#: Blurs of the lens that are tried (standard deviation), px; the pixel's width is added.
+_BLURS_PX = (0.2, 0.5, 0.8, 1.2)
+
+#: Largest standard deviation of a corner corners by its edges, px; a click is as good as a worse one.
+_LARGEST_SIGMA_PX = 0.15
+
+#: Most rounds of search and fit.
+_ROUNDS = 4
+
+#: Largest change of a corner in the last round, px.
+_LARGEST_CHANGE_PX = 0.02
+
+#: Largest last step of a fit, px.
+_SETTLED_PX = 0.002
+
+#: Most steps of a fit; four are typical.
+_MAX_STEPS = 12
+
+#: Most halvings of a step that does not lessen the misfit.
+_MAX_HALVINGS = 5
+
+#: Step of numerical derivatives, px: shares are known to a few hundredths.
+_STEP_PX = 0.05
+
+#: Smallest share of a face in the square of pixels; smaller ones are joined to their neighbours by the fit's weights.
+_SMALLEST_SHARE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """Corner of a scene."""
+
+    #: Unique identifier, for points.csv.
+    id: str
+    #: Names of the surfaces that meet there.
+    name: str
+    #: (3,) position in the box, mm.
+    position_mm: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedCorners:
+    """Corners of a photograph, after the search along their edges."""
+
+    #: Identifiers, positions in the box, and positions in the image.
+    points: SurveyedPoints
+    #: (n,) True where the edges determine the position; the others are as clicked.
+    by_edges: NDArray[np.bool_]
+    #: (n,) standard deviation of a position from the scatter of its edges, px; NaN as clicked.
+    sigma_px: NDArray[np.float64]
+    #: Camera fitted to the positions; None with too few of them.
+    fit: CameraFit | None
+    #: Reason for no camera, or for positions that are not refined; else empty.
+    reason: str = ""
+
+
+def scene_corners(scene: Scene) -> tuple[Corner, ...]:
+    """Corners of a scene's surfaces, without those of the lamp and its opening.
+
+    Parameters
+    ----------
+    scene
+        Model of the scene.
+
+    Returns
+    -------
+    tuple of Corner
+        In the order of the surfaces.
+    """
+    lamps = len(scene.all_surfaces) - len(scene.surfaces)
+    lamp = {tuple(corner.round(2)) for s in scene.all_surfaces[-lamps:] for corner in s.vertices_mm} if lamps else set()
+    names: dict[tuple[float, ...], list[str]] = {}
+    for surface in scene.surfaces:
+        for corner in np.unique(surface.vertices_mm.round(2), axis=0):
+            names.setdefault(tuple(corner.tolist()), []).append(surface.name)
+    pairs = [(corner, surfaces) for corner, surfaces in names.items() if corner not in lamp]
+    return tuple(
+        Corner(f"c{number:02d}", ", ".join(surfaces), np.array(corner))
+        for number, (corner, surfaces) in enumerate(pairs, 1)
+    )
+
+
+def locate_corners(
+    photograph: NDArray[np.float64],
+    scene: Scene,
+    clicked: SurveyedPoints,
+    *,
+    by_edges: bool = True,
+) -> LocatedCorners:
+    """Positions of clicked corners by the edges around them, and the camera of them.
+
+    Parameters
+    ----------
+    photograph
+        (y, x) any scale; NaN marks masked pixels.
+    scene
+        Model of the scene.
+    clicked
+        Corners of the scene with rough positions in the image, within about 2 px.
+    by_edges
+        Whether to refine the positions; otherwise they stay as clicked.
+
+    Returns
+    -------
+    LocatedCorners
+        As clicked, without a camera, where the corners do not determine one.
+    """
+    count = len(clicked.ids)
+    corners = LocatedCorners(clicked, np.zeros(count, bool), np.full(count, np.nan), *_camera(clicked, photograph))
+    if corners.fit is None or not by_edges:
+        return corners
+    try:
+        camera, _ = align_photograph(photograph, corners.fit.camera, scene)
+    except ValueError as error:
+        return replace(corners, reason=str(error))
+    blur = None
+    for _ in range(_ROUNDS):
+        squares = [_Square(photograph, scene, camera, corner) for corner in clicked.points_mm]
+        if blur is None:
+            usable = [square for square in squares if square.is_usable]
+            blur = min(_BLURS_PX, key=lambda blur: sum(square.misfit(blur) for square in usable))
+        image, sigma = clicked.image_px.copy(), np.full(count, np.nan)
+        for index, square in enumerate(squares):
+            position, scatter = square.position(blur)
+            if scatter < _LARGEST_SIGMA_PX:
+                image[index], sigma[index] = position, scatter
+        refined = np.isfinite(sigma)
+        change = np.abs(image - corners.points.image_px).max()
+        points = replace(clicked, image_px=image)
+        corners = LocatedCorners(points, refined, sigma, *_camera(points, photograph))
+        by_refined, _ = _camera(_subset(points, refined), photograph)
+        if by_refined is None or change < _LARGEST_CHANGE_PX:
+            break
+        camera = by_refined.camera
+    if corners.fit is None:
+        return corners
+    wrong = corners.by_edges & ~corners.fit.in_use
+    image = np.where(wrong[:, None], clicked.image_px, corners.points.image_px)
+    points = replace(clicked, image_px=image)
+    sigma = np.where(wrong, np.nan, corners.sigma_px)
+    return LocatedCorners(points, corners.by_edges & ~wrong, sigma, *_camera(points, photograph))
+
+
+def _subset(points: SurveyedPoints, members: NDArray[np.bool_]) -> SurveyedPoints:
+    """Some of the points."""
+    ids = tuple(name for name, use in zip(points.ids, members, strict=True) if use)
+    return SurveyedPoints(ids, points.points_mm[members], points.image_px[members], points.source)
+
+
+def _camera(points: SurveyedPoints, photograph: NDArray[np.float64]) -> tuple[CameraFit | None, str]:
+    """Camera fitted to points; None with the reason if they do not determine it."""
+    height, width = photograph.shape
+    try:
+        return fit_camera(points, width_px=width, height_px=height), ""
+    except InputError as error:
+        return None, str(error)
+
+
+class _Square:
+    """Square of pixels around a corner, with the faces that are seen there by a camera."""
+
+    def __init__(
+        self, photograph: NDArray[np.float64], scene: Scene, camera: Camera, corner_mm: NDArray[np.float64]
+    ) -> None:
+        height, width = photograph.shape
+        self._expected = camera.project(corner_mm[None])[0]
+        self.is_usable = False
+        if not np.isfinite(self._expected).all() or not (np.abs(self._expected) < 2 * (height + width)).all():
+            return
+        middle = np.round(self._expected).astype(int)
+        v, u = np.mgrid[-_REACH_PX : _REACH_PX + 1, -_REACH_PX : _REACH_PX + 1]
+        rows, columns = v + middle[1], u + middle[0]
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        values = np.full(inside.shape, np.nan)
+        values[inside] = photograph[rows[inside], columns[inside]]
+        usable = np.isfinite(values)
+        if usable.mean() < _SMALLEST_PART:
+            return
+        self._at = np.stack([v[usable], u[usable]]).astype(float)
+        self._measured = values[usable]
+        self._faces = _faces_around(scene, camera, middle)
+        self._shares: dict[float, NDArray[np.float64]] = {}
+        self.is_usable = len(self._of_blur(_BLURS_PX[0])) > 1
+
+    def _of_blur(self, blur: float) -> NDArray[np.float64]:
+        if blur not in self._shares:
+            self._shares[blur] = _blurred(self._faces, blur)
+        return self._shares[blur]
+
+    def _fit(
+        self, blur: float, reach: float, start: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.float64], float, float]:
+        """Shift of the least misfit, its standard deviation by noise, sum of squares."""
+        near = np.abs(self._at).max(axis=0) <= reach
+        at, measured, shares = self._at[:, near], self._measured[near], self._of_blur(blur)
+        y, x = at / reach
+        plane = np.stack([np.ones(near.sum()), y, x, y * y, y * x, x * x], axis=1)
+
+        def misfit(shift: NDArray[np.float64]) -> NDArray[np.float64]:
+            index = (at - shift[::-1, None] + _MARGIN_PX) * _RAYS_ACROSS + (_RAYS_ACROSS - 1) / 2
+            parts = [map_coordinates(share, index, order=1, mode="nearest") for share in shares]
+            design = np.concatenate([part[:, None] * plane for part in parts], axis=1)
+            square = design.T @ design
+            square[np.diag_indices_from(square)] += _RIDGE * measured.size
+            level = np.linalg.solve(square, design.T @ measured)
+            return np.asarray(measured - design @ level, np.float64)
+
+        if start is None:
+            starts = 0.5 * _SEARCH_PX * np.array(np.meshgrid([-1, 0, 1], [-1, 0, 1])).reshape(2, -1).T
+            start = min(starts, key=lambda shift: float(np.sum(misfit(shift) ** 2)))
+        shift, jacobian, residual = _least_squares(misfit, start)
+        cost = float(residual @ residual)
+        freedom = max(measured.size - plane.shape[1] * len(shares) - 2, 1)
+        variance = float(np.trace(np.linalg.pinv(jacobian.T @ jacobian))) * cost / freedom / 2
+        outside = np.abs(shift).max() > _SEARCH_PX
+        return shift, np.inf if outside or variance == 0 else float(np.sqrt(variance)), cost
+
+    def misfit(self, blur: float) -> float:
+        """Sum of squares of the best fit with a blur, relative to the variance in the square."""
+        return self._fit(blur, _REACH_PX)[2] / max(float(np.var(self._measured)), 1e-300)
+
+    def position(self, blur: float) -> tuple[NDArray[np.float64], float]:
+        """Position (u, v) of the corner and its standard deviation, px; else infinite."""
+        if not self.is_usable:
+            return self._expected, np.inf
+        largest = self._fit(blur, _REACH_PX)
+        fits = [largest, *(self._fit(blur, reach, largest[0]) for reach in _REACHES_PX)]
+        shifts = np.array([shift for shift, _, _ in fits])
+        spread = float(np.sqrt(np.sum((shifts - shifts.mean(axis=0)) ** 2) / (2 * (len(fits) - 1))))
+        return self._expected + shifts.mean(axis=0), float(np.hypot(spread, max(sigma for _, sigma, _ in fits)))
+
+
+def _least_squares(
+    misfit: Callable[[NDArray[np.float64]], NDArray[np.float64]], start: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Shift (2,) of the least sum of squares by Gauss-Newton; Jacobian and misfit there."""
+    shift, residual = start.astype(float), misfit(start)
+    jacobian: NDArray[np.float64] = np.zeros((residual.size, 2))
+    for _ in range(_MAX_STEPS):
+        jacobian = np.stack([(misfit(shift + _STEP_PX * axis) - residual) / _STEP_PX for axis in np.eye(2)], axis=1)
+        step = -np.linalg.pinv(jacobian) @ residual
+        step *= min(1.0, 1 / max(float(np.abs(step).max()), 1e-12))
+        for _ in range(_MAX_HALVINGS):
+            moved = misfit(shift + step)
+            if moved @ moved < residual @ residual:
+                break
+            step = step / 2
+        else:
+            break
+        shift, residual = shift + step, moved
+        if np.abs(step).max() < _SETTLED_PX or np.abs(shift).max() > _SEARCH_PX:
+            break
+    return shift, jacobian, residual
+
+
+def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n, n) number of the flat face that each ray around a pixel meets first; 0 for none."""
+    reach = _MARGIN_PX + 0.5
+    steps = np.arange(-reach + 0.5 / _RAYS_ACROSS, reach, 1 / _RAYS_ACROSS)
+    u, v = np.meshgrid(middle[0] + steps, middle[1] + steps)
+    direction = camera.directions(u.ravel(), v.ravel())
+    nearest, number = np.full(u.size, np.inf), np.zeros(u.size, np.int64)
+    flat: dict[tuple[float, ...], int] = {}
+    for surface in scene.all_surfaces:
+        for face in surface.faces:
+            if not _may_be_seen(camera, surface.vertices_mm[face], middle):
+                continue
+            a, b, c = surface.vertices_mm[face]
+            normal = np.cross(b - a, c - a)
+            length = float(np.linalg.norm(normal))
+            if length == 0:
+                continue
+            key = (*(normal / length).round(3), round(float(a @ normal) / length, 1))
+            across = np.cross(direction, c - a)
+            from_a = camera.position_mm - a
+            turned = np.cross(from_a, b - a)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                slope = across @ (b - a)
+                first, second = across @ from_a / slope, direction @ turned / slope
+                distance = float((c - a) @ turned) / slope
+                hit = (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9) & (distance > 1e-6)
+            nearer = hit & (distance < nearest)
+            nearest[nearer] = distance[nearer]
+            number[nearer] = flat.setdefault(key, len(flat) + 1)
+    return number.reshape(u.shape)
+
+
+def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArray[np.int64]) -> bool:
+    """Whether the image of a triangle may reach the rays around a pixel."""
+    image = camera.project(triangle_mm)
+    if not np.isfinite(image).all():
+        return True  # partly behind the camera
+    reach = _MARGIN_PX + 2
+    return bool(np.all(image.max(axis=0) > middle - reach) and np.all(image.min(axis=0) < middle + reach))
+
+
+def _blurred(faces: NDArray[np.int64], blur_px: float) -> NDArray[np.float64]:
+    """(k, n, n) shares of faces around each ray, within a pixel and the lens's blur."""
+    numbers, counts = np.unique(faces, return_counts=True)
+    large = numbers[counts > _SMALLEST_SHARE * faces.size]
+    return np.stack(
+        [
+            gaussian_filter(uniform_filter((faces == k).astype(float), _RAYS_ACROSS), blur_px * _RAYS_ACROSS)
+            for k in large
+        ]
+    )

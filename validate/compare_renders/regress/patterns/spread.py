@@ -1,0 +1,54 @@
+"""Spread of blocks: more blocks off by two standard deviations than noise allows.
+
+Each block alone decides only far out, since its few pixels are not normal. Their count is robust against single bright
+pixels, and against standard deviations that are too small by a half.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from cboxlab.utils.distributions import student_quantile, student_tail
+from scipy.special import bdtrc
+
+from .difference import Finding
+from .pooled_mean import PooledMean
+
+__all__ = ["block_spread"]
+
+#: Standard deviations from which a block counts.
+_SIGMAS = 2.0
+#: Factor by which the standard deviations of blocks may be too small.
+_ALLOWED = 1.5
+#: Fewest blocks of a test.
+_MIN_BLOCKS = 12
+
+
+def block_spread(blocks: Sequence[PooledMean], clustering: float) -> Finding | None:
+    """Count of blocks that differ, as a binomial test.
+
+    Parameters
+    ----------
+    blocks
+        Tests of the blocks.
+    clustering
+        Number of pixels that correlation makes one.
+
+    Returns
+    -------
+    Finding or None
+        The size is the root mean square of the blocks' differences. None for few blocks, or where noise reaches from
+        block to block.
+    """
+    if len(blocks) < _MIN_BLOCKS or clustering > np.median([block.pixels for block in blocks]):
+        return None
+    count = sum(abs(block.statistic) > _SIGMAS for block in blocks)
+    by_chance = float(np.mean([2 * student_tail(_SIGMAS / _ALLOWED, block.degrees) for block in blocks]))
+    probability = float(bdtrc(count - 1, len(blocks), by_chance)) if count else 1.0
+    size = float(np.sqrt(np.mean([block.difference**2 for block in blocks])))
+    degrees = len(blocks) - 1.0
+    student = float(student_quantile(max(probability, 1e-300) / 2, degrees)) if probability < 1 else 0.0
+    name = f"{count} of {len(blocks)} blocks off by {_SIGMAS:g} sigmas"
+    pixels = sum(block.pixels for block in blocks)
+    return Finding(name, pixels, size, size / max(student, 1e-3), degrees, probability)

@@ -1,0 +1,15 @@
+"""Pictures of any scene: colours as a renderer stored them, and surfaces of their layers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .guides import GUIDES
+    from .reading import AS_STORED, read_scene_picture
+
+__all__ = ["AS_STORED", "GUIDES", "read_scene_picture"]
+
+__getattr__, __dir__ = lazy_names(__name__)
