@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import struct
 import zlib
 
@@ -25,7 +26,9 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.compare_renders.stored_references.stored import read_reference
+from cboxlab.validation.dataset import open_dataset
 from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
+from helpers.places import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -352,3 +355,14 @@ def test_a_result_that_cannot_be_looked_at_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["verify", str(tmp_path / ("b" * 300))])
     assert ended.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"29343", b"29_343"), (b"29343", b"many"), (b"146.729", b""), (b"main,train", b"\xff,train"), (b"0,0,0", b"0")],
+)
+def test_an_index_of_a_data_set_with_a_row_that_is_none_is_refused(tmp_path, old, new):
+    shutil.copytree(ROOT / "tests" / "version_0_1" / "dataset", tmp_path / "dataset")
+    path = tmp_path / "dataset" / "index.csv"
+    path.write_bytes(path.read_bytes().replace(old, new, 1))
+    assert_refused(lambda p: open_dataset(p.parent), path)

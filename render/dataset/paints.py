@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
@@ -185,7 +186,10 @@ def _recovered(xyy: tuple[float, float, float]) -> Spectrum:
     from colour.recovery import XYZ_to_sd_Otsu2018
 
     observer, light = _observer_and_light()
-    table = XYZ_to_sd_Otsu2018(np.asarray(xyY_to_XYZ(np.array(xyy))) / 100, observer, light)
+    xyz = np.asarray(xyY_to_XYZ(np.array(xyy))) / 100
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that tables are aligned
+        table = XYZ_to_sd_Otsu2018(xyz, observer, light)
     return _reflectance(_RECOVERED_NM, table.values)
 
 

@@ -4,7 +4,6 @@ from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
-from .sobol import sobol_points
 
 __all__ = [
     "SobolPoints",
@@ -15,5 +14,4 @@ __all__ = [
     "polynomial",
     "polynomial_at",
     "seed_of_lanes",
-    "sobol_points",
 ]

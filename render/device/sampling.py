@@ -9,15 +9,17 @@ import numpy as np
 from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
-from .sobol import sobol_points
 
 __all__ = ["SobolPoints", "cosine_hemisphere", "seed_of_lanes"]
 
 
 @lru_cache(maxsize=8)
 def _sobol_table(dimensions: int, log2_points: int) -> np.ndarray:
-    """(2^m * d,) Sobol' points as 32-bit integers."""
-    return sobol_points(dimensions, log2_points).ravel()
+    """(2^m * d,) Sobol' points as 32-bit integers (SciPy; Joe and Kuo's numbers)."""
+    from scipy.stats import qmc  # slow to import
+
+    points = qmc.Sobol(dimensions, scramble=False, bits=32).random_base2(log2_points)
+    return (points * 2.0**32).astype(np.uint32).ravel()
 
 
 def seed_of_lanes(seed: int | mi.UInt32) -> mi.UInt32:

@@ -1,4 +1,4 @@
-"""Files of a picture: the picture itself as NetCDF or Zarr, and copies of its radiance in other formats."""
+"""Files of a picture: NetCDF or Zarr, and copies of its radiance in other formats."""
 
 from __future__ import annotations
 

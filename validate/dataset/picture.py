@@ -78,18 +78,8 @@ def render_pictures(
     job = RenderJob(joined, camera, grid, seed=seed, max_bounces=bounces, first_batch=first)
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
     geometry = _geometry(image, joined, camera, seed)
-    for box, scene, own in zip(boxes, scenes, split_image(image, len(boxes), each_nm), strict=True):
-        yield _picture(
-            box,
-            camera_name,
-            recipe,
-            image=own,
-            scene=scene,
-            camera=camera,
-            max_bounces=bounces,
-            geometry=geometry,
-            folder=folder,
-        )
+    for box, part in zip(boxes, split_image(image, len(boxes), each_nm), strict=True):
+        yield _picture(box, camera_name, recipe, folder, image=part, geometry=geometry)
 
 
 def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
@@ -102,17 +92,15 @@ def _picture(
     box: Box,
     camera_name: str,
     recipe: Recipe,
+    folder: Path,
     *,
     image: RenderedImage,
-    scene: Scene,
-    camera: Camera,
-    max_bounces: int | None,
     geometry: Mapping[str, Any],
-    folder: Path,
 ) -> xr.Dataset:
     """Picture of a box from its image without effects on light transport."""
+    scene, camera, bounces = model_cube_inputs(box.model, box.cameras[camera_name])
     order = _order(box, camera_name, recipe)
-    changes = coated(image, scene, camera, box.model.effects, box.seed, max_bounces)
+    changes = coated(image, scene, camera, box.model.effects, box.seed, bounces)
     changed = changes.image
     data = {**_light(image, changes, scene), **geometry}
     cube = xr.Dataset(

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from cboxlab.rendering.device import dr
 from cboxlab.rendering.integrators import TIMEOUT_S
 from cboxlab.utils.errors import InputError
 
+from .layout import versions
 from .tasks import Task, run_task
 
-__all__ = ["in_processes", "on_local_cluster", "on_scheduler"]
+__all__ = ["in_processes", "on_local_cluster", "on_scheduler", "run_with_versions"]
 
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
 
 #: Time that the first worker of a scheduler has to join, s: a busy machine takes half a minute to start one.
 _WORKER_S = 60.0
+
+#: Time that a scheduler which ended has to answer again, s.
+_RESTART_S = 60.0
+
+#: Packages whose messages about lost connections are kept off the terminal.
+_DASK_LOGGERS = ("distributed", "asyncio", "tornado")
 
 #: Interval at which a run looks whether it was cancelled, s.
 _LOOK_S = 0.5
@@ -97,7 +108,9 @@ def _dask() -> Any:
     return distributed
 
 
-def on_scheduler(tasks: Sequence[Task], address: str, idle: Callable[[], None]) -> Iterator[list[dict[str, Any]]]:
+def on_scheduler(
+    tasks: Sequence[Any], address: str, idle: Callable[[], None], run: Callable[[Any], Any] | None = None
+) -> Iterator[Any]:
     """Run tasks on the workers of a Dask scheduler, which share a file system with this machine.
 
     Parameters
@@ -108,29 +121,101 @@ def on_scheduler(tasks: Sequence[Task], address: str, idle: Callable[[], None]) 
         Address such as ``tcp://host:8786``.
     idle
         As of ``in_processes``.
+    run
+        Function of a task that its worker calls; None for the pictures of a data set.
 
     Yields
     ------
-    list of dict
-        Records of each task, in the order of their ends.
+    object
+        Result of each task, in the order of their ends: of a data set the records of its pictures.
 
     Raises
     ------
     InputError
-        If Dask is not installed, no scheduler or worker answers, the scheduler ends, or a worker has other versions.
+        If Dask is not installed, no scheduler or worker answers, the scheduler ends and does not answer again, or a
+        worker has other versions.
     """
-    dask = _dask()
+    dask, remaining, losses = _dask(), list(tasks), 0
+    checked = partial(run_with_versions, versions(), run or _run_on_worker)
+    with _without_log():
+        while remaining:
+            try:
+                with _connected(dask, address, _RESTART_S if losses else TIMEOUT_S) as client:
+                    for task, result in _on_client(dask, client, remaining, idle, checked):
+                        remaining.remove(task)
+                        losses = 0
+                        yield result
+            except _SchedulerEnded:
+                losses += 1
+                if losses >= _MOST_ENDS:
+                    hint = "Start it again and repeat the command: finished pictures are kept."
+                    raise InputError("scheduler", "a scheduler that ends", "a Dask scheduler", hint) from None
+
+
+def run_with_versions(expected: Mapping[str, str], run: Callable[[Any], Any], task: Any) -> Any:
+    """Run a task in a process with the versions of the run.
+
+    Parameters
+    ----------
+    expected
+        Version of each package on which results depend.
+    run
+        Function of a task.
+    task
+        The task.
+
+    Returns
+    -------
+    object
+        Result of the task.
+
+    Raises
+    ------
+    InputError
+        If this process has other versions.
+    """
+    installed = versions()
+    pairs = [(name, installed.get(name), version) for name, version in expected.items()]
+    if other := [f"{name} {mine} (not {version})" for name, mine, version in pairs if mine != version]:
+        fault = f"a worker on {platform.node()} with {', '.join(other)}"
+        raise InputError("scheduler", fault, "the same versions on every worker")
+    return run(task)
+
+
+class _SchedulerEnded(Exception):
+    """The connection to the scheduler was lost."""
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """Keep Dask's messages about lost connections off the terminal: errors say what they mean."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in _DASK_LOGGERS]
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
-        client = dask.Client(address, timeout=TIMEOUT_S)
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _connected(dask: Any, address: str, seconds: float) -> Iterator[Any]:
+    """Client of a scheduler that answers within some seconds and has a worker."""
+    try:
+        client = dask.Client(address, timeout=seconds)
     except (OSError, ValueError) as error:
-        raise InputError("scheduler", f"no answer from {address} ({error})", "a Dask scheduler") from None
+        hint = "Repeat the command when it runs: finished pictures are kept."
+        raise InputError("scheduler", f"no answer from {address} ({error})", "a Dask scheduler", hint) from None
     with client:
         try:
             client.wait_for_workers(1, timeout=_WORKER_S)
         except TimeoutError:
             hint = f"Start one with `dask worker {address}`."
             raise InputError("scheduler", f"no worker at {address}", "at least one worker", hint) from None
-        yield from _on_client(dask, client, tasks, idle)
+        yield client
 
 
 def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]) -> Iterator[list[dict[str, Any]]]:
@@ -161,13 +246,13 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
         dask.Client(cluster) as client,
     ):
         client.run(_share_processors, max(1, (os.cpu_count() or 1) // count))
-        yield from _on_client(dask, client, tasks, idle)
+        yield from on_scheduler(tasks, cluster.scheduler_address, idle)
 
 
 def _run_on_worker(task: Task) -> list[dict[str, Any]]:
     """Run a task on a worker of Dask, in a thread that Dask does not sample.
 
-    Dask's profiler holds the frames of its own threads for a moment. HDF5 objects then close later, and the layout of
+    Dask's profiler holds the frames of Dask's threads for a moment. HDF5 objects then close later, and the layout of
     a file, though not its content, changes from run to run.
     """
     import dask
@@ -177,10 +262,14 @@ def _run_on_worker(task: Task) -> list[dict[str, Any]]:
 
 
 def _on_client(
-    dask: Any, client: Any, tasks: Sequence[Task], idle: Callable[[], None]
-) -> Iterator[list[dict[str, Any]]]:
-    """Run tasks on the workers of a client; a worker that ends or joins changes nothing else."""
-    waiting = {client.submit(_run_on_worker, task, pure=False) for task in tasks}
+    dask: Any, client: Any, tasks: Sequence[Any], idle: Callable[[], None], run: Callable[[Any], Any]
+) -> Iterator[tuple[Any, Any]]:
+    """Tasks with their results, run on the workers of a client.
+
+    A worker that ends or joins changes nothing else.
+    """
+    tasks_of = {client.submit(run, task, pure=False): task for task in tasks}
+    waiting = set(tasks_of)
     try:
         while waiting:
             try:
@@ -188,13 +277,14 @@ def _on_client(
             except TimeoutError:
                 over = set()
             for future in over:
-                yield future.result()
+                yield tasks_of[future], future.result()
             idle()
-    except (OSError, dask.client.FutureCancelledError) as error:
-        if isinstance(error, OSError) and error.filename is not None:
+    except OSError as error:
+        if error.filename is not None:
             raise  # a file of the data set, such as on a full disk
-        hint = "Start it again and repeat the command: finished pictures are kept."
-        raise InputError("scheduler", f"a scheduler that ended ({error})", "a Dask scheduler", hint) from None
+        raise _SchedulerEnded from None
+    except (dask.client.FutureCancelledError, dask.client.FuturesCancelledError, CancelledError):
+        raise _SchedulerEnded from None
     except dask.KilledWorker:
         fault = "a task during which several workers ended"
         raise InputError("scheduler", fault, "memory for the pictures", "Use fewer or smaller workers.") from None

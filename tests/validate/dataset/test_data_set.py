@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import sys
+import time
 
 import h5py
 import numpy as np
@@ -19,7 +20,7 @@ from cboxlab.validation.dataset.checks import check_picture
 from cboxlab.validation.dataset.formats import COPY_ENDINGS, open_picture, write_copy, write_picture
 from cboxlab.validation.dataset.layout import Layout, begin
 from cboxlab.validation.dataset.picture import render_pictures, rounded
-from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
+from cboxlab.validation.dataset.tasks import tasks_of
 from cboxlab.validation.dataset.workers import in_processes
 from helpers.command_line import assert_one_line_of_help
 from helpers.ending import ends_once
@@ -230,10 +231,38 @@ def test_the_task_of_a_worker_that_ends_is_run_again(tmp_path, monkeypatch):
         list(in_processes(tasks, 1, lambda: None, ends_once, abs))
 
 
-def test_a_worker_with_other_versions_is_named(tmp_path):
-    task = Task(str(tmp_path / "recipe.toml"), str(tmp_path), (0,), (("cboxlab", "0.0"),))
+@pytest.mark.parametrize("again", [True, False])
+def test_a_scheduler_that_ends_loses_nothing(monkeypatch, again):
+    """One that starts again gets the tasks that remain; without one the run ends in one line."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "_RESTART_S", 20.0 if again else 1.0)
+    local = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    local |= {"protocol": "tcp", "host": "127.0.0.1"}
+    clusters = [distributed.LocalCluster(**local)]
+    address, results = clusters[0].scheduler_address, []
+    port = int(address.rsplit(":", 1)[1])
+    try:
+        for result in workers.on_scheduler([0.1, 0.2, 0.3], address, lambda: None, slept):
+            results.append(result)
+            if len(clusters) == 1:
+                clusters[0].close()
+                clusters.append(distributed.LocalCluster(**local, scheduler_port=port) if again else None)
+    except InputError as error:
+        assert not again and "no answer" in str(error) and "Repeat the command" in str(error)
+    finally:
+        for cluster in filter(None, clusters):
+            cluster.close()
+    assert sorted(results) == [0.1, 0.2, 0.3] if again else len(results) < 3
+
+
+def slept(seconds):
+    time.sleep(seconds)
+    return seconds
+
+
+def test_a_worker_with_other_versions_is_named():
     with pytest.raises(InputError, match=r"a worker on .* with cboxlab .* \(not 0.0\)"):
-        run_task(task)
+        workers.run_with_versions({"cboxlab": "0.0"}, slept, 0.0)
 
 
 def test_tasks_hold_boxes_of_one_geometry(tmp_path):

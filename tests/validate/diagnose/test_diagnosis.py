@@ -20,12 +20,12 @@ from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import run_demo
 from cboxlab.validation.compare.pipeline import validate_prepared
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
-from cboxlab.validation.diagnose.diagnosis import _shares
 from cboxlab.validation.diagnose.evidence import first_significant, prior_pull
 from cboxlab.validation.diagnose.fitting import fit
 from cboxlab.validation.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
+from cboxlab.validation.diagnose.ranking import _shares
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import residual_data_of

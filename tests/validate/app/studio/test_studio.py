@@ -93,9 +93,11 @@ def test_only_this_machines_pages_with_the_token_are_answered(client):
         assert client.get(f"/secret/{path}").status_code == 404
 
 
-@pytest.mark.parametrize(
-    "name", ["", "index.html", "studio.js", "controls.js", "studio.css", "viewer.js", "viewer.css"]
-)
+PAGES = ["", "index.html", "first.html", "points.html"]
+SCRIPTS = ["studio.js", "controls.js", "first.js", "points.js", "arrays.js", "viewer.js", "studio.css", "viewer.css"]
+
+
+@pytest.mark.parametrize("name", [*PAGES, *SCRIPTS])
 def test_the_pages_files_are_its_own(client, name):
     answer = client.get(f"/secret/{name}")
     assert answer.status_code == 200 and answer.headers["cache-control"] == "no-store"
