@@ -365,4 +365,4 @@ def test_an_index_of_a_data_set_with_a_row_that_is_none_is_refused(tmp_path, old
     shutil.copytree(ROOT / "tests" / "version_0_1" / "dataset", tmp_path / "dataset")
     path = tmp_path / "dataset" / "index.csv"
     path.write_bytes(path.read_bytes().replace(old, new, 1))
-    refused(lambda p: open_dataset(p.parent), path)
+    assert_refused(lambda p: open_dataset(p.parent), path)
