@@ -21,10 +21,8 @@ from .pooled import (
     cancelling_patterns,
     difference_of,
     pooled_means,
-    quieter_part,
-    roughness_of,
 )
-from .sides import Side, SurfaceMap
+from .sides import Side, SurfaceMap, quieter_part, roughness_of
 from .strata import Strata, strata_of
 
 __all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
