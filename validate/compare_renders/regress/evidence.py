@@ -210,6 +210,8 @@ def build_evidence(comparison: Comparison) -> Evidence:
     sigma = np.maximum(smooth_variance(total, noise.total, noise.degrees), noise.total) * inflation
     part = _RANGE_FLOOR_UNSTATED if noise.estimated else _RANGE_FLOOR
     sigma += (_PIXEL_FLOOR * total) ** 2 + (part * local_range(total)) ** 2
+    # pixels that are lit in the candidate alone
+    sigma = np.where(sigma > 0, sigma, (_PIXEL_FLOOR * max(float(total.mean()), 1e-150)) ** 2)
     scale = 1 / np.sqrt(sigma[pixels])
     target = _features(trimmed.difference, cell, group, safe, whitener, pixels, scale)
     return Evidence(level, level + trimmed.difference, cell, whitener, safe, group, pixels, scale, target)
