@@ -191,7 +191,7 @@ def _phase_sigma(variance_dn2: float) -> float:
 def _read_noise(
     floor_dn2: float, gain: float, covariance: NDArray[np.float64], *, gain_is_fitted: bool
 ) -> tuple[float, float]:
-    """Read noise and its standard deviation, e-, of a line with a covariance (2, 2) of floor and slope.
+    """Read noise and its standard deviation, e-, of a line with its covariance (2, 2).
 
     To first order, with the uncertainty by rounding. A gain that is the reciprocal slope errs with the floor.
     """

@@ -209,7 +209,7 @@ def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64
 def _checked_pictures(
     path: Path, reader: FrameReader, read: Callable[[Path, range], NDArray[Number]], pictures: range | None
 ) -> NDArray[Number]:
-    """(n, y, x) pictures of a file by a function of its reader, of the shape in the file's header."""
+    """(n, y, x) pictures of a file by its reader, of the shape in the header."""
     header: FrameHeader = frame_header(path)
     pictures = range(header.pictures) if pictures is None else pictures
     try:
