@@ -1,4 +1,4 @@
-"""Figures of a comparison for publications, in colours for all colour vision."""
+"""Figures of a comparison for publications: maps and plots with units."""
 
 from __future__ import annotations
 

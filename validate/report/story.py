@@ -292,7 +292,7 @@ def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow
 
 
 def _size(diagnosis: Diagnosis, effect: str, alone: str) -> str:
-    """Parameters of an effect: those of the final model, if it has the effect; otherwise those when fitted alone."""
+    """Parameters of an effect in the final model, or else those fitted alone."""
     last = diagnosis.path[-1]
     in_model = {e.id: values_text(e.id, e.values, sigma) for e, sigma in zip(last.effects, last.sigma, strict=True)}
     return in_model.get(effect, alone)
