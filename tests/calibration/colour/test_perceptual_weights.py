@@ -66,3 +66,12 @@ def test_enough_bands_are_exact(responses):
     training = training_radiances(LAMPS, None, 300)
     weights = perceptual_weights(exact, training, training_whites(LAMPS, 300), 0.0).weights
     np.testing.assert_allclose(weights, np.eye(3), atol=1e-3)
+
+
+def test_weights_do_not_depend_on_the_unit_of_a_bands_signal(responses):
+    """A band of a hundredth of the response has a hundred times the weights: noise is relative to the signal's rms."""
+    training, whites = training_radiances(LAMPS, None, 300), training_whites(LAMPS, 300)
+    factor = np.array([0.01, *[1.0] * (len(responses) - 1)])
+    dimmed = [dataclasses.replace(one, response=f * one.response) for one, f in zip(responses, factor, strict=True)]
+    plain, scaled = (perceptual_weights(bands, training, whites, 0.05).weights for bands in (responses, dimmed))
+    np.testing.assert_allclose(scaled * factor, plain, rtol=1e-6)
