@@ -68,10 +68,11 @@ def test_enough_bands_are_exact(responses):
     np.testing.assert_allclose(weights, np.eye(3), atol=1e-3)
 
 
-def test_weights_do_not_depend_on_the_unit_of_a_bands_signal(responses):
-    """A band of a hundredth of the response has a hundred times the weights: noise is relative to the signal's rms."""
+def test_weights_do_not_depend_on_the_unit_of_the_light(responses):
+    """Noise is relative to a signal's rms: a ten-thousandth, or ten thousand times, of all light changes nothing."""
     training, whites = training_radiances(LAMPS, None, 300), training_whites(LAMPS, 300)
-    factor = np.array([0.01, *[1.0] * (len(responses) - 1)])
-    dimmed = [dataclasses.replace(one, response=f * one.response) for one, f in zip(responses, factor, strict=True)]
-    plain, scaled = (perceptual_weights(bands, training, whites, 0.05).weights for bands in (responses, dimmed))
-    np.testing.assert_allclose(scaled * factor, plain, rtol=1e-6)
+    bright, plain, dim = (
+        perceptual_weights(responses, unit * training, unit * whites, 0.05).weights for unit in (1e4, 1.0, 1e-4)
+    )
+    np.testing.assert_allclose(bright, plain, rtol=1e-6)
+    np.testing.assert_allclose(dim, plain, rtol=1e-6)
