@@ -41,7 +41,8 @@ def test_every_command_of_the_manual_can_be_parsed(page):
     for words in commands(page):
         context = group.make_context("cbox", list(words))
         name, command, rest = group.resolve_command(context, list(words))
-        command.make_context(name, rest)  # ends the process where an option or argument is not known
+        parsed = command.make_context(name, rest)  # ends the process where an option or argument is not known
+        assert parsed.command is command
 
 
 @pytest.mark.parametrize("page", NEW_USER)

@@ -29,6 +29,7 @@ SAMPLES = {
     "raysect": (720, 80),
     "luxcore": (1024, 8),
     "pbrt": (1024, 8),
+    "cycles": (1024, 8),
 }
 
 

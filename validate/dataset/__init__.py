@@ -3,6 +3,7 @@
 from .create import DatasetRun, Workers, create_dataset, read_recipe
 from .opened import Arrays, Dataset, open_dataset
 from .preview import preview_recipe
+from .workers import on_scheduler
 
 __all__ = [
     "Arrays",
@@ -10,6 +11,7 @@ __all__ = [
     "DatasetRun",
     "Workers",
     "create_dataset",
+    "on_scheduler",
     "open_dataset",
     "preview_recipe",
     "read_recipe",

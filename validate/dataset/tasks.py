@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,11 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe, sharing_rays
 from cboxlab.rendering.model import write_model
-from cboxlab.utils.errors import InputError
 from threadpoolctl import threadpool_limits
 
 from .checks import check_picture
 from .formats import COPY_ENDINGS, PICTURE_ENDINGS, write_copy, write_picture
-from .layout import Layout, file_hash, versions, write_json
+from .layout import Layout, file_hash, write_json
 from .picture import mean_spectrum, render_pictures, visible_weights
 
 __all__ = ["Task", "block_of", "camera_names", "run_task", "tasks_of"]
@@ -41,8 +39,6 @@ class Task:
     folder: str
     #: Numbers of the boxes, a whole block (``block_of``).
     boxes: tuple[int, ...]
-    #: Version of each package on which the bits of a picture depend.
-    versions: tuple[tuple[str, str], ...] = field(default_factory=lambda: tuple(versions().items()))
 
 
 def camera_names(recipe: Recipe) -> list[str]:
@@ -124,15 +120,6 @@ def _recipe(path: str, _changed: float) -> Recipe:
     return load_recipe(Path(path))
 
 
-def _require_versions(expected: tuple[tuple[str, str], ...]) -> None:
-    """Raise InputError in a process with other versions than those of the run."""
-    installed = versions()
-    pairs = [(name, installed.get(name), version) for name, version in expected]
-    if other := [f"{name} {mine} (not {version})" for name, mine, version in pairs if mine != version]:
-        fault = f"a worker on {platform.node()} with {', '.join(other)}"
-        raise InputError("scheduler", fault, "the same versions on every worker")
-
-
 def run_task(task: Task) -> list[dict[str, Any]]:
     """Render the missing pictures of a task.
 
@@ -162,7 +149,6 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
     dict
         Record of each picture, which is complete on disk.
     """
-    _require_versions(task.versions)
     path = Path(task.recipe)
     recipe = _recipe(task.recipe, path.stat().st_mtime)
     layout = Layout(Path(task.folder))

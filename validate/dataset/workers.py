@@ -5,19 +5,22 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from cboxlab.rendering.device import dr
 from cboxlab.rendering.integrators import TIMEOUT_S
 from cboxlab.utils.errors import InputError
 
+from .layout import versions
 from .tasks import Task, run_task
 
-__all__ = ["in_processes", "on_local_cluster", "on_scheduler"]
+__all__ = ["in_processes", "on_local_cluster", "on_scheduler", "run_with_versions"]
 
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
@@ -133,11 +136,12 @@ def on_scheduler(
         worker has other versions.
     """
     dask, remaining, losses = _dask(), list(tasks), 0
+    checked = partial(run_with_versions, versions(), run or _run_on_worker)
     with _without_log():
         while remaining:
             try:
                 with _connected(dask, address, _RESTART_S if losses else TIMEOUT_S) as client:
-                    for task, result in _on_client(dask, client, remaining, idle, run or _run_on_worker):
+                    for task, result in _on_client(dask, client, remaining, idle, checked):
                         remaining.remove(task)
                         losses = 0
                         yield result
@@ -146,6 +150,36 @@ def on_scheduler(
                 if losses >= _MOST_ENDS:
                     hint = "Start it again and repeat the command: finished pictures are kept."
                     raise InputError("scheduler", "a scheduler that ends", "a Dask scheduler", hint) from None
+
+
+def run_with_versions(expected: Mapping[str, str], run: Callable[[Any], Any], task: Any) -> Any:
+    """Run a task in a process with the versions of the run.
+
+    Parameters
+    ----------
+    expected
+        Version of each package on which results depend.
+    run
+        Function of a task.
+    task
+        The task.
+
+    Returns
+    -------
+    object
+        Result of the task.
+
+    Raises
+    ------
+    InputError
+        If this process has other versions.
+    """
+    installed = versions()
+    pairs = [(name, installed.get(name), version) for name, version in expected.items()]
+    if other := [f"{name} {mine} (not {version})" for name, mine, version in pairs if mine != version]:
+        fault = f"a worker on {platform.node()} with {', '.join(other)}"
+        raise InputError("scheduler", fault, "the same versions on every worker")
+    return run(task)
 
 
 class _SchedulerEnded(Exception):

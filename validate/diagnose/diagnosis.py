@@ -319,7 +319,8 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     flaws = beside.found
     del beside  # its columns take much of the memory
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
-    if something_remains(search.linearised.model, residual, rendered):
+    doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
+    if doubtful or something_remains(search.linearised.model, residual, rendered):
         # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)

@@ -7,6 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture import reduction as module
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.geometry import capture_points
+from cboxlab.calibration.quality.points import check_points
 from cboxlab.calibration.radiometry.sensor_equation import nominal_constant
 from cboxlab.calibration.result import calibrate
 from cboxlab.calibration.result.write import calibration_record
@@ -214,3 +215,16 @@ def test_a_label_is_that_of_whole_blocks(tmp_path):
 def test_wrong_values_are_named(keys, tables, words, tmp_path):
     with pytest.raises(InputError, match=words):
         written(tmp_path, keys, tables, repeats=1)
+
+
+def test_a_window_leaves_points_outside_without_a_suspicion(tmp_path):
+    """Twelve of forty points are in the window; points beyond the stored frame are those of another picture."""
+    camera = cornell_camera(180)
+    survey(camera, tmp_path / "points.csv")
+    small = written(tmp_path, "window_px = [60, 60, 60, 60]", GEOMETRY, shape=(180, 180), repeats=1)
+    inside = ((capture_points(small).image_px >= 0) & (capture_points(small).image_px < 60)).all(axis=1)
+    assert 4 < np.count_nonzero(inside) < 30 and not list(check_points(small, None))
+    (other := tmp_path / "other").mkdir()
+    survey(cornell_camera(400), other / "points.csv")
+    wrong = written(other, "window_px = [60, 60, 60, 60]", GEOMETRY, shape=(180, 180), repeats=1)
+    assert any("another picture" in s.what for s in check_points(wrong, None))

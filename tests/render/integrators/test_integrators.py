@@ -73,18 +73,18 @@ def test_many_names_for_the_same_paints_change_nothing():
 @pytest.mark.parametrize(("one", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
 def test_surface_means_agree(pictures, one, other):
     """Every surface's mean at every wavelength agrees within the scatter of its batches."""
-    means_agree(pictures[one], pictures[other])
+    assert_means_agree(pictures[one], pictures[other])
 
 
-def means_agree(a, b):
+def assert_means_agree(a, b):
     for index, name in enumerate(a.surface_names):
         here = a.single_surface & b.single_surface & (a.surface == index)
         if here.sum() < 4:
             continue
-        mean_agrees(a, b, here, name)
+        assert_mean_agrees(a, b, here, name)
 
 
-def mean_agrees(a, b, here, name):
+def assert_mean_agrees(a, b, here, name):
     means = [relative(image)[:, here].mean(axis=1) for image in (a, b)]
     error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / BATCHES)
     difference = means[0].mean(axis=0) - means[1].mean(axis=0)
@@ -102,13 +102,13 @@ def test_a_box_with_a_ball_of_many_triangles():
     camera = cornell_camera(24)
     gather = render_final_gather(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4))
     paths = render_path_tracer(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=5))
-    means_agree(gather, paths)
+    assert_means_agree(gather, paths)
     covered = gather.coverage[..., gather.facet_surface == gather.surface_names.index("ball")].sum(axis=-1)
     mask = covered > 0.999  # by several of its faces in most pixels
     assert mask.sum() > 20
-    mean_agrees(gather, paths, mask, "ball")
+    assert_mean_agrees(gather, paths, mask, "ball")
     stock = render_stock(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=6))
-    mean_agrees(stock, paths, mask, "ball")
+    assert_mean_agrees(stock, paths, mask, "ball")
 
 
 @needs_llvm

@@ -20,7 +20,7 @@ from cboxlab.validation.dataset.checks import check_picture
 from cboxlab.validation.dataset.formats import COPY_ENDINGS, open_picture, write_copy, write_picture
 from cboxlab.validation.dataset.layout import Layout, begin
 from cboxlab.validation.dataset.picture import render_pictures, rounded
-from cboxlab.validation.dataset.tasks import Task, run_task, tasks_of
+from cboxlab.validation.dataset.tasks import tasks_of
 from cboxlab.validation.dataset.workers import in_processes
 from helpers.command_line import assert_one_line_of_help
 from helpers.ending import ends_once
@@ -260,10 +260,9 @@ def slept(seconds):
     return seconds
 
 
-def test_a_worker_with_other_versions_is_named(tmp_path):
-    task = Task(str(tmp_path / "recipe.toml"), str(tmp_path), (0,), (("cboxlab", "0.0"),))
+def test_a_worker_with_other_versions_is_named():
     with pytest.raises(InputError, match=r"a worker on .* with cboxlab .* \(not 0.0\)"):
-        run_task(task)
+        workers.run_with_versions({"cboxlab": "0.0"}, slept, 0.0)
 
 
 def test_tasks_hold_boxes_of_one_geometry(tmp_path):

@@ -81,6 +81,28 @@ def _squeezed(text):
     return re.sub(r"\s", "", unicodedata.normalize("NFKC", text))
 
 
+def test_tables_are_whole_on_a_telephone(browser, report):
+    """No table of the report is cut at 400 px, and its caption stands outside the scroller."""
+    _open(browser, report, 400)
+    cut = browser.run(
+        "[...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth + 1)"
+        ".map((e) => [e.ariaLabel.slice(0, 60), e.scrollWidth, e.clientWidth])"
+    )
+    assert cut == []
+    assert browser.run("document.querySelectorAll('.scroll .caption, table caption').length") == 0
+
+
+def test_maps_of_the_bands_share_their_axes(browser, report):
+    """Of five maps in a row only the first has numbers of pixels; all are of one size."""
+    _open(browser, report, 1280)
+    widths, plain = browser.run(
+        "(() => {const all = [...document.querySelector('.nany').querySelectorAll('.panel')];"
+        "return [all.map((e) => e.querySelector('img').getBoundingClientRect().width),"
+        "all.map((e) => getComputedStyle(e.querySelector('.down')).visibility === 'hidden')]})()"
+    )
+    assert plain == [False, True, True, True, True] and max(widths) - min(widths) < 0.5
+
+
 def test_every_control_and_picture_has_a_name(browser, report):
     _open(browser, report, 1280)
     nameless = browser.run(
@@ -116,7 +138,7 @@ def test_printed_it_is_complete_and_keeps_its_columns(browser, report):
     # ligatures and line breaks are the printer's
     text = _squeezed("".join(page.extract_text() for page in printed.pages))
     titles = browser.run(
-        "[...document.querySelectorAll('h1, h2, .folded summary, caption, th, figcaption')].map((e) => e.textContent)"
+        "[...document.querySelectorAll('h1, h2, .folded summary, .caption, th, figcaption')].map((e) => e.textContent)"
     )
     assert len(printed.pages) >= 6 and len(titles) > 50
     assert [title for title in titles if _squeezed(title) not in text] == []

@@ -7,7 +7,7 @@ import pytest
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
 from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureResult, Limit, Ranked, Separation, Step
-from cboxlab.validation.report.diagnosis import further_sentences, limit_text
+from cboxlab.validation.report.diagnosis import further_sentences, limit_text, size_in_words
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story
 from helpers.fakes.box import BANDS, FakeBox
@@ -66,11 +66,33 @@ def test_the_first_sentence_is_the_cause_and_its_size():
     assert lines.falling is not None
 
 
+def test_a_parameter_has_one_value_and_its_size_in_words():
+    """The size is that of the final model wherever it stands, though the effect alone fits a little less."""
+    alone = [_cause("veiling-glare", {"fraction": 0.0295}, 0.93, 1.0, 0.0), CAUSES[1]]
+    told = story(_diagnosis(("veiling-glare",), alone), NAMED)
+    everything = repr(told.missing.blocks[-1].rows) + repr([getattr(b, "caption", "") for b in told.missing.blocks])
+    assert everything.count("fraction 0.0301 ± 0.0012") == 2 and "0.0295" not in everything
+    assert "veiling-glare: 3.01 % of all light spreads evenly over the image." in told.headline.details
+    before_after = told.falling.blocks[0]
+    assert before_after.header[1:3] == ("model as given", "with the effects found")
+    chi2 = before_after.rows[0]
+    assert float(chi2[1]) == pytest.approx(AS_GIVEN.chi2.per_dof, rel=1e-3)
+    assert float(chi2[2]) == pytest.approx(MENDED.chi2.per_dof, rel=1e-3)
+
+
+def test_every_size_in_words_can_be_said():
+    """The words of each effect take its parameters by name."""
+    for effect in catalogue().values():
+        values = {p.name: p.choices[0] if p.choices else 0.25 for p in effect.parameters}
+        sentence = size_in_words(AppliedEffect(effect, values))
+        assert sentence.startswith(effect.id) and sentence.endswith(".") and "{" not in sentence
+
+
 def test_the_runner_up_is_answered():
     lines = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
     (why,) = [text for text in lines.missing.paragraphs if text.startswith("Why not")]
     assert "dark-offset instead of veiling-glare" in why and "21.4 standard deviations of the noise" in why
-    assert why.endswith("Its probability of 40.0 % includes errors of the computed patterns.")
+    assert "Its probability of 40.0 % is larger than this distance alone would leave" in why
     assert "cosine between the two patterns is 0.38" in why
     rows = [block for block in lines.missing.blocks if isinstance(block, MapRow)]
     assert len(rows) == 3

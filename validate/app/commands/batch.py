@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,7 +21,7 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.progress import Cancelled, Progress
 
 from .arguments import JsonOption
-from .console import bar, give_json, require_folder, say
+from .console import bar, give_json, options, require_folder, say
 
 __all__ = ["batch"]
 
@@ -81,22 +82,32 @@ def batch(
         Path | None, typer.Option(help="Model or scene file (TOML). The default is the scene that each capture states.")
     ] = None,
     jobs: Annotated[int, typer.Option(help="Number of captures to compute at the same time.", min=1, max=64)] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler whose workers share the captures.")
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Calibrate, validate or diagnose many captures, and write one summary.
 
-    Each capture runs in a separate process. If you repeat the command, captures with unchanged inputs and results are
-    not computed again. A capture that is refused or fails does not stop the others. The exit code is 2 if any capture
-    was refused and 3 if any failed.
+    Each capture runs in a separate process, here or on the workers of a Dask scheduler, which need the same paths. If
+    you repeat the command, captures with unchanged inputs and results are not computed again. A capture that is refused
+    or fails does not stop the others. The exit code is 2 if any capture was refused and 3 if any failed.
     """
     if model is not None and what is What.CALIBRATE:
         raise InputError("--model", "a model with --what calibrate", "--what validate or --what diagnose")
+    if scheduler is not None and jobs > 1:
+        raise InputError("--jobs, --scheduler", "both of them", "one of the two")
     captures = _captures(folder)
     require_folder(out)
+    tasks = [
+        CaptureTask(name, (folder / name).resolve(), (out / name).resolve(), what, model and model.resolve())
+        for name in captures
+    ]
     rows: dict[str, dict[str, Any]] = {}
     try:
-        with bar("captures") as report:
-            for row in _run_all(folder, captures, out, what, model, jobs, report):
+        with options(scheduler="--scheduler"), bar("captures") as report:
+            run = _run_here(tasks, jobs, report) if scheduler is None else _run_there(tasks, scheduler, report)
+            for row in run:
                 rows[row["capture"]] = row
                 _write_summary(out, [rows[name] for name in captures if name in rows])
     finally:
@@ -122,14 +133,36 @@ def _captures(folder: Path) -> list[str]:
     return names
 
 
-def _run_all(
-    folder: Path, captures: list[str], out: Path, what: What, model: Path | None, jobs: int, report: Progress
-) -> Iterator[dict[str, Any]]:
+@dataclass(frozen=True)
+class CaptureTask:
+    """One capture and its command, for a worker that shares the file system."""
+
+    #: Path of the capture below the folder of captures.
+    name: str
+    #: Absolute path of the capture.
+    capture: Path
+    #: Absolute path of the folder of its results.
+    results: Path
+    #: The command.
+    what: What
+    #: Absolute path of a model or scene file; None for the scene that the capture states.
+    model: Path | None
+
+
+def _run_there(tasks: list[CaptureTask], scheduler: str, report: Progress) -> Iterator[dict[str, Any]]:
+    """Row of each capture, as workers of a Dask scheduler complete them."""
+    from ...dataset import on_scheduler
+
+    rows: list[dict[str, Any]] = []
+    for row in on_scheduler(tasks, scheduler, lambda: report.part(len(rows) / len(tasks)), run_capture):
+        rows.append(row)
+        yield row
+
+
+def _run_here(tasks: list[CaptureTask], jobs: int, report: Progress) -> Iterator[dict[str, Any]]:
     """Row of each capture, in the order of their ends, until the run is cancelled."""
     with ThreadPoolExecutor(jobs) as pool:
-        waiting: set[Future[dict[str, Any]]] = {
-            pool.submit(_run_one, name, folder / name, out / name, what, model) for name in captures
-        }
+        waiting: set[Future[dict[str, Any]]] = {pool.submit(run_capture, task) for task in tasks}
         done = 0
         try:
             while waiting:
@@ -137,19 +170,31 @@ def _run_all(
                 for future in over:
                     done += 1
                     yield future.result()
-                report.part(done / len(captures))
+                report.part(done / len(tasks))
         except (Cancelled, KeyboardInterrupt):
             pool.shutdown(wait=True, cancel_futures=True)
             raise
 
 
-def _run_one(name: str, capture: Path, results: Path, what: What, model: Path | None) -> dict[str, Any]:
-    """Row of one capture; its command runs unless its results are current."""
+def run_capture(task: CaptureTask) -> dict[str, Any]:
+    """Row of one capture; its command runs unless its results are current.
+
+    Parameters
+    ----------
+    task
+        The capture and its command.
+
+    Returns
+    -------
+    dict
+        Columns of the summary.
+    """
     from ...api import is_current
 
-    row: dict[str, Any] = {"capture": name, "status": "kept", "seconds": 0.0, "message": ""}
-    with_model = [] if model is None else ["--model", str(model.resolve())]
-    command = [what.value, str(capture.resolve()), "--out", str(results.resolve()), *with_model]
+    row: dict[str, Any] = {"capture": task.name, "status": "kept", "seconds": 0.0, "message": ""}
+    with_model = [] if task.model is None else ["--model", str(task.model)]
+    results = task.results
+    command = [task.what.value, str(task.capture), "--out", str(results), *with_model]
     log = results / _LOG
     if not (log.exists() and is_current(results, shlex.join(["cbox", *command]))):
         start = time.monotonic()
@@ -171,7 +216,7 @@ def _run_one(name: str, capture: Path, results: Path, what: What, model: Path | 
             return row
     from cboxlab.utils.input_files import read_json
 
-    file, columns = _RESULTS[what]
+    file, columns = _RESULTS[task.what]
     return row | columns(read_json(results / file, "results of cbox"))
 
 

@@ -18,6 +18,9 @@ __all__ = ["first_draft", "write_first"]
 #: Most characters of a value.
 _MAX_LENGTH = 300
 
+#: Texts of an entry: where, key and value.
+_PARTS = 3
+
 #: Keys that differ from band to band; the others have one value for all bands.
 _OF_EACH_BAND = ("transmittance", "start_s")
 
@@ -90,8 +93,9 @@ def _entries(records: Sequence[Any]) -> list[ManifestEntry]:
     """Entries of the page; those without a value are left out."""
     entries = []
     for record in records:
-        texts = [record.get(key) for key in ("where", "key", "value")] if isinstance(record, Mapping) else []
-        if not texts or not all(isinstance(text, str) and len(text) <= _MAX_LENGTH for text in texts):
+        values = [record.get(key) for key in ("where", "key", "value")] if isinstance(record, Mapping) else []
+        texts = [text for text in values if isinstance(text, str) and len(text) <= _MAX_LENGTH]
+        if len(texts) != _PARTS:
             raise InputError("entries", repr(record)[:80], "records with where, key and value")
         if texts[2].strip():
             entries.append(ManifestEntry(*texts))

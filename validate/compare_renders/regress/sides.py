@@ -107,6 +107,8 @@ class Side(FrozenMappings):
     guides: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     #: Name of the primaries of R, G, B as stored; empty where not stated.
     colour_space: str = ""
+    #: Whether the user says that the other side's cubes have the same random numbers, in the same order.
+    same_seeds: bool = False
 
     @property
     def as_stored(self) -> bool:

@@ -36,6 +36,12 @@ def test_a_batch_ends_with_a_summary_and_goes_on_where_it_stopped(captures, tmp_
     code, *_ = cbox("batch", captures, "--out", out, "--what", "calibrate")
     assert code == 0
     assert rows_of(out)["sound"]["status"] == "kept"
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, processes=False, protocol="tcp", dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        code, *_ = cbox("batch", captures, "--out", out, "--what", "calibrate", "--scheduler", address)
+    assert code == 0
+    assert rows_of(out)["sound"]["status"] == "kept"
     assert result.stat().st_mtime_ns == before
 
 

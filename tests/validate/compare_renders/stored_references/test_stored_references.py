@@ -106,7 +106,11 @@ def test_a_reference_of_the_earlier_format_is_compared_by_its_means(tmp_path):
         del record["means"][name], record["sigma"][name]
     del record["shapes"], record["shape_sigma"]
     (tmp_path / "a.json").write_text(json.dumps({**record, "format": "light-reference/1"}))
-    require_same_light(read_reference(tmp_path / "a.json"), reference(4))
+    stored = read_reference(tmp_path / "a.json")
+    require_same_light(stored, reference(4))
+    other = reference(4, clean=1.05 * CLEAN)
+    with pytest.raises(AssertionError):
+        require_same_light(stored, other)
 
 
 def test_a_reference_comes_back_from_its_file(tmp_path):
