@@ -150,7 +150,7 @@ class CaptureTask:
 
 
 def _run_there(tasks: list[CaptureTask], scheduler: str, report: Progress) -> Iterator[dict[str, Any]]:
-    """Row of each capture, in the order of their ends, computed by the workers of a Dask scheduler."""
+    """Row of each capture, in the order of their ends, by the workers of a scheduler."""
     from ...dataset import on_scheduler
 
     rows: list[dict[str, Any]] = []
