@@ -29,7 +29,7 @@ _COLOURS = {
 
 def imported(source: str, package: str) -> set[str]:
     """The modules and names of cboxlab, as ``room.package.module``, that a module of ``package`` imports."""
-    found = set()
+    members = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -40,8 +40,8 @@ def imported(source: str, package: str) -> set[str]:
             names = [f"{stem}.{alias.name}" for alias in node.names]
         else:
             continue
-        found |= {_by_folder(name.removeprefix("cboxlab.")) for name in names if name.split(".")[0] == "cboxlab"}
-    return found
+        members |= {_by_folder(name.removeprefix("cboxlab.")) for name in names if name.split(".")[0] == "cboxlab"}
+    return members
 
 
 def _by_folder(name: str) -> str:

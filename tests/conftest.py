@@ -37,7 +37,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session")
 def shared() -> Path:
-    """The folder of measurements and published data beside the repository."""
+    """The folder of measurements and published data next to the repository."""
     if not SHARED.is_dir():
-        pytest.skip("needs the folder 'shared' beside the repository (captures, measurements); it is absent")
+        pytest.skip("needs the folder 'shared' next to the repository (captures, measurements); it is absent")
     return SHARED

@@ -29,10 +29,10 @@ def names(tmp_path_factory):
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(blocks) == 8
     found: dict = {}
-    tried = stepwise.hypotheses
+    hypotheses = stepwise.hypotheses
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in EFFECTS])
+        patch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in EFFECTS])
         exec("\n".join(blocks), found)
         yield {**found, "folder": folder}
 

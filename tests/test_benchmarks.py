@@ -57,7 +57,7 @@ def test_blind_scores():
     scores = importlib.import_module("blind_scores")
     row = {"kind": "single", "strength": "weak", "truth": {"gloss": {}}, "groups": [], "probability": 0.8}
     group = [["haze", "gloss"]]
-    alone, beside, grouped, wrong, missed = (
+    alone, accompanied, grouped, wrong, missed = (
         row | {"selected": selected, "groups": groups, "first": (*selected, "unknown")[0]}
         for selected, groups in (
             (["gloss"], []),
@@ -68,13 +68,13 @@ def test_blind_scores():
         )
     )
     pair = row | {"kind": "pair", "truth": {"gloss": {}, "haze": {}}, "selected": ["gloss"]}
-    rows = [alone, beside, grouped, wrong, missed, pair]
+    rows = [alone, accompanied, grouped, wrong, missed, pair]
     assert [scores.named(r) for r in rows] == [True, True, True, False, False, False]
     assert [scores.exact(r) for r in rows] == [True, False, True, False, False, False]
     outside = row | {"kind": "outside", "truth": {"stain": {}}}
     assert scores.exact(outside | {"selected": ["unknown"]})
     assert not scores.exact(outside | {"selected": ["unknown", "haze"]})
-    (table,) = scores.reliability([alone, beside, wrong])
+    (table,) = scores.reliability([alone, accompanied, wrong])
     assert (table["stated"], table["right"], table["captures"]) == (pytest.approx(0.8), 2, 3)
     assert scores.log_loss([alone, wrong]) == pytest.approx(-(math.log(0.8) + math.log(0.2)) / 2)
 

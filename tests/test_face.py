@@ -25,7 +25,7 @@ NAMES = (
 
 
 def run(code, folder):
-    """Standard output of a program in a process and a folder of its own."""
+    """Standard output of a program in a separate process and folder."""
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
@@ -65,8 +65,8 @@ def test_a_shell_completes_the_public_names():
 
 
 def test_the_rooms_are_found_in_a_checkout(tmp_path):
-    """From the checkout's folder, where ``cboxlab`` is a plain folder beside the rooms, and from elsewhere."""
+    """From the checkout's folder, where ``cboxlab`` is a plain folder next to the rooms, and from elsewhere."""
     code = "import cboxlab.scenes as scenes, os; print(os.path.realpath(scenes.__file__))"
-    own = str(ROOT / "scenes" / "__init__.py")
-    assert run(code, ROOT) == [own]
-    assert run(code, tmp_path) == [own]
+    text = str(ROOT / "scenes" / "__init__.py")
+    assert run(code, ROOT) == [text]
+    assert run(code, tmp_path) == [text]

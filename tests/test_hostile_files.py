@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import struct
 import zlib
 
@@ -25,7 +26,9 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.compare_renders.stored_references.stored import read_reference
+from cboxlab.validation.dataset import open_dataset
 from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
+from helpers.places import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -40,7 +43,7 @@ TEXT = {
 CUBE = as_cube(np.arange(24.0, dtype=np.float32).reshape(3, 4, 2) + 1, [500.0, 600.0])
 
 
-def refused(read, path, *words):
+def assert_refused(read, path, *words):
     with pytest.raises(InputError) as told:
         read(path)
     assert str(path.name) in str(told.value)
@@ -66,25 +69,25 @@ def refused(read, path, *words):
 def test_toml_of_any_kind_is_refused_in_one_message(tmp_path, kind, text):
     path = tmp_path / "file.toml"
     path.write_text(text, encoding="utf-8")
-    refused(TOML[kind], path)
+    assert_refused(TOML[kind], path)
 
 
 @pytest.mark.parametrize("kind", TEXT)
 def test_only_regular_files_are_read(tmp_path, kind):
     pipe = tmp_path / "pipe.toml"
     os.mkfifo(pipe)
-    refused(TEXT[kind], pipe, "not a file")
+    assert_refused(TEXT[kind], pipe, "not a file")
     loop = tmp_path / "loop.toml"
     loop.symlink_to(loop)
-    refused(TEXT[kind], loop)
-    refused(TEXT[kind], tmp_path / "absent.toml", "no such file")
+    assert_refused(TEXT[kind], loop)
+    assert_refused(TEXT[kind], tmp_path / "absent.toml", "no such file")
 
 
 @given(content=st.binary(max_size=300), kind=st.sampled_from(sorted(TEXT)))
 def test_bytes_at_random_are_refused(tmp_path_factory, content, kind):
     path = tmp_path_factory.mktemp("random") / "file.toml"
     path.write_bytes(content)
-    refused(TEXT[kind], path)
+    assert_refused(TEXT[kind], path)
 
 
 def frame(path, **changes):
@@ -106,7 +109,7 @@ def test_a_frame_that_unpacks_without_end_is_refused(tmp_path):
         content[place : place + 4] = struct.pack("<I", value)
     path.write_bytes(bytes(content) + bomb)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    refused(lambda p: read_frame(p, 8, 8, 16), path)
+    assert_refused(lambda p: read_frame(p, 8, 8, 16), path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100 * 1024
 
 
@@ -114,26 +117,26 @@ def test_a_frame_that_unpacks_without_end_is_refused(tmp_path):
 def test_the_beginning_of_a_frame_is_refused(tmp_path, size):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((3, 4), np.uint16))
     (tmp_path / "a.tif").write_bytes((tmp_path / "a.tif").read_bytes()[:size])
-    refused(lambda path: read_frame(path, 3, 4, 12), tmp_path / "a.tif")
+    assert_refused(lambda path: read_frame(path, 3, 4, 12), tmp_path / "a.tif")
 
 
 def test_a_unit_that_is_no_text_is_refused(tmp_path):
     write_cube(tmp_path / "cube.nc", CUBE)
     with h5py.File(tmp_path / "cube.nc", "r+") as file:
         file["radiance"].attrs["units"] = 3.0
-    refused(read_cube, tmp_path / "cube.nc", "the unit '3.0'")
+    assert_refused(read_cube, tmp_path / "cube.nc", "the unit '3.0'")
 
 
 def test_a_diagnosis_with_a_number_for_parameters_is_refused(tmp_path):
     path = tmp_path / "diagnosis.json"
     path.write_text(json.dumps({"ranking": [{"effect": "haze", "parameters": 1.0}], "selected": ["haze"]}))
-    refused(read_diagnosis, path, "a diagnosis")
+    assert_refused(read_diagnosis, path, "a diagnosis")
 
 
 def test_an_effect_whose_name_is_a_list_is_refused(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text('format = "model/1"\nname = "a"\nscene = "cornell-box"\n[[effect]]\nid = []\n')
-    refused(load_model, path, "effect[0].id", "[]")
+    assert_refused(load_model, path, "effect[0].id", "[]")
 
 
 @pytest.mark.parametrize("change", [{"seed": float("inf")}, {"means": {"floor": 10**400}}])
@@ -146,12 +149,12 @@ def test_a_reference_with_numbers_without_end_is_refused(tmp_path, change):
     }
     path = tmp_path / "reference.json"
     path.write_text(json.dumps({**record, "seed": 1, "samples": 4, "versions": {}, **change}))
-    refused(read_reference, path, "no reference")
+    assert_refused(read_reference, path, "no reference")
 
 
 def test_a_turned_frame_is_refused(tmp_path):
     path = frame(tmp_path / "turned.tif", extratags=[(274, "H", 1, 6, True)])
-    refused(lambda p: read_frame(p, 8, 8, 16), path, "orientation 6")
+    assert_refused(lambda p: read_frame(p, 8, 8, 16), path, "orientation 6")
 
 
 @given(st.integers(0, 10_000), st.integers(0, 255))
@@ -186,18 +189,18 @@ def test_radiance_in_another_file_is_refused(tmp_path):
     with h5py.File(path, "r+") as file:
         del file["radiance"]
         file.create_dataset("radiance", (3, 4, 2), "f4", external=[(str(secret), 0, 96)])
-    refused(read_cube, path, "another file")
+    assert_refused(read_cube, path, "another file")
     with h5py.File(path, "r+") as file:
         del file["radiance"]
         file["radiance"] = h5py.ExternalLink(str(tmp_path / "other.nc"), "/radiance")
-    refused(read_cube, path, "a link")
+    assert_refused(read_cube, path, "a link")
 
 
 def test_an_array_without_values_is_refused(tmp_path):
     path = tmp_path / "sparse.nc"
     with h5py.File(path, "w") as file:
         file.create_dataset("radiance", (60_000, 60_000, 31), "f4", chunks=(64, 64, 31))
-    refused(read_cube, path, "bytes for an array")
+    assert_refused(read_cube, path, "bytes for an array")
 
 
 @pytest.mark.parametrize(
@@ -220,14 +223,14 @@ def test_envi_headers(tmp_path, line, words):
     if words is None:
         assert read_cube(path)["radiance"].shape == (3, 4, 2)
     else:
-        refused(read_cube, path, words)
+        assert_refused(read_cube, path, words)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_radiance_that_is_not_finite_is_located(tmp_path, value):
     path = tmp_path / "cube.exr"
     write_cube(path, as_cube(np.where(CUBE.radiance.values == 7, value, CUBE.radiance.values), [500.0, 600.0]))
-    refused(read_cube, path, "1 values that are not finite", "'y': 0", "'x': 3")
+    assert_refused(read_cube, path, "1 values that are not finite", "'y': 0", "'x': 3")
 
 
 @pytest.mark.parametrize("ending", [".nc", ".exr", ".hdr"])
@@ -247,7 +250,7 @@ def test_complex_radiance_is_refused(tmp_path):
         del file["radiance"]
         file.create_dataset("radiance", data=np.ones((3, 4, 2), complex))
         assert scales.shape == (2,)
-    refused(read_cube, path, "radiance")
+    assert_refused(read_cube, path, "radiance")
 
 
 @pytest.mark.parametrize("content", [[], {}, {"sha256_of_salt_and_answer": 3}, {"sha256_of_salt_and_answer": "0"}])
@@ -315,31 +318,31 @@ def test_a_mesh_with_a_coordinate_that_is_no_number_is_refused(tmp_path, ending,
     path.write_text(text)
     assert file_mesh(path, 1.0)[0].shape == (3, 3)
     path.write_text(text.replace("1 0 0", new))
-    refused(lambda p: file_mesh(p, 1.0), path, words)
+    assert_refused(lambda p: file_mesh(p, 1.0), path, words)
 
 
 @pytest.mark.parametrize("end", ["", "end_head"])
 def test_a_ply_file_whose_header_does_not_end_is_refused(tmp_path, end):
     path = tmp_path / "mesh.ply"
     path.write_text(PLY.partition("end_header")[0] + end)
-    refused(lambda p: file_mesh(p, 1.0), path, "a header without its end", "export it again")
+    assert_refused(lambda p: file_mesh(p, 1.0), path, "a header without its end", "export it again")
 
 
 @pytest.mark.parametrize(("meaning", "words"), [("miniswhite", "WhiteIsZero"), ("palette", "palette")])
 def test_a_frame_whose_values_fall_with_light_is_refused(tmp_path, meaning, words):
     colours = {"colormap": np.zeros((3, 2**16), np.uint16)} if meaning == "palette" else {}
     path = frame(tmp_path / "frame.tif", photometric=meaning, **colours)
-    refused(lambda p: read_frame(p, 8, 8, 16), path, words, "BlackIsZero")
+    assert_refused(lambda p: read_frame(p, 8, 8, 16), path, words, "BlackIsZero")
 
 
 def test_numbers_of_a_table_are_those_of_a_table(tmp_path):
     """Python reads 4_00 as 400: a slip of the keyboard would be a measured value."""
     spectra = tmp_path / "spectra.csv"
     spectra.write_text("wavelength_nm,a\n4_00,1\n500,1\n")
-    refused(read_spectra, spectra, "line 2, wavelength_nm", "'4_00'", "a finite number")
+    assert_refused(read_spectra, spectra, "line 2, wavelength_nm", "'4_00'", "a finite number")
     points = tmp_path / "points.csv"
     points.write_text("id,x_mm,y_mm,z_mm,u_px,v_px\na,0,0,0,1_0,1\n")
-    refused(read_points, points, "line 2, u_px", "'1_0'")
+    assert_refused(read_points, points, "line 2, u_px", "'1_0'")
 
 
 def test_a_result_that_cannot_be_looked_at_is_named(tmp_path, capsys):
@@ -352,3 +355,14 @@ def test_a_result_that_cannot_be_looked_at_is_named(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["verify", str(tmp_path / ("b" * 300))])
     assert ended.value.code == 2 and capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"29343", b"29_343"), (b"29343", b"many"), (b"146.729", b""), (b"main,train", b"\xff,train"), (b"0,0,0", b"0")],
+)
+def test_an_index_of_a_data_set_with_a_row_that_is_none_is_refused(tmp_path, old, new):
+    shutil.copytree(ROOT / "tests" / "version_0_1" / "dataset", tmp_path / "dataset")
+    path = tmp_path / "dataset" / "index.csv"
+    path.write_bytes(path.read_bytes().replace(old, new, 1))
+    assert_refused(lambda p: open_dataset(p.parent), path)

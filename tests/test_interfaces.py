@@ -17,11 +17,11 @@ def sentences(tree):
     """The string constants of a module that are no docstrings."""
     holders = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     bodies = [node.body[0] for node in ast.walk(tree) if isinstance(node, holders) and node.body]
-    told = {id(first.value) for first in bodies if isinstance(first, ast.Expr)}
+    members = {id(first.value) for first in bodies if isinstance(first, ast.Expr)}
     return [
         node
         for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in members
     ]
 
 
@@ -36,8 +36,8 @@ def speaks_of_the_command_line(text):
 @pytest.mark.parametrize("path", LIBRARY, ids=named)
 def test_only_commands_speak_of_options_and_commands(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    found = [(node.lineno, node.value) for node in sentences(tree) if speaks_of_the_command_line(node.value)]
-    assert found == []
+    results = [(node.lineno, node.value) for node in sentences(tree) if speaks_of_the_command_line(node.value)]
+    assert results == []
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,8 @@ def test_a_room_imports_only_the_rooms_below_it(path):
 
 
 def test_packages_import_each_other_in_one_direction():
-    TopologicalSorter(package_imports()).prepare()
+    imports = package_imports()
+    assert {*imports} <= {*TopologicalSorter(imports).static_order()}  # a circle has no order
 
 
 def test_the_drawing_shows_the_imports_as_they_are():

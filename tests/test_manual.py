@@ -41,7 +41,8 @@ def test_every_command_of_the_manual_can_be_parsed(page):
     for words in commands(page):
         context = group.make_context("cbox", list(words))
         name, command, rest = group.resolve_command(context, list(words))
-        command.make_context(name, rest)  # ends the process where an option or argument is not known
+        parsed = command.make_context(name, rest)  # ends the process where an option or argument is not known
+        assert parsed.command is command
 
 
 @pytest.mark.parametrize("page", NEW_USER)
@@ -75,14 +76,14 @@ def test_the_cheap_commands_of_the_tutorial_run(monkeypatch, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    """A folder for notebooks, beside a small capture in the place of the bundled one."""
+    """A folder for notebooks, next to a small capture in the place of the bundled one."""
     matplotlib.use("Agg")
     root = tmp_path_factory.mktemp("manual")
     (root / "validate" / "data").mkdir(parents=True)
     glare_capture(root / "validate" / "data" / "demo-capture")
-    place = root / "docs" / "notebooks"
-    place.mkdir(parents=True)
-    return place
+    path = root / "docs" / "notebooks"
+    path.mkdir(parents=True)
+    return path
 
 
 def run_notebook(name, monkeypatch, place):
@@ -108,11 +109,11 @@ def test_the_notebook_of_a_validation_runs(monkeypatch, desk):
 
 
 def test_the_notebook_that_finds_an_effect_runs(monkeypatch, desk):
-    tried = stepwise.hypotheses  # two of them: each costs seconds
+    hypotheses = stepwise.hypotheses  # two of them: each costs seconds
     monkeypatch.setattr(
         stepwise,
         "hypotheses",
-        lambda *a: [h for h in tried(*a) if h.effect.id in ("veiling-glare", "ghost")],
+        lambda *a: [h for h in hypotheses(*a) if h.effect.id in ("veiling-glare", "ghost")],
     )
     names = run_notebook("find_an_effect", monkeypatch, desk)
     assert names["fitted"].effects[0].values["fraction"] == pytest.approx(GLARE, abs=0.003)

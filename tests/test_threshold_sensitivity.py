@@ -29,8 +29,8 @@ class Stub:
         name = None if moved.constant is None else moved.constant.name
         selected = "adequate" if name == "GAIN" and moved.factor > 1.2 else "veiling-glare"
         first = "no suspicion" if name == "PIXELS" and moved.factor > 1 else "band: dim"
-        found = {"glare": f"{first} | {selected}", "sound": "no suspicion | adequate"}
-        return {s: found[s].split(" | ")[0] if name == "PIXELS" else found[s] for s in subjects}
+        results = {"glare": f"{first} | {selected}", "sound": "no suspicion | adequate"}
+        return {s: results[s].split(" | ")[0] if name == "PIXELS" else results[s] for s in subjects}
 
 
 def test_verdicts_that_change_are_listed(tmp_path):
@@ -67,15 +67,15 @@ def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path):
 
 def test_constants_concern_the_subjects_that_they_decide(tmp_path):
     """A pair of cubes is judged for the constants of the regression alone; grids are not moved."""
-    asked = []
+    calls = []
 
     def verdicts(moved, subjects):
-        asked.append((moved.key, tuple(subjects)))
+        calls.append((moved.key, tuple(subjects)))
         return dict.fromkeys(subjects, "same")
 
     subjects = ["glare", "a.npz=b.npz"]
     table = benchmark.measure([GAIN, PAIRS, GRID], subjects, verdicts, tmp_path / "r.jsonl", lambda line: None)
-    assert asked == [
+    assert calls == [
         ("baseline", tuple(subjects)),
         (f"{GAIN.key} x 0.7", ("glare",)),
         (f"{GAIN.key} x 1.4", ("glare",)),

@@ -91,9 +91,9 @@ def row(values: dict[str, float]) -> tuple[float, ...]:
 def estimated(name: str, run: chart.CalibrationRun) -> SensorCamera:
     """The camera with the sensitivities that its own readings gave."""
     camera = load_camera(name)
-    seen = (chart.GRID >= chart.BANDS[0]) & (chart.GRID <= chart.BANDS[-1])
+    mask = (chart.GRID >= chart.BANDS[0]) & (chart.GRID <= chart.BANDS[-1])
     channels = {
-        letter: Spectrum(chart.GRID[seen], wiener(run.readings[letter])[seen] * camera.detector.gain_e_per_dn, "zero")
+        letter: Spectrum(chart.GRID[mask], wiener(run.readings[letter])[mask] * camera.detector.gain_e_per_dn, "zero")
         for letter in "RGB"
     }
     return dataclasses.replace(camera, channels=channels)

@@ -1,7 +1,7 @@
 """Blind practice: captures with hidden effects, diagnosed and scored as a stranger would.
 
 Four laboratories take turns, each with its own camera, detector, exposures and survey, and with blocks that stand a
-little beside where they were surveyed; noise and effects are each capture's own. Kinds: every effect of the catalogue
+little next to where they were surveyed; noise and effects are each capture's own. Kinds: every effect of the catalogue
 by itself at every strength (chi2 per sample of 0.0024, 0.06, 1 and 8), pairs and triples of effects, nothing at all,
 effects that the catalogue does not hold, and causes of ``made_causes``, scored by family and place (these in the
 published box at 128 x 128). --boxes and --instruments take turns through those of ``blind_places``. Captures come in
@@ -110,9 +110,9 @@ def cases(options: argparse.Namespace) -> list[Case]:
     """The whole set in an order by chance, the same for the same options."""
     names = options.effects.split(",") if options.effects else [*catalogue()]
     strengths = options.strengths.split(",")
-    found = []
+    results = []
     for name, strength, _ in product(names, strengths, range(options.seeds)):
-        found.append(Case("single", (name,), strength, options.first_seed + len(found)))
+        results.append(Case("single", (name,), strength, options.first_seed + len(results)))
     generator = np.random.default_rng(options.first_seed)
     able = [name for name in names if catalogue()[name].stage != "settings"]
     for kind, count, number, first in (
@@ -121,28 +121,28 @@ def cases(options: argparse.Namespace) -> list[Case]:
     ):
         for index in range(count):
             several = tuple(str(name) for name in generator.choice(able, number, replace=False))
-            found.append(Case(kind, several, "medium", options.first_seed + first + index))
-    found += [Case("none", (), "", options.first_seed + 2000 + index) for index in range(options.nones)]
+            results.append(Case(kind, several, "medium", options.first_seed + first + index))
+    results += [Case("none", (), "", options.first_seed + 2000 + index) for index in range(options.nones)]
     for index in range(options.outside):
         name = [*OUTSIDE][index % len(OUTSIDE)]
         strength = ("medium", "strong")[(index // len(OUTSIDE)) % 2]
-        found.append(Case("outside", (name,), strength, options.first_seed + 3000 + index))
+        results.append(Case("outside", (name,), strength, options.first_seed + 3000 + index))
     places = [*product(options.boxes.split(","), options.instruments.split(","))]
     turns = np.random.default_rng(options.first_seed + 1).permutation(len(places))
-    found = [
+    results = [
         replace(case, box=places[turns[i % len(turns)]][0], instrument=places[turns[i % len(turns)]][1])
-        for i, case in enumerate(found)
+        for i, case in enumerate(results)
     ]
     for index in range(options.unknown):
-        found.append(Case("unknown", ([*CAUSES][index % len(CAUSES)],), "", options.first_seed + 5000 + index))
-    return [found[i] for i in generator.permutation(len(found))]
+        results.append(Case("unknown", ([*CAUSES][index % len(CAUSES)],), "", options.first_seed + 5000 + index))
+    return [results[i] for i in generator.permutation(len(results))]
 
 
 def own_part(case: Case, part: str) -> bool:
     """Whether a capture belongs to part "K/N": a box and instrument stay in one, which renders them once."""
     number, parts = (int(n) for n in part.split("/"))
-    place = f"{case.box} {case.instrument} {case.names if case.kind == 'unknown' else ''}"
-    return int(hashlib.sha256(place.encode()).hexdigest(), 16) % parts == number - 1
+    source = f"{case.box} {case.instrument} {case.names if case.kind == 'unknown' else ''}"
+    return int(hashlib.sha256(source.encode()).hexdigest(), 16) % parts == number - 1
 
 
 def code_state(root: Path = Path(__file__).parents[2]) -> str:
@@ -204,16 +204,16 @@ def laboratory(seed: int, box: str, instrument: str) -> Laboratory:
 @cache
 def strengths(seed: int, box: str, instrument: str) -> Scale:
     """How strong effects are in a laboratory."""
-    place = laboratory(seed, box, instrument)
-    return scale_of(place.model, place.camera, place.settings, seed)
+    site = laboratory(seed, box, instrument)
+    return scale_of(site.model, site.camera, site.settings, seed)
 
 
 @cache
 def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> RenderedImage:
     """What a laboratory photographs when its box holds no effect."""
-    place = laboratory(seed, box, instrument)
+    site = laboratory(seed, box, instrument)
     pilot = RenderJob(
-        with_block_offsets(place.scene, seed), place.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces
+        with_block_offsets(site.scene, seed), site.camera, WAVELENGTH_NM, seed=seed, max_bounces=max_bounces
     )
     return render_to_precision(pilot, _PICTURE_ERROR)
 
@@ -221,18 +221,18 @@ def picture(seed: int, box: str, instrument: str, max_bounces: int | None) -> Re
 def write_capture(path: Path, case: Case, effects: Sequence[AppliedEffect], max_bounces: int | None = None) -> None:
     """Photograph a case's box, its laboratory and noise, with these effects in it."""
     where = (case.laboratory, case.box, case.instrument)
-    place = laboratory(*where)
+    site = laboratory(*where)
     inside = tuple(e for e in effects if e.stage in PHOTOGRAPHED)
     if all(e.stage in _AFTER_THE_PICTURE for e in inside):
-        image, box = picture(*where, max_bounces), with_block_offsets(place.scene, case.laboratory)
-        photograph_image(path, image, inside, box, place.scene, place.camera, settings=place.settings, seed=case.seed)
+        image, box = picture(*where, max_bounces), with_block_offsets(site.scene, case.laboratory)
+        photograph_image(path, image, inside, box, site.scene, site.camera, settings=site.settings, seed=case.seed)
         return
-    model = replace(place.model, effects=inside, render=RenderSettings(seed=case.seed))
+    model = replace(site.model, effects=inside, render=RenderSettings(seed=case.seed))
     write_model_capture(
         path,
         model,
-        place.camera,
-        place.settings,
+        site.camera,
+        site.settings,
         case.seed,
         relative_error=_PICTURE_ERROR,
         box=lambda scene: with_block_offsets(scene, case.laboratory),
@@ -246,9 +246,9 @@ def run(case: Case) -> dict[str, Any] | None:
         told = {"key": case.key, "kind": "unknown", "box": case.box, "instrument": case.instrument}
         return {**row, **told, "strength": "", "truth": {case.names[0]: {}}, "family_true": row["truth"]}
     generator = np.random.default_rng([case.seed, len(case.key)])
-    place = laboratory(case.laboratory, case.box, case.instrument)
-    bands = place.settings.band_ids
-    given, effects, bounces = place.model, [], None
+    site = laboratory(case.laboratory, case.box, case.instrument)
+    bands = site.settings.band_ids
+    given, effects, bounces = site.model, [], None
     truncating = [catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"]
     if truncating:
         given = replace(given, render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
@@ -257,7 +257,7 @@ def run(case: Case) -> dict[str, Any] | None:
     elif case.names:
         scale = strengths(case.laboratory, case.box, case.instrument)
         for name in case.names:
-            one = drawn(name, case.strength, generator, scale, place.scene, bands)
+            one = drawn(name, case.strength, generator, scale, site.scene, bands)
             if one is None:
                 return None
             effects.append(one)
@@ -267,7 +267,7 @@ def run(case: Case) -> dict[str, Any] | None:
         start, cpu = time.perf_counter(), time.process_time()
         diagnosis = diagnose(validate_capture(load_capture(path), given))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
-    offsets = block_offsets(place.scene, case.laboratory)
+    offsets = block_offsets(site.scene, case.laboratory)
     return {
         "key": case.key,
         "kind": case.kind,
@@ -306,8 +306,8 @@ def _parameters_right(
             if answer.id != truth.id or truth.id not in catalogue():
                 continue
             for p in truth.effect.numbers:
-                beside = getattr(offsets.get(str(truth.values.get("block"))), p.name, 0.0)
-                true, found = float(truth.values[p.name]) + beside, float(answer.values[p.name])
+                offset = getattr(offsets.get(str(truth.values.get("block"))), p.name, 0.0)
+                true, found = float(truth.values[p.name]) + offset, float(answer.values[p.name])
                 if not (np.isfinite(true) and np.isfinite(found)):
                     continue
                 null = p.null if p.null is not None and np.isfinite(p.null) else 0.0
@@ -317,7 +317,7 @@ def _parameters_right(
 
 
 def _is_settled_block(diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]) -> bool:
-    """Whether all that was found is a block where the laboratory's really stands, a little beside its survey."""
+    """Whether all that was found is a block where the laboratory's really stands, a little next to its survey."""
     last = diagnosis.path[-1]
     off = [
         abs(float(one.values[name]) - getattr(offsets.get(str(one.values["block"])), name, np.inf)) / sigma[name]

@@ -1,4 +1,4 @@
-"""Boxes and instruments for blind captures: beside the published box and its camera, others that differ widely."""
+"""Boxes and instruments for blind captures: next to the published box and its camera, others that differ widely."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ _BINS = (0.0, 0.5, 0.8, 0.95, 1.01)
 
 def named(row: Row) -> bool:
     """Whether the answer names what is hidden: the effect first, or its group; each of several; nothing, or a block
-    where it really stands, beside its survey; unknown first, of a made cause its family too."""
+    where it really stands, next to its survey; unknown first, of a made cause its family too."""
     if row["kind"] == "none":
         return not row["selected"] or row["settled_block"]
     if row["kind"] == "unknown":
@@ -53,25 +53,25 @@ def named(row: Row) -> bool:
 
 
 def exact(row: Row) -> bool:
-    """Whether the answer names what is hidden and nothing beside it."""
-    beside = [
+    """Whether the answer names what is hidden and nothing else."""
+    others = [
         one
         for one in row["selected"]
         if row["kind"] in ("single", "pair", "triple") and not set(row["truth"]) & with_groups(row, [one])
     ]
-    return named(row) and not beside and (row["kind"] != "outside" or row["selected"] == ["unknown"])
+    return named(row) and not others and (row["kind"] != "outside" or row["selected"] == ["unknown"])
 
 
 def with_groups(row: Row, names: Sequence[str]) -> set[str]:
-    """Effects that an answer names, and those that it cannot tell from them."""
+    """Effects that an answer names, and those that it cannot distinguish from them."""
     return set(names).union(*(g for g in row["groups"] if g[0] in names)) - {"unknown"}
 
 
 def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """The captures by what is hidden in them, single effects by strength, in the order of the tables."""
     names = {("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)} | _OTHER_KINDS
-    found = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
-    return {name: own for name, own in found.items() if own}
+    results = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
+    return {name: own for name, own in results.items() if own}
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def log_loss(rows: Sequence[Row]) -> float:
 def print_tables(rows: Sequence[Row]) -> None:
     """The scores as Markdown tables, with the 95 % interval of each rate (Wilson), and what is wrong."""
     scores = summary(rows)
-    print("\n| hidden | right | nothing beside it | 95 % of right | CPU s, median |\n|---|---|---|---|---|")
+    print("\n| hidden | right | nothing else | 95 % of right | CPU s, median |\n|---|---|---|---|---|")
     for name, (right, count) in scores["right"].items():
         low, high = binomtest(right, count).proportion_ci(method="wilson")
         print(

@@ -96,7 +96,7 @@ def _astray(draw: Draw, lab: Laboratory, copy: Stack) -> Stack:
 
 
 def pane(draw: Draw, lab: Laboratory) -> Made:
-    """A tilted pane before the lens: reflected twice in it, the picture appears again beside itself."""
+    """A tilted pane before the lens: reflected twice in it, the picture appears again next to itself."""
     angle, far = draw.uniform(0, 2 * np.pi), draw.uniform(2.0, 0.2 * lab.shape[0])
     copy = moved_bands(lab, np.tile([far * np.sin(angle), far * np.cos(angle)], (len(lab.rate), 1)))
     return Truth("blur"), _astray(draw, lab, copy), {}
@@ -110,7 +110,7 @@ def lens_ghost(draw: Draw, lab: Laboratory) -> Made:
 
 
 def mirror_ghost(draw: Draw, lab: Laboratory) -> Made:
-    """A shiny part beside the lens mirrors the picture from left to right."""
+    """A shiny part next to the lens mirrors the picture from left to right."""
     copy = lab.rate[:, :, ::-1] if draw.random() < 0.7 else lab.rate[:, ::-1]
     copy = np.roll(copy, int(draw.integers(-6, 7)), axis=2)
     return Truth("blur"), _astray(draw, lab, copy), {}

@@ -199,7 +199,7 @@ def shiny_plate(draw: Draw, lab: Laboratory) -> Made:
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     cosine = np.abs(way[:, 1])
     mirrored = way * [1, -1, 1]
-    seen = np.zeros((len(t.pixel), len(lab.rate)))
+    values = np.zeros((len(t.pixel), len(lab.rate)))
     box = np.array([[0.0, 0, 0], [556, 548.8, 559.2]])
     for f in np.flatnonzero(on):
         limit = np.where(mirrored[f] > 0, box[1], box[0])
@@ -207,7 +207,7 @@ def shiny_plate(draw: Draw, lab: Laboratory) -> Made:
         hit = t.position[f] + distance * mirrored[f]
         u, v = lab.camera.project(hit[None])[0]
         if 0 <= u < lab.shape[1] - 1 and 0 <= v < lab.shape[0] - 1:
-            seen[f] = lab.rate[:, round(v), round(u)]
+            values[f] = lab.rate[:, round(v), round(u)]
     n = 1.5
     inner = np.sqrt(1 - (1 - cosine**2) / n**2)
     fresnel = 0.5 * (
@@ -217,10 +217,12 @@ def shiny_plate(draw: Draw, lab: Laboratory) -> Made:
     change = []
     for band in range(len(lab.rate)):
         own = lab.rate[band].ravel()[t.pixel]
-        change.append(np.bincount(t.pixel, t.coverage * on * both * (seen[:, band] - own), lab.shape[0] * lab.shape[1]))
+        change.append(
+            np.bincount(t.pixel, t.coverage * on * both * (values[:, band] - own), lab.shape[0] * lab.shape[1])
+        )
     picture = np.reshape(change, lab.rate.shape)
-    place = lab.camera.project(centre[None])[0]
-    truth = Truth("reflection-lobe", (float(place[0]), float(place[1])), "floor")
+    image_px = lab.camera.project(centre[None])[0]
+    truth = Truth("reflection-lobe", (float(image_px[0]), float(image_px[1])), "floor")
     return truth, per_rate(lab, lab.rate + picture), {}
 
 

@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter
 
 
 def row_offsets(draw: Draw, lab: Laboratory) -> Made:
-    """Rows are read with offsets of their own."""
+    """Rows are read with different offsets."""
     counts = draw.normal(0, 1, (1, lab.shape[0], 1)) * np.ones(lab.rate.shape)
     return Truth("sensor-offset"), scaled_change(draw, lab, as_counts(lab, counts)), {}
 
@@ -149,7 +149,7 @@ def smooth_gain(draw: Draw, lab: Laboratory) -> Made:
 
 
 def rings(draw: Draw, lab: Laboratory) -> Made:
-    """Interference in one filter: rings about a point beside the picture."""
+    """Interference in one filter: rings about a point next to the picture."""
     rows, columns = (grid / lab.shape[0] for grid in grid(lab))
     y, x = draw.uniform(-0.6, 0.4, 2)
     phase = 2 * np.pi * draw.uniform(3, 7) * ((rows - y) ** 2 + (columns - x) ** 2)

@@ -1,4 +1,4 @@
-"""The smallest effect that a capture shows, beside what its noise alone would allow, and what limits it.
+"""The smallest effect that a capture shows, next to what its noise alone would allow, and what limits it.
 
     python benchmarks/diagnosis/floors.py                                  # a sound capture of our own, 128 x 128
     python benchmarks/diagnosis/floors.py --capture FOLDER --model M.toml  # another one; M should leave nothing
@@ -42,15 +42,15 @@ def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]
     """The strength that noise alone would allow; each effect's limit, and the strength that size alone asks for."""
     validation = validate_capture(load_capture(capture), model)
     plain = linearised_fit(validation.prepared, validation.rendered, model.effects)
-    known = signatures_of(plain, model.effects, model.render, NO_PROGRESS)
-    counting, count = plain.counting_errors(tolerated_changes(plain, known)).model, plain.model.count
-    tried = [(one, limit_of(one, plain.model, counting, plain.scale)) for one in known]
+    signatures = signatures_of(plain, model.effects, model.render, NO_PROGRESS)
+    counting, count = plain.counting_errors(tolerated_changes(plain, signatures)).model, plain.model.count
+    trials = [(one, limit_of(one, plain.model, counting, plain.scale)) for one in signatures]
     sizes: dict[str, float] = {}
-    for one, limit in tried:
+    for one, limit in trials:
         if limit:
             size = least_gain_of(plain.model.whiten_used(plain.scale * one.changes[0]), plain.model) / count
             sizes[limit.effect] = min(size, sizes.get(limit.effect, size))
-    found = limits_of(plain, counting, [(one, limit) for one, limit in tried if limit])
+    found = limits_of(plain, counting, [(one, limit) for one, limit in trials if limit])
     return _FIVE_NINE_TIMES_IN_TEN**2 / count, [(limit, sizes[limit.effect]) for limit in found]
 
 

@@ -1,4 +1,4 @@
-"""Blind practice on boxes that are a little off: what is named beside a flaw of the base, and what is not.
+"""Blind practice on boxes that are a little off: what is named next to a flaw of the base, and what is not.
 
 Every capture has a flaw of ``flawed_bases`` (chi2 per sample of 0.05 to 0.5 above noise) and holds nothing else, one
 effect of the catalogue, two, or a weak cause that the catalogue lacks. --kept-back takes the flaws that no decision
@@ -56,7 +56,7 @@ _PICTURE_ERROR = 0.002
 #: Chi2 per sample of a weak cause that no effect fits.
 _WEAK = 0.1
 
-#: A number is right within so many of its standard deviations; a stated one never counts as smaller than this part.
+#: A number is right within this number of its standard deviations; a stated one never counts as smaller than this part.
 _SIGMAS, _LEAST_SIGMA = 2.5, 0.01
 
 #: Flaws that an effect of the catalogue describes, too.
@@ -223,7 +223,7 @@ def _row(case: Case, effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> 
 
 
 def named(row: Row) -> bool:
-    """Whether all effects of a capture are selected, each or in a group with what cannot be told apart."""
+    """Whether all effects of a capture are selected, each or in a group with what cannot be distinguished."""
     groups = [set(group) for group in row["groups"]]
     return all(
         name in row["selected"] or any(name in g and g & set(row["selected"]) for g in groups) for name in row["truth"]

@@ -63,17 +63,17 @@ def simulate(results: Path, folder: Path, count: int, rounds: int) -> None:
                 excess = (data.chi2 - lab.data.chi2) / data.count
                 if truth.family != SOUND and not LEAST < excess < MOST:
                     continue
-                seen = explain(data)
+                explanation = explain(data)
                 row = {
                     "laboratory": lab.seed,
                     "base": lab.base,
                     "cause": name,
                     "seed": seed,
                     "truth": truth.family,
-                    "family": seen.family,
-                    "told": seen.told_apart,
-                    "rivals": [asdict(rival) for rival in seen.rivals],
-                    "registration": asdict(seen.registration),
+                    "family": explanation.family,
+                    "told": explanation.told_apart,
+                    "rivals": [asdict(rival) for rival in explanation.rivals],
+                    "registration": asdict(explanation.registration),
                 }
                 out.write(json.dumps(row, default=float) + "\n")
                 out.flush()

@@ -54,7 +54,7 @@ Maker = Callable[[Draw, Scene, Camera], Made]
 
 
 def _with(scene: Scene, name: str, mesh: trimesh.Trimesh, reflectance: NDArray[np.float64]) -> Scene:
-    """The scene with one more thing, of a paint of its own."""
+    """The scene with one more thing, of a new paint."""
     like = scene.materials["white"]
     paint = replace(like, name=name, reflectance=Spectrum(WAVELENGTH_NM, np.clip(reflectance, 0, 1)))
     thing = Surface(name, name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
@@ -173,7 +173,7 @@ def pilot_light(draw: Draw, scene: Scene, camera: Camera) -> Made:
 
 
 def soot(draw: Draw, scene: Scene, camera: Camera) -> Made:
-    """The ceiling is blackened beside the lamp, most in the middle."""
+    """The ceiling is blackened next to the lamp, most in the middle."""
     middle = [draw.uniform(430, 470), 548.4, draw.uniform(120, 330)]
     paint, altered, size = _white(scene), scene, draw.uniform(45, 70)
     for step in range(4):
@@ -204,12 +204,12 @@ def shaking(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """The camera swings along one line while the shutter is open: five pictures in one."""
     angle, reach = draw.uniform(0, np.pi), draw.uniform(0.35, 0.6) / camera.focal_length_px
     turns = np.degrees(reach * np.array([np.cos(angle), np.sin(angle), 0.0]))
-    found = []
+    results = []
     for part in np.linspace(-1, 1, 5):
         moved = camera.parameters.copy()
         moved[3:6] += part * turns
-        found.append((scene, camera.with_parameters(moved), 0.2))
-    return Made(Truth("blur"), found)
+        results.append((scene, camera.with_parameters(moved), 0.2))
+    return Made(Truth("blur"), results)
 
 
 def _on_light(truth: Truth, light: Callable[[Stack], Stack]) -> Made:
@@ -229,7 +229,7 @@ def tilted_sensor(draw: Draw, scene: Scene, camera: Camera) -> Made:
 
 
 def wiped(draw: Draw, scene: Scene, camera: Camera) -> Made:
-    """A greasy cloth drew streaks over the lens: a little of all light goes astray along one line, far."""
+    """A greasy cloth drew streaks over the lens: a little of all light is scattered along one line, far."""
     angle, share = draw.uniform(0, np.pi), draw.uniform(0.02, 0.04)
     way = np.array([np.sin(angle), np.cos(angle)])
 
@@ -248,12 +248,12 @@ def wedge(draw: Draw, scene: Scene, camera: Camera) -> Made:
     """One filter is a wedge and moves its picture."""
     band, by = int(draw.integers(7)), draw.uniform(0.06, 0.12, 2) * draw.choice([-1, 1], 2)
     moved = replace(camera, principal_point_px=camera.principal_point_px + by[::-1])
-    own = (np.arange(7) == band).astype(float)[:, None, None]
-    return Made(Truth("displacement", band=_name(band)), [(scene, camera, 1 - own), (scene, moved, own)])
+    values = (np.arange(7) == band).astype(float)[:, None, None]
+    return Made(Truth("displacement", band=_name(band)), [(scene, camera, 1 - values), (scene, moved, values)])
 
 
 def fringes(draw: Draw, scene: Scene, camera: Camera) -> Made:
-    """Interference in one filter: rings about a point beside the picture."""
+    """Interference in one filter: rings about a point next to the picture."""
     band, at = int(draw.integers(7)), draw.uniform(-60, -20, 2)
     waves = draw.uniform(10, 16)
 
@@ -282,13 +282,13 @@ def _frames(change: Callable[[Frame, Stack], Stack]) -> FrameHooks:
 
 
 def row_noise(draw: Draw, scene: Scene, camera: Camera) -> Made:
-    """Rows are read with offsets of their own, the same in all frames of the scene."""
+    """Rows are read with different offsets, the same in all frames of the scene."""
     offsets = draw.normal(0, 3.0, SIZE_PX)
     return Made(Truth("sensor-offset"), hooks=_frames(lambda frame, counts: counts + offsets[:, None]))
 
 
 def column_gain(draw: Draw, scene: Scene, camera: Camera) -> Made:
-    """Columns have amplifiers of their own that drifted since the flats."""
+    """Columns have different amplifiers, which drifted since the flats."""
     gains = 1 + draw.normal(0, 0.006, SIZE_PX)
     hooks = FrameHooks(light=lambda frame, light: light * gains if frame.kind == "band" else light)
     return Made(Truth("sensor-gain"), hooks=hooks)

@@ -81,7 +81,7 @@ def _tilted_sensor(light: Light, amount: float, row: float, column: float) -> Li
 
 
 def _row_bands(light: Light, amount: float, row: float, column: float) -> Light:
-    """Every few rows a reader of its own, with a gain of its own."""
+    """Every few rows another reader, with another gain."""
     rows = np.arange(light.signal.shape[1])
     gain = 1 + amount * np.sin(2 * np.pi * rows / (2 + round(6 * row)) + column)
     return light.with_signal(light.signal * gain[:, None])

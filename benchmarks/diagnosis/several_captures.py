@@ -1,4 +1,4 @@
-"""Causes that look alike in one capture, told apart by a second one of the same box?
+"""Causes that look alike in one capture, distinguished by a second one of the same box?
 
     python benchmarks/diagnosis/several_captures.py                      # all of them
     python benchmarks/diagnosis/several_captures.py crosstalk defocus    # some, by the true cause
@@ -58,7 +58,7 @@ PAIRS: tuple[tuple[str, str, Callable[..., tuple[Camera, CaptureSettings]]], ...
 
 def _told(found: Diagnosis) -> str:
     groups = "; ".join(" or ".join(group) for group in found.indistinguishable)
-    return f"{', '.join(found.selected) or 'nothing'}{f' (not told apart: {groups})' if groups else ''}"
+    return f"{', '.join(found.selected) or 'nothing'}{f' (not distinguished: {groups})' if groups else ''}"
 
 
 def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], strength: str, seed: int) -> bool:
@@ -72,11 +72,11 @@ def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], str
     validations = []
     with tempfile.TemporaryDirectory() as folder:
         for index, (seen_by, how) in enumerate([(camera, settings), change(camera, settings)]):
-            place = Path(folder) / f"{index}"
+            path = Path(folder) / f"{index}"
             there = effect.at_aperture(settings.f_number / how.f_number)
             effects: tuple[AppliedEffect, ...] = () if index and effect.effect.own_to_capture else (there,)
-            write_model_capture(place, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3)
-            validations.append(validate_capture(load_capture(place), Model()))
+            write_model_capture(path, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3)
+            validations.append(validate_capture(load_capture(path), Model()))
         first, both = diagnose(validations[0]), diagnose(validations[0], further=validations[1:])
         if not both.selected and not both.further[0].adequate:
             # as the report advises

@@ -109,8 +109,8 @@ def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, 
         start, cpu = time.perf_counter(), time.process_time()
         diagnosis = diagnose(validate_capture(load_capture(folder), Model()))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
-    found = diagnosis.explanation
-    place = None if found is None or found.centre_px is None else list(found.centre_px)
+    explanation = diagnosis.explanation
+    place = None if explanation is None or explanation.centre_px is None else list(explanation.centre_px)
     row = {
         "key": f"{name}:{seed}",
         "cause": name,
@@ -119,13 +119,13 @@ def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, 
         "true_centre": truth.centre_px,
         "true_band": truth.band,
         "selected": list(diagnosis.selected),
-        "family": None if found is None else found.family,
-        "surface": None if found is None else found.surface,
+        "family": None if explanation is None else explanation.family,
+        "surface": None if explanation is None else explanation.surface,
         "centre": place,
-        "bands": [] if found is None else list(found.bands),
-        "share": 0.0 if found is None else found.share,
-        "runner_up": None if found is None else found.runner_up,
-        "told_apart": found is not None and found.told_apart,
+        "bands": [] if explanation is None else list(explanation.bands),
+        "share": 0.0 if explanation is None else explanation.share,
+        "runner_up": None if explanation is None else explanation.runner_up,
+        "told_apart": explanation is not None and explanation.told_apart,
         "chi2_per_dof": diagnosis.chi2_per_dof,
         "seconds": seconds,
         "cpu_seconds": cpu,

@@ -62,10 +62,10 @@ class Draft:
 
     def tables(self, *kinds: str) -> list[dict[str, Any]]:
         """Tables of the kinds, in order; Unsuitable where there is none."""
-        found = [t for kind in kinds for t in self.manifest.get(kind, []) if isinstance(t, dict)]
-        if not found:
+        results = [t for kind in kinds for t in self.manifest.get(kind, []) if isinstance(t, dict)]
+        if not results:
             raise Unsuitable
-        return found
+        return results
 
     def two(self, kind: str, rng: np.random.Generator, apart: int = 2) -> tuple[dict, dict]:
         """Two tables of a kind, in the order of their wavelengths at least ``apart`` places from each other."""

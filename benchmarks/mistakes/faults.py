@@ -54,7 +54,7 @@ TAKEN = ("exists already", "is there already", "another content than when")
 
 
 def start(place: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
-    """One program in ``place``, with a cache of its own there."""
+    """One program in ``place``, with its own cache there."""
     place.mkdir(parents=True, exist_ok=True)
     for name in command.laid:
         lay(place, name)
@@ -112,24 +112,24 @@ class Undisturbed:
     def __init__(self, work: Path, command: Command, name: str) -> None:
         runs = []
         for number in (1, 2):
-            place = work / name / f"undisturbed-{number}"
-            shutil.rmtree(place, ignore_errors=True)
+            path = work / name / f"undisturbed-{number}"
+            shutil.rmtree(path, ignore_errors=True)
             begun = time.monotonic()
-            process = start(place, command)
-            self.before = files(place)
+            process = start(path, command)
+            self.before = files(path)
             self.writing, seen = [], set(self.before)
             while process.poll() is None:
                 time.sleep(0.01)
-                there = {str(p) for p in (place / "out").rglob("*")} if (place / "out").is_dir() else set()
+                there = {str(p) for p in (path / "out").rglob("*")} if (path / "out").is_dir() else set()
                 if there != seen:
                     self.writing, seen = [*self.writing, time.monotonic() - begun], there
             self.seconds = time.monotonic() - begun
             code, said = ended(process)
             if code:
                 raise RuntimeError(f"{name}: {said}")
-            runs.append(files(place))
+            runs.append(files(path))
         self.sound: set[str] = set()  # states of the folders from which a rerun ended well
-        self.kilobytes = {part: _kilobytes(place / part) for part in ("out", "cache")}
+        self.kilobytes = {part: _kilobytes(path / part) for part in ("out", "cache")}
         self.whole = runs[0]
         self.steady = {name for name, content in self.whole.items() if runs[1].get(name) == content}
 
@@ -204,11 +204,11 @@ def _in_own_group(pid: int) -> bool:
 def _fault_of_copy(place: Path, command: Command, plain: Undisturbed) -> str:
     if half := plain.unlike(finished(place)):
         return f"half-written: {half}"
-    found = set()
+    members = set()
     for path in place.rglob("*"):
         name, _, temporary = str(path.relative_to(place)).partition("-unfinished-")
-        found.add((name, path.read_bytes() if path.is_file() and not temporary else b""))
-    state = hashlib.sha256(repr(sorted(found)).encode())
+        members.add((name, path.read_bytes() if path.is_file() and not temporary else b""))
+    state = hashlib.sha256(repr(sorted(members)).encode())
     if state.hexdigest() not in plain.sound:
         if fault := plain.fault_of_rerun(place, command):
             return fault
@@ -276,7 +276,7 @@ def small_file_system(place: Path, kilobytes: int) -> Iterator[None]:
 
 def _refused(command: Command, code: int, said: str, codes: tuple[int, ...]) -> str:
     """What is wrong with the end of a command that could not write all; empty if nothing is."""
-    told = said.count("error: ") == 1 or command.words[0] in ("batch", "-c")  # batch tells it in its summary
+    told = said.count("error: ") == 1 or command.words[0] in ("batch", "-c")  # batch states it in its summary
     sound = code in codes and (code == 0 or told) and ("Traceback" not in said or command.words[0] == "-c")
     if command.words[0] == "-c":  # a program of the user's own, whose errors are its own
         sound = code == 0 or "OSError" in said or "InputError" in said
@@ -330,15 +330,15 @@ KINDS = {
 
 def prepare(work: Path) -> None:
     """What the commands read, from a capture of 16 x 16 px on."""
-    place = work / "input"
+    path = work / "input"
     for name, words in MADE.items():
-        if not (place / name).exists():
-            code, said = ended(start(place, Command(words)))
+        if not (path / name).exists():
+            code, said = ended(start(path, Command(words)))
             if code:
                 raise RuntimeError(said)
-    shutil.copytree(place / "capture", place / "frames", dirs_exist_ok=True)
-    (place / "frames" / "capture.toml").unlink()
-    (place / "reading.csv").write_text("wavelength_nm,radiance\n380,0.001\n780,0.005\n", encoding="utf-8")
+    shutil.copytree(path / "capture", path / "frames", dirs_exist_ok=True)
+    (path / "frames" / "capture.toml").unlink()
+    (path / "reading.csv").write_text("wavelength_nm,radiance\n380,0.001\n780,0.005\n", encoding="utf-8")
 
 
 def cases(given: argparse.Namespace, commands: list[str]) -> Iterator[tuple[str, str, int]]:
@@ -378,10 +378,10 @@ def main() -> None:
         plain = known[name]
         if kind == "cache" and not plain.kilobytes["cache"]:
             continue
-        place = work / name / kind
-        shutil.rmtree(place, ignore_errors=True)
+        path = work / name / kind
+        shutil.rmtree(path, ignore_errors=True)
         moment = random.Random(f"{given.seed} {name} {kind} {number}").random()
-        fault = KINDS[kind](place, COMMANDS[name], plain, moment, number)
+        fault = KINDS[kind](path, COMMANDS[name], plain, moment, number)
         done[name, kind, number] = fault
         case = {"command": name, "kind": kind, "number": number, "moment": moment, "fault": fault}
         with record.open("a", encoding="utf-8") as file:

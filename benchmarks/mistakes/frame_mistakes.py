@@ -55,12 +55,12 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         d.put(one, d.image(other))
 
 
-@mistake("rows with a noise of their own", r"of a row share")
+@mistake("rows with another noise", r"of a row share")
 def _(d: Draft, rng: np.random.Generator) -> None:
     for table in d.tables("band"):
         for path in table["frames"]:
-            own = d.image(path).astype(float)
-            d.put(path, own + rng.normal(0, 2, (own.shape[0], 1)))
+            values = d.image(path).astype(float)
+            d.put(path, values + rng.normal(0, 2, (values.shape[0], 1)))
 
 
 @mistake("a dark repeat of another exposure", r"dark|same")
@@ -77,16 +77,16 @@ def _(d: Draft, rng: np.random.Generator) -> None:
     table = rng.choice(d.tables("dark"))  # type: ignore[arg-type]
     picture = d.image(d.tables("band")[0]["frames"][0]).astype(float)
     for path in table["frames"]:
-        own = d.image(path).astype(float)
-        d.put(path, own + 0.02 * (picture - picture.min()))
+        values = d.image(path).astype(float)
+        d.put(path, values + 0.02 * (picture - picture.min()))
 
 
 @mistake("a band's frames taken with the lens cap on", r"no light")
 def _(d: Draft, rng: np.random.Generator) -> None:
     table, dark = rng.choice(d.tables("band")), d.tables("dark")[0]  # type: ignore[arg-type]
     for path in table["frames"]:
-        own = d.image(dark["frames"][0]).astype(float)
-        d.put(path, own + np.rint(rng.normal(0, 0.6, own.shape)))
+        values = d.image(dark["frames"][0]).astype(float)
+        d.put(path, values + np.rint(rng.normal(0, 0.6, values.shape)))
 
 
 @mistake("a flat that shows the scene", r"flat")
@@ -94,8 +94,8 @@ def _(d: Draft, rng: np.random.Generator) -> None:
     table = rng.choice(d.tables("flat"))  # type: ignore[arg-type]
     band = next(b for b in d.tables("band") if b["id"] == table["band"])
     for path, other in zip(table["frames"], band["frames"], strict=False):
-        own = d.image(other).astype(float)
-        d.put(path, own + np.rint(rng.normal(0, 3, own.shape)))
+        values = d.image(other).astype(float)
+        d.put(path, values + np.rint(rng.normal(0, 3, values.shape)))
 
 
 def _turned(turn: Callable[[NDArray], NDArray], *kinds: str) -> Callable[[Draft, np.random.Generator], None]:

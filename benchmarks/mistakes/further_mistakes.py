@@ -96,7 +96,7 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         _frames_of(d, table, lambda y, even=even: level + (y - level) / even)  # type: ignore[misc]
 
 
-@mistake("photographs read from a region 4 px beside the flats'", r"flat|moved|region|points")
+@mistake("photographs read from a region 4 px next to the flats'", r"flat|moved|region|points")
 def _(d: Draft, rng: np.random.Generator) -> None:
     d.change(lambda y: np.roll(y, (4, 0), axis=(0, 1)), "band")
 
@@ -108,8 +108,8 @@ def _(d: Draft, rng: np.random.Generator) -> None:
         raise Unsuitable
     base = np.mean([d.image(p).astype(float) for p in tables[0]["frames"]], axis=0)
     for table in tables[len(tables) // 2 :]:
-        own = np.mean([d.image(p).astype(float) for p in table["frames"]], axis=0)
-        extra = 4 * np.maximum(own - base, 0)
+        mean = np.mean([d.image(p).astype(float) for p in table["frames"]], axis=0)
+        extra = 4 * np.maximum(mean - base, 0)
         _frames_of(d, table, lambda y, extra=extra: y + extra)  # type: ignore[misc]
 
 

@@ -35,7 +35,7 @@ def _copy(name: str, source: Path) -> Callable[[Path], Path]:
 
 
 def frames() -> Pairs:
-    """Formats of photographs beside a plain TIFF."""
+    """Formats of photographs next to a plain TIFF."""
     import numpy as np
     import tifffile
     from cboxlab.calibration.frame_readers import read_pictures, read_values

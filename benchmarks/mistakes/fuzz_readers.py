@@ -144,8 +144,8 @@ def readers() -> dict[str, Reader]:
     cube = as_cube(np.arange(60, dtype=np.float32).reshape(3, 4, 5) + 1, [400.0, 450, 500, 600, 700])
     counts = np.arange(300, dtype=np.uint16).reshape(15, 20)
 
-    def beside(source: Path) -> Callable[[Path], Path]:
-        """A file with all that lies beside it."""
+    def with_neighbours(source: Path) -> Callable[[Path], Path]:
+        """A file with all that lies next to it."""
 
         def sound(folder: Path) -> Path:
             shutil.copytree(source.parent, folder, dirs_exist_ok=True)
@@ -171,11 +171,11 @@ def readers() -> dict[str, Reader]:
 
     glare = {"id": "veiling-glare", "fraction": 0.004}
     return {
-        "capture": Reader(beside(demo / "capture.toml"), of_folder(load_capture)),
-        "seal": Reader(beside(demo / "sealed.json"), of_folder(open_seal)),
-        "answer": Reader(beside(demo / "answer.sealed"), of_folder(open_seal)),
-        "scene": Reader(beside(root / "scenes/data/cornell-box.toml"), load_scene),
-        "camera": Reader(beside(root / "render/sensor/data/dcs200.toml"), load_camera),
+        "capture": Reader(with_neighbours(demo / "capture.toml"), of_folder(load_capture)),
+        "seal": Reader(with_neighbours(demo / "sealed.json"), of_folder(open_seal)),
+        "answer": Reader(with_neighbours(demo / "answer.sealed"), of_folder(open_seal)),
+        "scene": Reader(with_neighbours(root / "scenes/data/cornell-box.toml"), load_scene),
+        "camera": Reader(with_neighbours(root / "render/sensor/data/dcs200.toml"), load_camera),
         "model": Reader(
             text(
                 "model.toml",
@@ -225,8 +225,8 @@ def readers() -> dict[str, Reader]:
             ),
             read_diagnosis,
         ),
-        "spectra": Reader(beside(demo / "spectra" / "filters.csv"), read_spectra),
-        "points": Reader(beside(demo / "points.csv"), read_points),
+        "spectra": Reader(with_neighbours(demo / "spectra" / "filters.csv"), read_spectra),
+        "points": Reader(with_neighbours(demo / "points.csv"), read_points),
         "labels": Reader(text("labels.csv", "label,name,column\n1,floor,white\n2,wall,red\n"), read_labels),
         "frame": Reader(
             written("frame.tif", lambda path: tifffile.imwrite(path, counts, compression="zlib")),

@@ -56,9 +56,9 @@ def named(mistake: Mistake, source: Path, others: tuple[Path, ...], seed: int) -
         except (Unsuitable, KeyError, StopIteration):
             return "", []
         draft.save()
-        found = suspicions_of(draft.folder)
-    good = any(re.search(mistake.expected, text) for text in found)
-    return ("+" if good else "~" if found else "-"), found
+        suspicions = suspicions_of(draft.folder)
+    good = any(re.search(mistake.expected, text) for text in suspicions)
+    return ("+" if good else "~" if suspicions else "-"), suspicions
 
 
 def main() -> None:
@@ -68,15 +68,15 @@ def main() -> None:
     parser.add_argument("--only", default="")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
+    options = parser.parse_args()
     record: dict[str, dict[str, object]] = {}
-    for source in given.captures:
-        others = tuple(p for p in given.captures if p != source)
+    for source in options.captures:
+        others = tuple(p for p in options.captures if p != source)
         counts = {"+": 0, "~": 0, "-": 0, "": 0}
         for number, mistake in enumerate(MISTAKES):
-            if not re.search(given.only, mistake.name):
+            if not re.search(options.only, mistake.name):
                 continue
-            mark, found = named(mistake, source, others, given.seed + 100 * number)
+            mark, found = named(mistake, source, others, options.seed + 100 * number)
             counts[mark] += 1
             record.setdefault(mistake.name, {})[source.name] = {"mark": mark, "suspicions": found}
             if mark in ("~", "-"):
@@ -86,7 +86,7 @@ def main() -> None:
             f"{source.name}: {counts['+']} of {made} mistakes named, {counts['~']} others suspected",
             flush=True,
         )
-    sound = sorted(p.parent for p in given.sound.glob("*/capture.toml")) if given.sound else []
+    sound = sorted(p.parent for p in options.sound.glob("*/capture.toml")) if options.sound else []
     false = {path.name: found for path in sound if (found := suspicions_of(path))}
     for name, found in false.items():
         print(f"  sound {name}: {' | '.join(found)}")
@@ -94,8 +94,8 @@ def main() -> None:
         print(f"{len(false)} of {len(sound)} sound captures raise a suspicion")
     for name, row in record.items():
         print(f"{name:50s} " + " ".join(f"{cell['mark']:1s}" for cell in row.values()))  # type: ignore[index]
-    if given.json:
-        given.json.write_text(json.dumps({"mistakes": record, "false": false}, indent=1))
+    if options.json:
+        options.json.write_text(json.dumps({"mistakes": record, "false": false}, indent=1))
 
 
 if __name__ == "__main__":

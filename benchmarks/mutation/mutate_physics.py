@@ -62,7 +62,7 @@ EQUIVALENT = {
     ("render/integrators/path_points.py", "x + seed"): "another hash of the seed",
     ("validate/diagnose/search.py", "np.sqrt(ratio)"): "another start of a search that arrives",
     ("validate/compare/maps.py", "measured - rendered + 0 * relative[1]"): "the sign of nothing",
-    ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "what is told of the progress",
+    ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "reports of the progress",
     ("calibration/geometry/tsai.py", "np.abs(self.kappa1_per_mm2) * radius**2"): "another start of Newton's method",
     ("render/radiosity/lamp.py", "centre[2] + half[2] * place(v)"): "a lamp's pattern is the same on both sides",
     (
@@ -146,8 +146,8 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, str]]:
             target, value = ast.unparse(node.target), ast.unparse(node.value)
             yield kind, f"{target} {_SIGNS[type(node.op)]}= {value}"
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        whole = isinstance(node.operand, ast.Constant) and isinstance(node.operand.value, int)
-        if not whole:  # places in arrays and numbers of axes
+        mask = isinstance(node.operand, ast.Constant) and isinstance(node.operand.value, int)
+        if not mask:  # places in arrays and numbers of axes
             yield "sign", f"({ast.unparse(node.operand)})"
     elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
         if node.attr == "T":
@@ -179,13 +179,13 @@ def mutants_of(file: str) -> list[Mutant]:
         """Of a character; columns are counted in bytes."""
         return starts[number - 1] + len(lines[number - 1].encode()[:column].decode())
 
-    found = []
+    results = []
     functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
     for node in (node for function in functions for node in _arithmetic(function)):
         start = place(node.lineno, node.col_offset)
         text = source[start : place(node.end_lineno or 0, node.end_col_offset or 0)]
-        found += [Mutant(file, node.lineno, kind, text, mutated, start) for kind, mutated in _changes(node)]
-    return list({mutant.name: mutant for mutant in found}.values())
+        results += [Mutant(file, node.lineno, kind, text, mutated, start) for kind, mutated in _changes(node)]
+    return list({mutant.name: mutant for mutant in results}.values())
 
 
 def sample(count: int, seed: int, only: str) -> list[Mutant]:

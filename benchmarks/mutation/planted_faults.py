@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 #: Folder and package inside cboxlab.
 ROOMS = {"scenes": "scenes", "calibration": "calibration", "render": "rendering", "validate": "validation"}
-#: Copied beside the rooms: what the tests read.
+#: Copied next to the rooms: what the tests read.
 BESIDE = (
     "tests",
     "benchmarks",

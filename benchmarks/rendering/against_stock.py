@@ -106,15 +106,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=int, default=32)
     parser.add_argument("--samples", type=int, default=512)
-    given = parser.parse_args()
-    camera, bands = cornell_camera(given.size), BANDS[REFERENCE_BANDS]
+    options = parser.parse_args()
+    camera, bands = cornell_camera(options.size), BANDS[REFERENCE_BANDS]
     for name, build in BOXES.items():
         scene = build()
-        stock = render_stock(RenderJob(scene, camera, bands, given.samples, BATCHES, seed=1), variant="llvm_ad_rgb")
+        stock = render_stock(RenderJob(scene, camera, bands, options.samples, BATCHES, seed=1), variant="llvm_ad_rgb")
         for way, render in OURS.items():
             if way != "general path tracer" and not scene.diffuse:
                 continue
-            found = compared(*means(render(RenderJob(scene, camera, bands, given.samples, BATCHES, seed=2)), stock))
+            found = compared(*means(render(RenderJob(scene, camera, bands, options.samples, BATCHES, seed=2)), stock))
             print(
                 f"{name:18} {way:20} rms {found['rms']:.2f}, largest {found['largest']:.2f} of {found['count']}; "
                 f"{found['difference']:.3%} +- {found['its error']:.3%}, median error {found['median error']:.3%}",

@@ -22,7 +22,7 @@ __all__ = ["furnace", "refinement_bias", "surface_bias"]
 
 SIZE, BATCHES = 32, 16
 FLAT = Spectrum(np.array([300.0, 900.0]), np.ones(2), "zero")
-#: Paths of the trial that tells how many a surface takes.
+#: Paths of the trial that shows how many a surface takes.
 TRIAL = 4e6
 Render = Callable[[Camera, int, int], RenderedImage]
 

@@ -82,10 +82,10 @@ def bare_seconds(scene: Scene, rays: tuple[mi.Ray3f, mi.Ray3f], for_s: float) ->
     bare = build_tracer(scene).accelerator
 
     def trace() -> None:
-        found = bare.ray_intersect_preliminary(segments, coherent=False)
+        hit = bare.ray_intersect_preliminary(segments, coherent=False)
         # shadow rays end on surfaces
         blocked = bare.ray_test(tests, enclosed=True) if isinstance(bare, FlatFaces) else bare.ray_test(tests)
-        dr.eval(found.t, found.prim_index, found.prim_uv, blocked)
+        dr.eval(hit.t, hit.prim_index, hit.prim_uv, blocked)
         dr.sync_thread()
 
     trace()

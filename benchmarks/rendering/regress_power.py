@@ -1,4 +1,4 @@
-"""False alarms, power and naming of `cbox regress`, beside the per-pixel z-test of a renderer's own tests and FLIP.
+"""False alarms, power and naming of `cbox regress`, next to the per-pixel z-test of a renderer's own tests and FLIP.
 
     python benchmarks/rendering/regress_power.py alarms [--pairs 1000]
     python benchmarks/rendering/regress_power.py renderers [--pairs 1000]
@@ -105,7 +105,7 @@ def made_up(clean: Side, rng: np.random.Generator, tails: float = 0, fireflies: 
 
 
 def alarms(pairs: int) -> None:
-    """Print how many equal pairs are told apart."""
+    """Print how many equal pairs are distinguished."""
     clean = rendered(cornell_box(), cornell_camera(64), 1, samples=256)
     print(f"{pairs} pairs of equal pictures, 64 x 64, noise of 8 % a pixel, four batches", flush=True)
     for name, options in KINDS.items():
@@ -171,8 +171,8 @@ def through_tent(size: int, seed: int) -> Side:
             pad = [(1, 1) if a == axis else (0, 0) for a in range(3)]
             wide = np.moveaxis(np.pad(picture, pad, mode="edge"), axis, 0)
             count = picture.shape[axis]
-            taken = sum(w * wide[k : k + count : 2] for k, w in enumerate(kernel))
-            picture = np.moveaxis(taken, 0, axis)
+            total = sum(w * wide[k : k + count : 2] for k, w in enumerate(kernel))
+            picture = np.moveaxis(total, 0, axis)
         return picture
 
     assert fine.variance is not None
@@ -191,7 +191,7 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
     exported = exported_scene(cornell_box(), camera, settings).with_black_lamps
     image = render(RenderJob(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL), integrator="path")
     blank = side_of([labelled_cube(image)], ["ours"])
-    found = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}
+    results = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "box"
         write_export(folder, exported)
@@ -204,12 +204,12 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
             if renderer_of(name).pixels == "rays":
                 shape = POOL, POOL_SIZE, settings.subpixels, POOL_SIZE, settings.subpixels, WAVELENGTHS.size
                 pictures = pictures.reshape(shape).mean(axis=(2, 4))
-            found[name] = pictures, replace(blank, source=name)
-    return found
+            results[name] = pictures, replace(blank, source=name)
+    return results
 
 
 def across_renderers(pairs: int) -> None:
-    """Print how many equal pictures of different renderers are told apart."""
+    """Print how many equal pictures of different renderers are distinguished."""
     found, rng = pools(["mitsuba", "radiance", "raysect"]), np.random.default_rng(2027)
     wrong, failed, total = dict[tuple[str, str], int](), 0, dict[tuple[str, str], int]()
 

@@ -29,6 +29,7 @@ SAMPLES = {
     "raysect": (720, 80),
     "luxcore": (1024, 8),
     "pbrt": (1024, 8),
+    "cycles": (1024, 8),
 }
 
 
@@ -38,12 +39,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--with", dest="names", default="mitsuba,radiance,raysect")
     parser.add_argument("--effort", type=float, default=1.0)
     parser.add_argument("--out", type=Path)
-    chosen = parser.parse_args(arguments)
-    if chosen.out is not None:
-        chosen.out.mkdir(parents=True, exist_ok=True)
-    for name in chosen.names.split(","):
+    options = parser.parse_args(arguments)
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    for name in options.names.split(","):
         samples, batches = SAMPLES[name]
-        judge_one(name, max(1, round(samples * chosen.effort)), batches, chosen.out)
+        judge_one(name, max(1, round(samples * options.effort)), batches, options.out)
 
 
 def judge_one(name: str, samples: int, batches: int, out: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Speed and memory of the sensor simulator on a 1024 x 1024 x 31 cube, beside plain numpy in the same run."""
+"""Speed and memory of the sensor simulator on a 1024 x 1024 x 31 cube, next to plain numpy in the same run."""
 
 from __future__ import annotations
 

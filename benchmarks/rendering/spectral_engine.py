@@ -4,7 +4,7 @@
                                          [--size 256] [--samples 64] [--rounds 8] [--bias-error 0.00014]
 
 The published box and camera, --size pixels square, 31 bands from 400 to 700 nm (the part "bands": 76 too),
-pixels that see the lamp left out. Every contender lives in a process of its own, renders once to warm up, and
+pixels that see the lamp left out. Every contender lives in a separate process, renders once to warm up, and
 then one picture with a new seed whenever its turn comes, so that all meet the same disturbances. Costs are
 CPU seconds of all threads (but one for BLAS, whose idle threads spin) and hold all that a picture needs. An
 error is the relative variance of one picture from the scatter of the rounds, the median over pixels (freed of
@@ -15,9 +15,9 @@ cpu_seconds_to_0.3_percent the inverse of that over 0.003^2.
 nine turns); fraction_of_ray_floor_long is the path tracer's at 128 x 128 pixels and 1024 samples.
 "mono" renders 6 of the 31 bands and counts their mean cost 31 times. "bias" (bias.py) compares means over each
 surface, rendered to --bias-error each: the path tracer with stock Mitsuba at three bands, the default with
-the path tracer at all; max_bias is the largest relative difference, beside it its standard error and how the
+the path tracer at all; max_bias is the largest relative difference, next to it its standard error and how the
 differences over their standard errors are distributed (the default's is what smaller patches change, which is less
-noisy; the comparison stands beside it); and it measures the white furnace. "slope", "pixels",
+noisy; the comparison stands next to it); and it measures the white furnace. "slope", "pixels",
 "threads", "start", "general", "derivatives" and "sensor" are described in engine_parts.py.
 The last line is one JSON object; --json prints nothing else. What was left out is null there.
 """

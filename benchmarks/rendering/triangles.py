@@ -1,6 +1,6 @@
 """Cost against the number of triangles: a ball in place of the short block, of 20 to 81,920 triangles.
 
-Each box is rendered in a process of its own, 128 x 128 pixels, 31 bands, the kernels compiled beforehand. Printed: CPU
+Each box is rendered in a separate process, 128 x 128 pixels, 31 bands, the kernels compiled beforehand. Printed: CPU
 seconds and peak memory of the final gather (256 samples, its solution included) and of the path tracer (64 samples),
 and their ratio to the published box.
 """

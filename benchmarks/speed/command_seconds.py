@@ -76,7 +76,8 @@ def measured(tree: Path, arguments: list[str]) -> tuple[float, float]:
     """CPU seconds and GB of one run."""
     settings = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-c", _START, *arguments]
-    process = subprocess.Popen(command, env=settings, stdout=subprocess.DEVNULL)
+    # Python looks for modules in the current folder first
+    process = subprocess.Popen(command, env=settings, cwd=tree, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode not in _FINISHED:
@@ -92,21 +93,21 @@ def main() -> None:
     parser.add_argument("--only", default="help,regress,validate,compare", help="some of the commands")
     parser.add_argument("--size", type=int, default=512, help="pixels along each side of the large cubes")
     parser.add_argument("--bands", type=int, default=200, help="bands of the large cubes")
-    given = parser.parse_args()
+    options = parser.parse_args()
     failed = False
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         trees = {
-            "earlier": linked(sources(given.earlier, folder / "sources"), folder / "earlier"),
+            "earlier": linked(sources(options.earlier, folder / "sources"), folder / "earlier"),
             "now": linked(ROOT, folder / "now"),
         }
         with ProcessPoolExecutor(1) as pool:  # memory of this process would count as that of its children
-            every = pool.submit(commands, folder, given.size, given.bands).result()
+            every = pool.submit(commands, folder, options.size, options.bands).result()
         print(f"{'command':10}{'earlier':>10}{'now':>10} CPU s{'ratio':>8}{'earlier':>10}{'now':>8} GB")
-        for command in given.only.split(","):
+        for command in options.only.split(","):
             runs: dict[str, list[tuple[float, float]]] = {state: [] for state in trees}
             try:
-                for _ in range(given.rounds):
+                for _ in range(options.rounds):
                     for state, tree in trees.items():
                         runs[state].append(measured(tree, every[command]))
             except RuntimeError as error:

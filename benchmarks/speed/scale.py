@@ -53,12 +53,12 @@ def in_bands(folder: Path, count: int) -> None:
 def many(folder: Path, count: int) -> None:
     """``count`` captures of 16 x 16 pixels."""
     for number in range(count):
-        place = folder / f"capture-{number}"
+        path = folder / f"capture-{number}"
         if number < _DISTINCT:
             own = (perturbed_camera(16, number), CaptureSettings(), number)
-            write_model_capture(place, Model(), *own, relative_error=1e-2)
+            write_model_capture(path, Model(), *own, relative_error=1e-2)
         else:
-            shutil.copytree(folder / f"capture-{number % _DISTINCT}", place)
+            shutil.copytree(folder / f"capture-{number % _DISTINCT}", path)
 
 
 def main() -> int:

@@ -3,9 +3,9 @@
     python benchmarks/speed/studio_latency.py [CAPTURE] [--moves 12]
 
 Times what the page waits for, the prediction, its chi-square and the packed pictures, on the bundled capture of
-128 x 128 pixels and 7 bands where none is named. The first move of every effect is told apart from the later ones,
+128 x 128 pixels and 7 bands where none is named. The first move of every effect is distinguished from the later ones,
 and the opening of the capture before them; after them, how long the rendering in the background takes that follows a
-moved block. Beside other work the CPU time of all threads says more than the time that passes: on a machine with
+moved block. Next to other work the CPU time of all threads says more than the time that passes: on a machine with
 nothing else to do a move takes no longer than that.
 """
 

@@ -8,7 +8,7 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .capture import Capture, FrameTable, load_capture
-    from .first_manifest import FirstManifest, write_first_manifest
+    from .first_manifest import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
     from .labels import Label
     from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
     from .manifest_faults import nearest
@@ -35,6 +35,7 @@ __all__ = [
     "FrameTable",
     "Label",
     "LensTable",
+    "ManifestEntry",
     "ReferenceTable",
     "TargetTable",
     "band_channels",
@@ -44,6 +45,7 @@ __all__ = [
     "channel_mask",
     "checked_pattern",
     "chosen_channel_notes",
+    "draft_manifest",
     "file_mosaic_notes",
     "load_capture",
     "nearest",

@@ -153,8 +153,7 @@ class Capture(FrozenMappings):
             For a file that is missing, damaged or does not fit the manifest, see ``read_frame``.
         """
         if self.reduction is not None and not self.is_merged:
-            reduction = self.reduction
-            return self.reduced_frames.get(path, lambda: reduction.counts(self.stored_frame(path)))
+            return self._reduced(path, self.reduction)[0]
         file, number = split_name(self.folder, path)
         if self.is_merged:
             picture = range(number or 0, (number or 0) + 1)
@@ -205,6 +204,29 @@ class Capture(FrozenMappings):
             return np.concatenate([read_merged(file, *self.shape, pictures) for file, pictures in files])
         depth = self.manifest.camera.bit_depth
         return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
+
+    def sampling_variance(self, table: FrameTable) -> NDArray[np.float64] | None:
+        """Variance of a table's mean counts because sums behind a mosaic leave pixels out.
+
+        Parameters
+        ----------
+        table
+            A table of the manifest.
+
+        Returns
+        -------
+        NDArray | None
+            (y, x) variance, DN^2, the same in all repeats; None where all pixels count.
+        """
+        reduction = self.reduction
+        if reduction is None or self.is_merged or reduction.step_px == 1 or reduction.summed == 1:
+            return None
+        sums, spreads = zip(*(self._reduced(name, reduction) for name in table.frames), strict=True)
+        return reduction.sampling_variance(np.mean(sums, axis=0), np.mean(spreads, axis=0))
+
+    def _reduced(self, path: str, reduction: Reduction) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
+        """Sums of a frame and the scatter in its blocks."""
+        return self.reduced_frames.get(path, reduction, lambda: self.stored_frame(path))
 
     def f_number(self, table: BandTable | BracketTable) -> float | None:
         """F-number of a table, or of its band where the table states none.

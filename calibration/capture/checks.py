@@ -18,6 +18,7 @@ from .frames import check_frame, split_name
 from .labels import read_labels
 from .manifest import CameraTable, NoiseTable, TargetTable, channel_letters, example_of, is_channel
 from .manifest_faults import nearest
+from .reduction import mosaic_side
 from .whole_manifest import Manifest
 
 __all__ = ["TABLES_OF_FRAMES", "capture_faults"]
@@ -184,11 +185,19 @@ def _reduction_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
         width, height = columns, rows
     if camera.binning is not None and camera.binning > min(width, height):
         yield InputError(f"{path}: camera.binning", f"{camera.binning}", f"at most {min(width, height)}")
-    if camera.binning not in (None, 1) and (manifest.mosaic is not None or manifest.noise is not None):
-        table = (
-            "[mosaic]: its pixels see different channels" if manifest.mosaic else "[noise]: its values are no counts"
+    if camera.binning in (None, 1):
+        return
+    if manifest.noise is not None:
+        fault = f"{camera.binning} with [noise]: its values are no counts"
+        yield InputError(f"{path}: camera.binning", fault, "1, or no binning")
+    elif manifest.mosaic is not None and mosaic_side(manifest.mosaic.pattern, camera.binning) != camera.binning:
+        step = next(side for side in range(2, 2**16) if mosaic_side(manifest.mosaic.pattern, side) == side) - 1
+        expected = ", ".join(str(1 + k * step) for k in range(4))
+        yield InputError(
+            f"{path}: camera.binning",
+            f"{camera.binning} with the mosaic {manifest.mosaic.pattern}",
+            f"{expected} and so on, by which the pattern stays",
         )
-        yield InputError(f"{path}: camera.binning", f"{camera.binning} with {table}", "1, or no binning")
 
 
 def _mosaic_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:

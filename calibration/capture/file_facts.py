@@ -26,6 +26,8 @@ _OF_TABLES: Mapping[str, tuple[str, ...]] = {
     "reference": ("exposure_s", "f_number"),
     "bracket": ("exposure_s", "f_number"),
 }
+#: Largest difference of the black levels of two files that counts as noise, DN.
+_SAME_LEVEL_DN = 1.0
 
 
 def _header(folder: Path, row: Any) -> FrameHeader | None:
@@ -102,7 +104,6 @@ def _with_camera(data: dict[str, Any], headers: Sequence[FrameHeader]) -> dict[s
             "bit_depth": ("white_level", None if white is None else int(white).bit_length()),
             "model": ("model", facts.model),
             "pixel_pitch_um": ("pixel_pitch_um", facts.pixel_pitch_um),
-            "black_level_dn": ("black_level", _level(facts.black_level)),
             "white_level_dn": ("white_level", white),
         },
         "lens": {"focal_length_mm": ("focal_length_mm", facts.focal_length_mm)},
@@ -118,6 +119,8 @@ def _with_camera(data: dict[str, Any], headers: Sequence[FrameHeader]) -> dict[s
             for key, (fact, value) in values.items()
             if value is not None and all(getattr(other, fact) == getattr(facts, fact) for other in others)
         }
+        if name == "camera" and (level := _common_level([facts, *others])) is not None:
+            added["black_level_dn"] = level
         if name == "camera":
             added |= {"width_px": width, "height_px": height}
         if added and isinstance(table, dict):
@@ -125,9 +128,17 @@ def _with_camera(data: dict[str, Any], headers: Sequence[FrameHeader]) -> dict[s
     return data
 
 
-def _level(levels: Mapping[str, float] | None) -> float | dict[str, float] | None:
-    """One number where all channels have the same black level."""
-    if not levels:
+def _common_level(facts: Sequence[FrameFacts]) -> float | dict[str, float] | None:
+    """The mean black level, one number where all channels have the same.
+
+    From masked pixels it varies by its noise from file to file. None where files differ by more than 1 DN.
+    """
+    levels = [each.black_level for each in facts if each.black_level]
+    if len(levels) < len(facts) or any(set(level) != set(levels[0]) for level in levels):
         return None
-    different = set(levels.values())
-    return different.pop() if len(different) == 1 else dict(levels)
+    by_channel = {channel: [level[channel] for level in levels] for channel in levels[0]}
+    if any(max(values) - min(values) > _SAME_LEVEL_DN for values in by_channel.values()):
+        return None
+    means = {channel: sum(values) / len(values) for channel, values in by_channel.items()}
+    different = set(means.values())
+    return different.pop() if len(different) == 1 else means

@@ -9,6 +9,8 @@ What the header of a file says (FITS keywords, EXIF, camera raw) comes before wh
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,9 +21,11 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.input_files import parse_toml
 from pydantic import BaseModel
 
 from ..frame_readers import suffixes
+from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
 from .folder_tables import FolderTables, tables_in
 from .frame_classes import FrameGroup, group_frames, numbered_alike
@@ -39,9 +43,10 @@ from .manifest import (
     channel_letters,
     example_of,
 )
+from .manifest_faults import checked_keys
 from .whole_manifest import Manifest
 
-__all__ = ["FirstManifest", "MissingKey", "write_first_manifest"]
+__all__ = ["FirstManifest", "ManifestEntry", "MissingKey", "draft_manifest", "write_first_manifest"]
 
 #: By kind of table, its model.
 _TABLES: dict[str, type[BaseModel]] = {
@@ -52,6 +57,8 @@ _TABLES: dict[str, type[BaseModel]] = {
     "reference": ReferenceTable,
     "target": TargetTable,
 }
+#: Place of the keys of no table.
+_TOP = "the top, above all tables"
 #: Keys that a capture may lack, and that a validation against a model takes.
 _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
     ("[camera]", CameraTable, ("pixel_pitch_um", "gain_e_per_dn", "read_noise_e", "quantum_efficiency")),
@@ -59,7 +66,7 @@ _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
     ("every [[band]]", BandTable, ("transmittance", "f_number", "image_distance_mm", "start_s")),
     ("[lamp]", LampTable, ("radiance", "relative_uncertainty")),
     ("[geometry]", GeometryTable, ("points", "point_sigma_px")),
-    ("the top, above all tables", Manifest, ("scene",)),
+    (_TOP, Manifest, ("scene",)),
 )
 #: What is not done without frames of a kind.
 _WITHOUT = (
@@ -91,6 +98,11 @@ class MissingKey:
     #: True if the capture cannot be loaded without it.
     required: bool
 
+    @property
+    def key(self) -> str:
+        """Name of the key; empty for a note."""
+        return self.example.partition(" = ")[0]
+
     def __str__(self) -> str:
         return f"{self.where}: {self.example}   # {self.why}" if self.example else f"{self.where}: {self.why}"
 
@@ -113,7 +125,48 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def write_first_manifest(folder: Path) -> FirstManifest:
+@dataclass(frozen=True)
+class ManifestEntry:
+    """A value that the user adds to a first manifest."""
+
+    #: Its table, as of `MissingKey`.
+    where: str
+    #: The key.
+    key: str
+    #: The value as typed; text needs no quotes.
+    value: str
+
+
+def draft_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> tuple[str, FirstManifest, list[str]]:
+    """Text of the manifest of a folder of frames, what it lacks, and its faults.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    entries
+        Values to add.
+
+    Returns
+    -------
+    tuple
+        Text of capture.toml, what it lacks without the entries, and its faults, one line each. Nothing is written.
+
+    Raises
+    ------
+    InputError
+        As of ``write_first_manifest``.
+    """
+    folder = Path(folder)
+    text, first, _ = _draft(folder)
+    text = _with_entries(text, first, entries)
+    manifest, faults = checked_keys(first.path, dict(parse_toml(first.path, text, "a manifest in TOML")))
+    if manifest is not None:
+        faults = capture_faults(folder, manifest)
+    return text, first, [str(fault).removeprefix(f"{first.path}: ") for fault in faults]
+
+
+def write_first_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> FirstManifest:
     """Classify the frames of a folder and its subfolder ``frames``; write ``capture.toml``.
 
     Frames stay where they are, whatever their format. Only the bands of a file with several bands are written into a
@@ -123,18 +176,30 @@ def write_first_manifest(folder: Path) -> FirstManifest:
     ----------
     folder
         The folder.
+    entries
+        Values to add.
 
     Returns
     -------
     FirstManifest
-        What was written, what is missing, and what was left out.
+        What was written, what is missing without the entries, and what was left out.
 
     Raises
     ------
     InputError
         If a capture.toml exists, or if there are no frames of a scene. If frames differ in size or mosaic, or two
-        photographs have one name. For files that cannot be read.
+        photographs have one name. For files that cannot be read, and for entries of unknown keys.
     """
+    text, first, frames = _draft(folder)
+    text = _with_entries(text, first, entries)
+    convert_bands(Path(folder), frames)
+    with replacing(first.path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return first
+
+
+def _draft(folder: Path) -> tuple[str, FirstManifest, list[FolderFrame]]:
+    """Text of a folder's manifest, what it lacks, and its frames."""
     folder = Path(folder)
     path = folder / "capture.toml"
     if not folder.is_dir():
@@ -155,12 +220,54 @@ def write_first_manifest(folder: Path) -> FirstManifest:
     tables = tables_in(folder, bands, frames[0].shape, letters)
     draft = _Draft(tables, pattern)
     text = draft.text(folder, frames, groups)
-    convert_bands(folder, [frame for group in groups for frame in group.frames])
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
     left_out = [item for item in left_out if item.file not in tables.labels.values()]
     missing = tuple(sorted(draft.missing, key=lambda key: not key.required))
-    return FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
+    first = FirstManifest(path, dict(draft.counts), missing, (*left_out, *unused, *tables.left_out))
+    return text, first, [frame for group in groups for frame in group.frames]
+
+
+def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEntry]) -> str:
+    """Text of a manifest with values added to its tables."""
+    examples = {(key.where, key.key): key.example.partition(" = ")[2] for key in first.missing if key.example}
+    blocks = text.removesuffix(_FURTHER).rstrip("\n").split("\n\n")
+    for entry in entries:
+        header, _, frame = entry.where.removeprefix("every ").partition(" of ")
+        example = examples.get((entry.where, entry.key)) or examples.get((f"every {header}", entry.key))
+        if example is None:
+            raise InputError(entry.where, repr(entry.key)[:80], "a key that the manifest lacks")
+        line = f"{entry.key} = {_as_toml(entry, example)}"
+        if entry.where.startswith("every "):
+            targets = [k for k, block in enumerate(blocks) if block.startswith(header)]
+        elif entry.where == _TOP:
+            targets = [0]
+        else:
+            targets = [
+                k
+                for k, block in enumerate(blocks)
+                if block.startswith(f"{header}\n") and (not frame or f"frames = [{_quoted(frame)}" in block)
+            ] or [k for k, block in enumerate(blocks) if block == header]
+        if not targets:
+            blocks.append(header)
+            targets = [len(blocks) - 1]
+        for k in targets:
+            lines = blocks[k].split("\n")
+            if not any(written.startswith(f"{entry.key} =") for written in lines):
+                blocks[k] = "\n".join([*(each for each in lines if not each.startswith(f"# {entry.key} =")), line])
+    return "\n\n".join(blocks) + "\n\n" + _FURTHER
+
+
+def _as_toml(entry: ManifestEntry, example: str) -> str:
+    """Value of an entry in TOML, of the type of its example."""
+    value = entry.value.strip()
+    if example.startswith('"'):
+        return _quoted(value.strip('"'))
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{entry.where}: {entry.key}", repr(value)[:80], f"a number, such as {example}")
+    return value if re.fullmatch(r"[+-]?[1-9][0-9]*|0", value) else repr(number)
 
 
 def _require_one_size(frames: Sequence[FolderFrame]) -> None:

@@ -17,7 +17,7 @@ from .file_facts import with_file_facts
 from .manifest import example_of
 from .whole_manifest import Manifest
 
-__all__ = ["nearest", "raise_faults", "read_manifest"]
+__all__ = ["checked_keys", "nearest", "raise_faults", "read_manifest"]
 
 
 #: Faults listed in one message: more would hide the first ones.
@@ -168,9 +168,30 @@ def read_manifest(path: Path) -> Manifest:
                     f"Frames with {key} = '{state}' have no [[{key}]].",
                 ) from None
         raise
+    manifest, faults = checked_keys(path, data)
+    raise_faults(path, faults)
+    if manifest is None:
+        raise AssertionError("a validation error without errors")
+    return manifest
+
+
+def checked_keys(path: Path, data: dict[str, Any]) -> tuple[Manifest | None, list[InputError]]:
+    """The manifest of parsed TOML, or the faults of its keys.
+
+    Parameters
+    ----------
+    path
+        The TOML file.
+    data
+        Its content.
+
+    Returns
+    -------
+    tuple
+        Manifest, or None with at least one fault.
+    """
     data = with_file_facts(path.parent, data)
     try:
-        return Manifest.model_validate(data)
+        return Manifest.model_validate(data), []
     except ValidationError as failure:
-        raise_faults(path, [_fault(path, data, error) for error in _without_misspelt(failure)])
-        raise AssertionError("a validation error without errors") from None
+        return None, [_fault(path, data, error) for error in _without_misspelt(failure)]

@@ -266,6 +266,9 @@ def correct(
     signal = (stack.mean(axis=0) - dark.at(table.exposure_s)) / response
     weights = dark.weights(table.exposure_s)
     frame_variance = noise.variance(dark.thermal(table.exposure_s)) / repeats
+    between_pixels = capture.sampling_variance(table)
+    if between_pixels is not None:
+        frame_variance = frame_variance + between_pixels
     dark_variance = np.zeros((3, *capture.shape))
     for index, exposure in enumerate(dark.exposure_s):
         level_variance = noise.variance(dark.thermal(exposure)) / dark.repeats[index]

@@ -188,6 +188,19 @@ def _phase_sigma(variance_dn2: float) -> float:
     return float(amplitude / np.sqrt(2))
 
 
+def _read_noise(
+    floor_dn2: float, gain: float, covariance: NDArray[np.float64], *, gain_is_fitted: bool
+) -> tuple[float, float]:
+    """Read noise and its standard deviation, e-, of a line with its covariance (2, 2).
+
+    To first order, with the uncertainty by rounding. A gain that is the reciprocal slope errs with the floor.
+    """
+    read_dn = float(np.sqrt(max(floor_dn2, _ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
+    gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if gain_is_fitted else 0.0])
+    by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
+    return read_dn * gain, float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
+
+
 def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
     """Notes on flats and references whose light changes between repeats."""
     notes = []
@@ -314,11 +327,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         if bright_samples:
             gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
         if (dark_samples or source in _OF_BANDS) and not rounded and gain is not None:
-            read_dn = float(np.sqrt(max(line[0], _ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
-            gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if bright_samples else 0.0])
-            by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
-            read_sigma = float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
-            read = read_dn * gain
+            read, read_sigma = _read_noise(float(line[0]), gain, covariance, gain_is_fitted=bool(bright_samples))
     if rounded:
         largest = float(np.sqrt(_ROUNDED_VARIANCE - ROUNDING_VARIANCE))
         notes.append(f"rounding to whole counts hides the read noise: it lies between 0 and {largest:.1g} DN")

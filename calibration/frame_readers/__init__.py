@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import TypeVar
 
 import numpy as np
 from cboxlab.utils.errors import InputError
@@ -31,6 +33,9 @@ __all__ = [
     "reader_of",
     "suffixes",
 ]
+
+#: Type of the values of pictures.
+Number = TypeVar("Number", np.uint16, np.float64)
 
 #: Entry points of this group are readers of other packages.
 _GROUP = "cboxlab.frames"
@@ -171,18 +176,8 @@ def read_pictures(path: Path, pictures: range | None = None) -> NDArray[np.uint1
         For a file that is missing or damaged, for values that are no counts, and for a package that is not
         installed.
     """
-    header, reader = frame_header(path), _usable_reader(path)
-    pictures = range(header.pictures) if pictures is None else pictures
-    try:
-        counts = reader.read(path, pictures)
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise _unreadable(path, reader, error) from None
-    if counts.shape != (len(pictures), *header.shape):
-        expected = f"{(len(pictures), *header.shape)} as in the file's header"
-        raise InputError(path, f"pictures of shape {counts.shape}", expected)
-    return counts
+    reader = _usable_reader(path)
+    return _checked_pictures(path, reader, reader.read, pictures)
 
 
 def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64]:
@@ -205,12 +200,20 @@ def read_values(path: Path, pictures: range | None = None) -> NDArray[np.float64
     InputError
         For a file that is missing or damaged, and for a package that is not installed.
     """
-    header, reader = frame_header(path), _usable_reader(path)
-    pictures = range(header.pictures) if pictures is None else pictures
+    reader = _usable_reader(path)
     if reader.values is None:
         return read_pictures(path, pictures).astype(np.float64)
+    return _checked_pictures(path, reader, reader.values, pictures)
+
+
+def _checked_pictures(
+    path: Path, reader: FrameReader, read: Callable[[Path, range], NDArray[Number]], pictures: range | None
+) -> NDArray[Number]:
+    """(n, y, x) pictures of a file by its reader, of the shape in the header."""
+    header: FrameHeader = frame_header(path)
+    pictures = range(header.pictures) if pictures is None else pictures
     try:
-        values = reader.values(path, pictures)
+        values = read(path, pictures)
     except InputError:
         raise
     except (Exception, SystemExit) as error:

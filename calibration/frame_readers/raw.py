@@ -30,6 +30,12 @@ _SUFFIXES = (
 )
 #: Rows and columns over which the mosaic is looked at: two repeats of the largest one.
 _LOOKED_AT_PX = 16
+#: Columns or rows next to the border of the masked pixels that are left out: light and charge reach across it, px.
+_BORDER_PX = 4
+#: Masked columns or rows that give a black level, at least, px.
+_MASKED_PX = 8
+#: Range of masked counts, 1st to 99th of 100, over the white level, at most: beyond it they have seen light.
+_MASKED_RANGE = 0.02
 #: LibRaw's moment of a file that states none.
 _NO_TIME = datetime(1970, 1, 2)
 
@@ -55,9 +61,35 @@ def _pattern(path: Path, raw: Any) -> str | None:
     return pattern_of(path, np.array(letters))
 
 
+def _masked_levels(raw: Any) -> list[float] | None:
+    """Mean count of the pixels under the sensor's mask, by LibRaw's number of the channel.
+
+    None for a sensor without them, and where they may have seen light.
+    """
+    top, beside = raw.sizes.top_margin, raw.sizes.left_margin
+    rows, columns = (slice(top, None), slice(_BORDER_PX, beside - _BORDER_PX))
+    if columns.stop - columns.start < _MASKED_PX:
+        rows, columns = slice(_BORDER_PX, top - _BORDER_PX), slice(beside, None)
+        if rows.stop - rows.start < _MASKED_PX:
+            return None
+    counts, channel = raw.raw_image[rows, columns], raw.raw_colors[rows, columns]
+    low, high = np.percentile(counts, [1, 99])
+    brighter_than_scene = np.median(counts) > np.median(raw.raw_image_visible) + 1
+    if high - low > _MASKED_RANGE * raw.white_level or brighter_than_scene:
+        return None
+    inside = (counts >= low) & (counts <= high)
+    number = len(raw.black_level_per_channel)
+    return [float(counts[inside & (channel == c)].mean()) if (channel == c).any() else 0.0 for c in range(number)]
+
+
 def _black_level(raw: Any, pattern: str | None) -> dict[str, float]:
-    """Black level by channel. Where two greens differ, the second one is "G2"."""
+    """Black level by channel. Where two greens differ, the second one is "G2".
+
+    Where the metadata state 0, the masked pixels give it.
+    """
     levels = [float(level) for level in raw.black_level_per_channel]
+    if not any(levels) and (masked := _masked_levels(raw)) is not None:
+        levels = [round(level, 1) for level in masked]
     if pattern is None:
         return {"": levels[0]}
     by_channel: dict[str, float] = {}

@@ -91,7 +91,7 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
     if points is None:
         return
     name = str(capture.manifest.geometry.points) if capture.manifest.geometry else ""
-    yield from _check_frame(points, capture.shape, name)
+    yield from _check_frame(points, _stored_corners(capture), name)
     scene = capture.scene
     if scene is not None:
         yield from _check_surfaces(points, scene, name)
@@ -100,11 +100,26 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
         yield from _check_outliers(points, fit, name)
 
 
-def _check_frame(points: SurveyedPoints, shape: tuple[int, int], name: str) -> Iterator[Suspicion]:
-    """Points outside the frame. shape : (rows, columns). name : of the points' file."""
-    height, width = shape
-    limit = np.array([width, height]) - 1 + OUTSIDE_PX
-    outside = np.any((points.image_px < -OUTSIDE_PX) | (points.image_px > limit), axis=1)
+def _stored_corners(capture: Capture) -> NDArray[np.float64]:
+    """(2, 2) first and last pixel of the stored frames, in pixels in use.
+
+    A window of the frames may leave points outside it.
+    """
+    height, width = capture.shape
+    if capture.reduction is None:
+        return np.array([[0.0, 0.0], [width - 1.0, height - 1.0]])
+    full = [[0.0, 0.0], [capture.reduction.full_width_px - 1.0, capture.reduction.full_height_px - 1.0]]
+    return capture.reduction.positions(np.array(full))
+
+
+def _check_frame(points: SurveyedPoints, corners: NDArray[np.float64], name: str) -> Iterator[Suspicion]:
+    """Points outside the frame.
+
+    corners : (2, 2) its first and last pixel. name : of the points' file.
+    """
+    first, last = corners
+    width, height = np.rint(last - first + 1).astype(int)
+    outside = np.any((points.image_px < first - OUTSIDE_PX) | (points.image_px > last + OUTSIDE_PX), axis=1)
     if np.count_nonzero(outside) > max(1, LARGEST_OUTSIDE_SHARE * len(points.ids)):
         yield Suspicion(
             "the points are those of another picture (another size, or another capture)",

@@ -62,7 +62,8 @@ def nominal_constant(capture: Capture) -> float | None:
         return None
     if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
         return None
-    return lens_constant(focal, camera.pixel_pitch_um, camera.gain_e_per_dn)
+    fill = 1.0 if capture.reduction is None else capture.reduction.fill
+    return fill * lens_constant(focal, camera.pixel_pitch_um, camera.gain_e_per_dn)
 
 
 def optical_factor(capture: Capture, table: BandTable | BracketTable) -> float | None:

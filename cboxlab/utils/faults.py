@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -19,7 +19,10 @@ __all__ = [
     "referred",
     "shown",
     "suggestion",
+    "validated",
 ]
+
+Content = TypeVar("Content", bound=BaseModel)
 
 
 #: Types of pydantic's errors for a value that should be a list.
@@ -157,6 +160,34 @@ def path_inside(folder: Path, name: str, where: str | Path) -> Path:
     if not inside:
         raise InputError(where, f"{name!r}, which leaves the folder", expected)
     return path
+
+
+def validated(path: Path, content: object, model: type[Content]) -> Content:
+    """Content of a file as its pydantic model.
+
+    Parameters
+    ----------
+    path
+        The file.
+    content
+        Its tables and values.
+    model
+        The model.
+
+    Returns
+    -------
+    Content
+        The checked content.
+
+    Raises
+    ------
+    InputError
+        With all faults of the file's keys.
+    """
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise combined(faults_of_validation(path, error, model)) from None
 
 
 def faults_of_validation(path: Path, error: ValidationError, model: type[BaseModel]) -> list[InputError]:

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation, shown, suggestion
+from cboxlab.utils.faults import combined, shown, suggestion, validated
 from cboxlab.utils.input_files import read_toml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from ..effects import apply_checked
 from ..model import named_effect
@@ -279,10 +279,7 @@ def load_recipe(path: Path) -> Recipe:
         If the file is missing or faulty; one error lists all faults of its keys.
     """
     content = read_toml(path, "a recipe in TOML", "docs/how-to/data-set.md describes it")
-    try:
-        recipe = Recipe.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, Recipe)) from None
+    recipe = validated(path, content, Recipe)
     faults = _faults(path, recipe)
     if faults:
         raise combined(faults)

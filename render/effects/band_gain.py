@@ -34,6 +34,7 @@ EFFECT = Effect(
     id="band-gain",
     stage="counts",
     title="one band's throughput differs from its tables",
+    in_words="the throughput of {band} is {scale:.2%} of that of its tables",
     summary="One band's throughput (filter, lens or quantum efficiency) differs from its tables. "
     "In frames of the scene, its signal above dark is multiplied by scale.",
     parameters=(

@@ -32,6 +32,7 @@ EFFECT = Effect(
     id="block-pose",
     stage="scene",
     title="a block is moved or turned",
+    in_words="the {block} stands {dx_mm:+.2f} mm off in x and {dz_mm:+.2f} mm in z, turned by {yaw_deg:+.2f}°",
     summary="A block stands at another place on the floor, or is turned. It turns by yaw about +y (right-handed) "
     "through the mean of its footprint's corners, then moves by dx and dz.",
     parameters=(

@@ -44,6 +44,7 @@ EFFECT = Effect(
     id="crosstalk",
     stage="counts",
     title="pixels share charge with their neighbours",
+    in_words="a pixel gives {fraction:.2%} of its charge to its neighbours",
     summary="Each pixel gives a fraction of its charge to its four neighbours, a quarter each, before counts "
     "are cut off. Flats and reference are affected too. No charge leaves by the border.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=2e-3),),

@@ -25,6 +25,7 @@ EFFECT = Effect(
     id="dark-offset",
     stage="counts",
     title="counts carry an offset that the darks lack",
+    in_words="every count carries {dn:+.2f} DN",
     summary="Counts have an offset in all frames except the darks. "
     "Causes are a warmer sensor, a drifting bias, or a light leak in the camera.",
     parameters=(Parameter("dn", "DN", null=0.0, low=-200.0, high=200.0, step=1.0),),

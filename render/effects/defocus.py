@@ -27,6 +27,7 @@ EFFECT = Effect(
     id="defocus",
     stage="optics",
     title="blur, alike in all bands",
+    in_words="a point is a spot of {sigma_px:.2f} px (standard deviation)",
     summary="The lens blurs by a Gaussian of standard deviation sigma, alike in all bands. Beyond the border the "
     "outermost pixels are repeated. The light is blurred before the pixels receive it, or the pixels themselves if "
     "the scene behind a picture is not known.",

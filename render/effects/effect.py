@@ -195,6 +195,8 @@ class Effect:
     _: KW_ONLY
     #: Description for lists, at most 50 characters; empty for the beginning of the summary.
     title: str = ""
+    #: Format string of a sentence's part on its size, with the parameters by name; empty for none.
+    in_words: str = ""
     #: Publications and standards of the formula.
     sources: tuple[str, ...] = ()
     #: Whether an effect on counts changes charge, before shot noise arises, or counts as they are read out.

@@ -23,6 +23,7 @@ EFFECT = Effect(
     id="ghost",
     stage="optics",
     title="a faint copy of the image, turned by 180 degrees",
+    in_words="the turned copy has {fraction:.2%} of the light",
     summary="Lens surfaces reflect a faint copy of the image: (1 - f) L + f times L turned by 180 degrees about the "
     "image's centre, the lamp included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),

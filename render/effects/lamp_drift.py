@@ -28,6 +28,7 @@ EFFECT = Effect(
     id="lamp-drift",
     stage="counts",
     title="the lamp's power drifts over the sequence",
+    in_words="the lamp's power changes by {per_minute:+.3%} a minute",
     summary="The lamp's power drifts as 1 + per_minute times the minutes since the first frame began, taken at the "
     "middle of each band's frames.",
     parameters=(Parameter("per_minute", "min^-1", null=0.0, low=-0.1, high=0.1, step=1e-3),),

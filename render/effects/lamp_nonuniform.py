@@ -27,6 +27,7 @@ EFFECT = Effect(
     id="lamp-nonuniform",
     stage="scene",
     title="the lamp's radiance falls towards its edge",
+    in_words="the lamp's corner has {edge_ratio:.1%} of the radiance of its centre",
     summary="The lamp's radiance falls towards its edge as e + (1 - e)(1 - X^2)(1 - Z^2), X and Z from -1 to 1 "
     "across the lamp. Its mean is kept.",
     parameters=(Parameter("edge_ratio", "1", null=1.0, low=0.0, high=1.0, step=0.05),),

@@ -73,6 +73,7 @@ EFFECT = Effect(
     id="lamp-offset",
     stage="scene",
     title="the lamp is elsewhere in the ceiling",
+    in_words="the lamp is {dx_mm:+.1f} mm off in x and {dz_mm:+.1f} mm in z",
     summary="The lamp and its hole are elsewhere in the ceiling's plane: shifted by dx along x and by dz along z.",
     parameters=(
         Parameter("dx_mm", "mm", null=0.0, low=-150.0, high=150.0, step=2.0),

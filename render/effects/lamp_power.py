@@ -25,6 +25,7 @@ EFFECT = Effect(
     id="lamp-power",
     stage="scene",
     title="the lamp is brighter or dimmer than its table",
+    in_words="the lamp has {scale:.2%} of the power of its table",
     summary="The lamp is brighter or dimmer than its table: its radiance is multiplied by scale at all wavelengths.",
     parameters=(Parameter("scale", "1", null=1.0, low=0.05, high=20.0, step=1e-2),),
     apply=_apply,

@@ -49,6 +49,7 @@ EFFECT = Effect(
     id="lamp-reflectance",
     stage="scene",
     title="the lamp's surface reflects more or less",
+    in_words="the lamp's surface reflects {reflectance:.1%} of the light on it",
     summary="The lamp's surface reflects more or less than in the model. Its mean reflectance over 400 to "
     "700 nm is the given one; the shape of its spectrum is kept. The effect does nothing at the model's value.",
     parameters=(Parameter("reflectance", "1", null=0.78, null_in=_level, low=0.0, high=1.0, step=0.05),),

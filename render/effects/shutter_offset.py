@@ -42,6 +42,7 @@ EFFECT = Effect(
     id="shutter-offset",
     stage="counts",
     title="every exposure is longer than commanded",
+    in_words="every exposure is {seconds:+.4f} s longer",
     summary="Every exposure, including the darks, is longer than commanded by the same time. Signals are multiplied "
     "by 1 + seconds / exposure.",
     parameters=(Parameter("seconds", "s", null=0.0, low=-0.2, high=1.0, step=1e-3),),

@@ -37,6 +37,7 @@ EFFECT = Effect(
     id="smear",
     stage="counts",
     title="columns receive a part of their mean",
+    in_words="every column receives {fraction:.3%} of its mean",
     summary="Light arrives while charge is shifted along the columns. It adds the fraction times the column's mean "
     "signal, before counts are cut off. Flats and reference are affected too.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),

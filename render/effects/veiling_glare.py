@@ -24,6 +24,7 @@ EFFECT = Effect(
     id="veiling-glare",
     stage="optics",
     title="a part of all light spreads over the image",
+    in_words="{fraction:.2%} of all light spreads evenly over the image",
     summary="Lens and sensor scatter light over the image: (1 - f) L + f times the image's mean, the lamp included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
     apply=_apply,

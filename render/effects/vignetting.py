@@ -29,6 +29,7 @@ EFFECT = Effect(
     id="vignetting",
     stage="optics",
     title="a fall-off that the flat field did not show",
+    in_words="the image's corner loses {edge_loss:.2%} of its light",
     summary="Frames of the scene fall off by 1 - edge_loss r^2, r = 1 in the image's corner. The flat field does not "
     "show it: it was taken at another aperture or focus, or without the hood.",
     parameters=(Parameter("edge_loss", "1", null=0.0, low=-0.5, high=0.9, step=5e-3),),

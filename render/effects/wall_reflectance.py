@@ -35,6 +35,7 @@ EFFECT = Effect(
     id="wall-reflectance",
     stage="scene",
     title="a paint reflects more or less than its table",
+    in_words="{material} reflects {scale:.2%} of what its table says",
     summary="One paint reflects more or less than its table: the table times scale, at most 1.",
     parameters=(
         Parameter("material", choices=("white", "red", "green"), kind="material"),

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_toml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..effects import Effect
 from .acting import field_effect
@@ -57,10 +57,7 @@ def load_effect_file(path: Path) -> Effect:
         If the file is missing or faulty; all faults of its keys are named.
     """
     content = read_toml(path, "an effect file in TOML, made from a diagnosis")
-    try:
-        entry = _EffectFile.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _EffectFile)) from None
+    entry = validated(path, content, _EffectFile)
     if entry.format != _FORMAT:
         raise InputError(f"{path}: format", f"'{entry.format}'", f"'{_FORMAT}'")
     field = field_of_record(entry.field, path)

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from .exchange import IN_PLACE, PictureCopy, number_of_exchanges
 from .image_maps import ImageMaps
@@ -252,10 +252,7 @@ def field_of_record(record: Any, path: Path) -> FittedField:
     InputError
         If the record is not a field; all faults of its keys are named.
     """
-    try:
-        entry = _Holder.model_validate({"field": record}).field
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _Holder)) from None
+    entry = validated(path, {"field": record}, _Holder).field
     where = f"{path}: field"
     bands = len(entry.bands)
     if len(entry.nm) != bands:

@@ -12,10 +12,10 @@ import tomli_w
 from cboxlab.scenes import Scene, cornell_box
 from cboxlab.scenes.scene_file import load_scene, packaged_scenes
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_toml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..chain import RenderSettings
 from ..effects import AppliedEffect, Effect, apply_checked, names_in
@@ -148,10 +148,7 @@ def load_model(path_or_name: str | Path) -> Model:
     if content.get("format") == "scene/1":
         scene = load_scene(path)
         return Model(scene, name=scene.name)
-    try:
-        entry = _ModelFile.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _ModelFile)) from None
+    entry = validated(path, content, _ModelFile)
     if entry.format != "model/1":
         raise InputError(f"{path}: format", f"'{entry.format}'", "'model/1'")
     scene = referred_scene(entry.scene, path.parent)

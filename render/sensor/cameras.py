@@ -9,9 +9,9 @@ import numpy as np
 from cboxlab.calibration.instrument import lens_constant, quanta_per_joule
 from cboxlab.scenes.spectra import Spectrum, read_spectrum
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation, suggestion
+from cboxlab.utils.faults import suggestion, validated
 from cboxlab.utils.input_files import read_toml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from .detector import Detector, SensorCamera, channel_map
 from .optics import Blur, Vignetting
@@ -134,10 +134,7 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
     path = PACKAGED / f"{name_or_path}.toml" if str(name_or_path) in names else Path(name_or_path)
     hint = suggestion(str(name_or_path), names) or f"packaged cameras: {', '.join(names)}"
     content = read_toml(path, "a camera file in TOML", hint)
-    try:
-        file = _CameraFile.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _CameraFile)) from None
+    file = validated(path, content, _CameraFile)
     pattern = None if file.mosaic is None else tuple(file.mosaic.pattern)
     if pattern is not None:
         try:

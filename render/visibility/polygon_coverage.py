@@ -85,7 +85,8 @@ def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArra
         near = np.where(of[..., None, None], functions[:, columns], [0.0, 0.0, -1.0])
         pixel_frames = frames[:, members]
         near = near.reshape(*near.shape[:2], -1, 3) @ pixel_frames
-        shares = _shares((cuts @ pixel_frames).reshape(-1, most_lines, 3), near.reshape(-1, most_faces, 5, 3))
+        count = len(cameras) * len(members)
+        shares = _shares((cuts @ pixel_frames).reshape(count, most_lines, 3), near.reshape(count, most_faces, 5, 3))
         coverage[:, mixed[members, None], columns] = shares.reshape(len(cameras), *columns.shape)
     return coverage
 

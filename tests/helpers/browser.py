@@ -28,14 +28,14 @@ _PATIENCE_S = 60.0
 
 def chromium() -> str:
     """Path of the browser; skips the test where there is none."""
-    found = next((path for name in _NAMES if (path := shutil.which(name))), None)
-    if found is None:
+    match = next((path for name in _NAMES if (path := shutil.which(name))), None)
+    if match is None:
         pytest.skip("no headless browser: apt install chromium")
-    return found
+    return match
 
 
 class Page:
-    """One page. errors : what went wrong in it, as told on its console; a test holds this to be empty."""
+    """One page. errors : what went wrong in it, as written on its console; a test holds this to be empty."""
 
     def __init__(self, writing: int, reading: int) -> None:
         self._writing, self._reading = writing, reading

@@ -17,8 +17,8 @@ def write_fits(path, image, **header):
     unit(rows, fits.Header(header)).writeto(path)
 
 
-def write_dng(path, image, exposure=(1, 4), rows=BAYER, white=4095):
-    """The fewest tags by which LibRaw knows a DNG, with a mosaic of any repeat."""
+def write_dng(path, image, exposure=(1, 4), rows=BAYER, white=4095, masked_columns=0):
+    """The fewest tags by which LibRaw knows a DNG, with a mosaic of any repeat, and masked columns on the left."""
     pytest.importorskip("rawpy", reason="needs rawpy (extra 'readers')")
     matrix = [number for value in np.eye(3).ravel() for number in (int(value * 10000), 10000)]
     colours = bytes("RGB".index(letter) for letter in "".join(rows))
@@ -38,6 +38,8 @@ def write_dng(path, image, exposure=(1, 4), rows=BAYER, white=4095):
         (271, "s", 5, "Test", True),
         (272, "s", 5, "Test", True),
     ]
+    if masked_columns:
+        tags.append((50829, "I", 4, (0, masked_columns, *image.shape), True))
     tifffile.imwrite(path, image, photometric=32803, extratags=tags, metadata=None, subfiletype=0)
 
 

@@ -16,8 +16,8 @@ def normals_of(vertices):
 
 
 def directions(rng, count=COUNT):
-    found = rng.standard_normal((count, 3))
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    noise = rng.standard_normal((count, 3))
+    return noise / np.linalg.norm(noise, axis=1, keepdims=True)
 
 
 def rays(origin, direction):
@@ -26,9 +26,9 @@ def rays(origin, direction):
 
 def asked(accelerator, ray, active=True):
     """Whether each ray meets anything, the distance, the triangle, its barycentric coordinates (2, n)."""
-    found = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
-    assert np.array_equal(np.array(found.is_valid()), np.isfinite(np.array(found.t)))
-    return [np.array(part) for part in (found.is_valid(), found.t, found.prim_index, found.prim_uv)]
+    hit = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
+    assert np.array_equal(np.array(hit.is_valid()), np.isfinite(np.array(hit.t)))
+    return [np.array(part) for part in (hit.is_valid(), hit.t, hit.prim_index, hit.prim_uv)]
 
 
 def blocked_by(accelerator, ray, **how):

@@ -1,4 +1,4 @@
-"""The test suite of another renderer, run with our pytest plugin in a process of its own."""
+"""The test suite of another renderer, run with our pytest plugin in a separate process."""
 
 import subprocess
 import sys

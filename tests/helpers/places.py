@@ -1,4 +1,4 @@
-"""Where things lie: the repository, and the measurements beside it."""
+"""Where things lie: the repository, and the measurements next to it."""
 
 from pathlib import Path
 

@@ -25,7 +25,7 @@ SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
 
 
 def small_excess(change, repeats=None, seed=3):
-    """The residual that a change (band, y, x) in DN and noise leave; only a lamp's scale is adjusted beside it."""
+    """The residual that a change (band, y, x) in DN and noise leave; only a lamp's scale is adjusted next to it."""
     noise = np.random.default_rng(seed).standard_normal(SIGNAL.shape)
     lamp = SIGNAL / SIGMA / np.linalg.norm(SIGNAL / SIGMA)
     residual = noise + change / SIGMA
@@ -34,7 +34,7 @@ def small_excess(change, repeats=None, seed=3):
     surface = np.where(FLOOR, 0, 1)
     position = np.stack([COLUMNS, np.where(FLOOR, 0, 30 - ROWS), np.where(FLOOR, ROWS - 30, 0)], axis=-1) * 10.0
     patches = np.array([[100.0, 0, 50], [300, 0, 50], [100, 150, 0], [300, 150, 0]])
-    ones = np.ones((SIZE * SIZE, BANDS))
+    values = np.ones((SIZE * SIZE, BANDS))
     transport = Transport(
         pixel=np.arange(SIZE * SIZE),
         coverage=np.ones(SIZE * SIZE),
@@ -47,8 +47,8 @@ def small_excess(change, repeats=None, seed=3):
         patch_position=patches,
         form_factors=np.full((4, 4), 0.05, np.float32),
         reflectance=np.array([[0.5] * BANDS, [0.7] * BANDS]),
-        arriving=ones,
-        direct=0.8 * ones,
+        arriving=values,
+        direct=0.8 * values,
         view=VIEW.ravel(),
         incidence=INCIDENCE.ravel(),
         patch_arriving=np.ones((4, BANDS)),

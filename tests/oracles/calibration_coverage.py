@@ -243,7 +243,7 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
     spectra = np.array([np.interp(table.grid.nm, WAVELENGTH_NM, reflectance) for reflectance in truth.reflectance])
     known = spectra @ table.filters.T
     dyed = slice(1, len(known))
-    # What the patches tell of the light has so many degrees of freedom.
+    # Information of the patches on the light has this number of degrees of freedom.
     degrees = min(shading.degrees for shading in table.shading.values())
     shares = {"reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed], degrees)}
     ratios, sigmas = [], []
@@ -266,13 +266,13 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
 def score(folder: Path, seed: int) -> Shares:
     """Make the capture of a seed in a new folder, calibrate it, and hold everything against the truth."""
     truth = make_capture(folder, seed)
-    found = calibrate(load_capture(folder), REFERENCE_SIGMA)
+    calibration = calibrate(load_capture(folder), REFERENCE_SIGMA)
     return (
-        _sensor(found, truth)
-        | _response(found, truth)
-        | _signals(found, truth)
-        | _camera(found, truth)
-        | _chart(found, truth)
+        _sensor(calibration, truth)
+        | _response(calibration, truth)
+        | _signals(calibration, truth)
+        | _camera(calibration, truth)
+        | _chart(calibration, truth)
     )
 
 

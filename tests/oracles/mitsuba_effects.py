@@ -58,8 +58,8 @@ def reference(
         bsdfs = {}
         for name, material in scene.materials.items():
             rgb = _rgb(material.reflectance, wavelength_nm)
-            own = paint is not None and paint[0] == name
-            bsdfs[name] = {**paint[1], "reflectance": rgb} if own and paint else _diffuse(rgb)
+            mask = paint is not None and paint[0] == name
+            bsdfs[name] = {**paint[1], "reflectance": rgb} if mask and paint else _diffuse(rgb)
         parts: dict[str, Any] = {s.name: _mesh(s, {"bsdf": bsdfs[s.material]}) for s in scene.surfaces}
         panel = _diffuse(_rgb(scene.lamp.reflectance, wavelength_nm))
         glow = {"type": "area", "radiance": {"type": "rgb", "value": 1.0}}

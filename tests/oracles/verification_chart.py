@@ -192,8 +192,10 @@ def calibrate(
     for index, letter in enumerate("RGB"):
         counts, used, spectra = [], [], []
         for light in lights:
-            tried = [(seconds, float(camera.record(light, seconds, PIXELS_READ, generator)[index])) for seconds in DIAL]
-            usable = [(seconds, value) for seconds, value in tried if 20 <= value <= 240]
+            trials = [
+                (seconds, float(camera.record(light, seconds, PIXELS_READ, generator)[index])) for seconds in DIAL
+            ]
+            usable = [(seconds, value) for seconds, value in trials if 20 <= value <= 240]
             if camera.square_root_from is not None:  # its dark level is 25
                 usable = [(seconds, value) for seconds, value in usable if value >= 45]
             for seconds, value in usable[-READINGS:]:

@@ -39,7 +39,7 @@ SHIFTS_NM = {"f500": 1.0, "f550": 3.0, "f600": 4.0}
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What is believed beside the published numbers."""
+    """What is believed next to the published numbers."""
 
     black_dn: float = 0.0
     late_s: float = 0.0
@@ -213,7 +213,7 @@ STEPS = {
 
 
 def split(cells: Cells) -> tuple[float, float]:
-    """Relative error, rms: the part common to all exposures of a patch in a band, and what is left beside it."""
+    """Relative error, rms: the part common to all exposures of a patch in a band, and what is left next to it."""
     kept = cells.chosen(cells.strong & ~cells.clipped & (cells.measured >= FAINTEST_DN))
     error = np.log(kept.predicted / kept.measured)
     common, rest = [], []

@@ -51,11 +51,11 @@ def test_one_thread_in_another_process_changes_no_bit():
 def test_how_many_batches_one_kernel_call_computes_changes_no_bit(monkeypatch, render):
     """Five batches of 256 pixels, of which a quarter takes twice the samples: in calls of 2^16 lanes, and of 100."""
     samples = np.where(np.indices((16, 16)).sum(axis=0) % 4 == 0, 32, 16)
-    found = []
+    results = []
     for lanes in (2**16, 100):
         monkeypatch.setattr(film, "_LANES_PER_CALL", lanes)
         bands = np.array([450.0, 650.0])
         image = render(RenderJob(cornell_box(), cornell_camera(16), bands, samples=samples, batches=5, seed=3))
-        found.append(image.coefficients)
-    np.testing.assert_array_equal(*found)
-    assert np.unique(found[0].mean(axis=(1, 2, 3))).size == 5  # batches differ
+        results.append(image.coefficients)
+    np.testing.assert_array_equal(*results)
+    assert np.unique(results[0].mean(axis=(1, 2, 3))).size == 5  # batches differ

@@ -1,4 +1,4 @@
-"""Scene files: what is written is read, every fault is told with its place, and garbage never escapes."""
+"""Scene files: what is written is read, every fault is reported with its place, and garbage never escapes."""
 
 import functools
 import json
@@ -134,7 +134,7 @@ FAULTS = {
     ),
     "two shapes": (GOOD + 'mesh = "a.obj"\n', ["surface[1] (block)", "box and mesh"]),
     "no shape": (GOOD + BALL, ["surface[2] (ball)", "no shape"]),
-    "hole beside a box": (GOOD + 'hole = "light"\n', ["surface[1] (block).hole", "quads_mm"]),
+    "hole next to a box": (GOOD + 'hole = "light"\n', ["surface[1] (block).hole", "quads_mm"]),
     "hole of another name": (
         GOOD.replace('hole = "light"', 'hole = "window"'),
         ["hole", "'window'", "'light'"],

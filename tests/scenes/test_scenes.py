@@ -235,7 +235,7 @@ def test_a_plate_with_several_holes_is_tiled(holes):
 
 
 def test_holes_that_no_line_parts_are_refused():
-    """Four around a middle, each beside the next one's end; two that overlap."""
+    """Four around a middle, each next to the next one's end; two that overlap."""
     windmill = [
         rectangle(x, y, w, h)
         for x, y, w, h in ((1.4, 0.8, 2.2, 0.6), (3.2, 1.4, 0.6, 2.2), (2.6, 3.2, 2.2, 0.6), (0.8, 2.6, 0.6, 2.2))

@@ -84,8 +84,8 @@ def frozen_classes():
     for room in (scenes, calibration, rendering, validation):
         for module in pkgutil.walk_packages(room.__path__, room.__name__ + "."):
             for thing in vars(importlib.import_module(module.name)).values():
-                own = isinstance(thing, type) and thing.__module__ == module.name
-                if own and is_dataclass(thing) and thing.__dataclass_params__.frozen:
+                mask = isinstance(thing, type) and thing.__module__ == module.name
+                if mask and is_dataclass(thing) and thing.__dataclass_params__.frozen:
                     yield thing
 
 

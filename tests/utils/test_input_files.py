@@ -1,4 +1,4 @@
-"""A slip in a TOML file is told with its line and how it is mended."""
+"""A slip in a TOML file is reported with its line and how it is mended."""
 
 import pytest
 from cboxlab.utils.errors import InputError

@@ -1,13 +1,13 @@
-"""Progress: what is told, shares of a whole, and how a computation is stopped."""
+"""Progress: reports, shares of a whole, and how a computation is stopped."""
 
 import pytest
 from cboxlab.utils.progress import NO_PROGRESS, Cancelled, ProgressReporter, share
 
 
 def told_by(work):
-    told = []
-    work(ProgressReporter(lambda stage, done: told.append((stage, done))))
-    return told
+    messages = []
+    work(ProgressReporter(lambda stage, done: messages.append((stage, done))))
+    return messages
 
 
 def test_a_share_is_that_part_of_the_whole():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.rendering.model import write_model
@@ -15,8 +15,10 @@ from cboxlab.utils.table import Table
 from .. import diagnose as engine
 from ..compare import HEADLINE, Validation, failures
 from ..report import (
+    comparison_figure,
     diagnosis_record,
     finding_sentences,
+    named_bands,
     ranked_values,
     step_name,
     write_diagnosis,
@@ -26,6 +28,9 @@ from .calibration import suspicion_lines
 from .inputs import CaptureLike, ModelLike, as_capture
 from .result import Result
 from .validation import MAX_FAILURES, ValidationResult, validate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["DiagnosisResult", "diagnose"]
 
@@ -73,6 +78,27 @@ class DiagnosisResult(Result):
         write_model(model, self.diagnosis.model)
         write_diagnosis(diagnosis, self.diagnosis)
         return (diagnosis, model, *files)
+
+    def figure(self, what: str = "difference") -> Figure:
+        """Figure of the comparison with the effects found; the one before is ``validate``'s.
+
+        Parameters
+        ----------
+        what
+            As of ``ValidationResult.figure``.
+
+        Returns
+        -------
+        Figure
+            Matplotlib figure, ready for ``savefig``.
+
+        Raises
+        ------
+        InputError
+            For another name.
+        """
+        comparison = self.diagnosis.path[-1].comparison
+        return comparison_figure(comparison, named_bands(comparison.bands, self.validation.prepared.responses), what)
 
     def lines(self) -> list[str]:
         """Findings, suspicions, and the places where the model as given fails most.

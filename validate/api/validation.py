@@ -16,7 +16,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from cboxlab.utils.table import Table
 
 from ..compare import HEADLINE, Validation, failures, validate_capture
-from ..report import chi2_by_place, named_bands, validation_record, verdict, write_validation
+from ..report import chi2_by_place, comparison_figure, named_bands, validation_record, verdict, write_validation
 from ..report.viewer import viewer_data, viewer_fragment
 from .calibration import suspicion_lines
 from .inputs import CaptureLike, ModelLike, as_capture, as_model
@@ -138,25 +138,27 @@ class ValidationResult(Result):
             {"band": names, "wavelength": ("band", [nm[name] for name in names], {"units": "nm"})},
         )
 
-    def plot(self) -> Figure:
-        """Figure of the residual by band: the difference over its standard deviation.
+    def figure(self, what: str = "difference") -> Figure:
+        """Figure for a publication, with units and in colours for all colour vision.
+
+        Parameters
+        ----------
+        what
+            "difference" (over sigma, by band), "relative" (%, by band), "photograph", "rendering" (DN, by band, on one
+            scale), "colour" (ΔE), "luminance" (%), "residuals" (distribution), or "surfaces" (means by band).
 
         Returns
         -------
         Figure
-            One image for each band, in the order of wavelength, on one scale of -5 to 5.
-        """
-        from matplotlib.figure import Figure
+            Matplotlib figure, ready for ``savefig``.
 
-        residual = self.maps["residual"]
-        figure = Figure(figsize=(2.2 * residual.sizes["band"], 2.6), layout="constrained")
-        axes = figure.subplots(1, residual.sizes["band"], squeeze=False)[0]
-        for axis, band in zip(axes, residual["band"].values, strict=True):
-            image = residual.sel(band=band)
-            picture = axis.imshow(image, cmap="RdBu_r", vmin=-5, vmax=5)
-            axis.set(title=f"{float(image['wavelength']):.0f} nm", xticks=(), yticks=())
-        figure.colorbar(picture, ax=list(axes), label="(measured − rendered) / σ")
-        return figure
+        Raises
+        ------
+        InputError
+            For another name.
+        """
+        comparison = self.validation.comparison
+        return comparison_figure(comparison, named_bands(comparison.bands, self.validation.prepared.responses), what)
 
     def _repr_html_(self) -> str:
         """Lines, table, and the viewer of photograph and rendering, for notebooks."""

@@ -20,7 +20,7 @@ from cboxlab.rendering.chain import RenderSettings, after_stage, expected_signal
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.files import AS_STATED, Declared
-from cboxlab.rendering.image import RenderedImage, light_shares
+from cboxlab.rendering.image import BATCH_SEED_STEP, RenderedImage, light_shares
 from cboxlab.rendering.model import Model, with_further_distortion
 from cboxlab.rendering.perturbation import warp_change
 from cboxlab.rendering.radiosity import LightField
@@ -288,7 +288,7 @@ def _roughly_scaled(prepared: CalibratedCapture, model: Model, light: LightField
         image = prepared.picture.through(camera, model.render.seed)
     else:
         render, _, _ = _renderer(prepared, light, camera, model.render, model.effects)
-        image = render(_ROUGH_SAMPLES, _ROUGH_BATCHES, NO_PROGRESS)
+        image = render(_ROUGH_SAMPLES, 0, _ROUGH_BATCHES, NO_PROGRESS)
     return _scaled_to(prepared, render_bands(image, prepared.responses))
 
 
@@ -404,8 +404,9 @@ def _renderer(
     """Renderer of our picture, its target noise, and the power by which samples lower it."""
     if prepared.gathered:
 
-        def gathered(samples: int, batches: int, report: Progress) -> RenderedImage:
-            return cached_picture(prepared.cache, light, camera, samples, batches, settings.seed, report)
+        def gathered(samples: int, first_batch: int, batches: int, report: Progress) -> RenderedImage:
+            seed = settings.seed + BATCH_SEED_STEP * first_batch
+            return cached_picture(prepared.cache, light, camera, samples, batches, seed, report)
 
         return gathered, settings.noise, CONVERGENCE
     scene = after_stage(prepared.complete, effects, "scene")

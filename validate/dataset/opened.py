@@ -15,6 +15,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json, require_regular_file
+from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
 from .formats import open_picture, write_copy
@@ -22,8 +23,9 @@ from .layout import INDEX, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
 
-#: Columns of the index that hold numbers, with their types.
-_NUMBERS = {"picture": int, "box": int, "geometry": int, "bytes": int}
+#: Columns of the index that hold whole numbers.
+_NUMBERS = ("picture", "box", "geometry", "bytes")
+#: Columns of the index that hold other numbers.
 _FRACTIONS = ("relative_standard_error", "mean_luminance")
 
 #: Parts of a data set.
@@ -249,16 +251,22 @@ def open_dataset(folder: str | Path) -> Dataset:
     read_state(path)
     hint = "The run has not ended. Repeat the command that began it."
     require_regular_file(path / INDEX, "the index of a data set", hint)
-    with (path / INDEX).open(encoding="utf-8", newline="") as stream:
-        rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))
+    try:
+        with (path / INDEX).open(encoding="utf-8", newline="") as stream:
+            rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))
+    except (UnicodeDecodeError, csv.Error, OSError) as error:
+        raise InputError(path / INDEX, f"a table that cannot be read ({error})", "an index that cbox wrote") from None
     return Dataset(path, rows)
 
 
 def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
     """Row of the index with its numbers."""
     try:
-        numbers: dict[str, Any] = {key: kind(row[key]) for key, kind in _NUMBERS.items()}
-        numbers.update({key: float(row[key]) for key in _FRACTIONS})
-    except (KeyError, TypeError, ValueError) as error:
+        numbers: dict[str, Any] = {key: whole_number_of(row[key]) for key in _NUMBERS}
+        numbers.update({key: number_of(row[key]) for key in _FRACTIONS})
+    except (KeyError, AttributeError) as error:
         raise InputError(path, f"a row that cannot be read ({error})", "an index that cbox wrote") from None
+    for key in (*_NUMBERS, *_FRACTIONS):
+        if numbers[key] is None or (np.isnan(numbers[key]) and row[key] != "nan"):
+            raise InputError(path, f"{key} '{row[key][:40]}'", "a number")
     return {**row, **numbers}

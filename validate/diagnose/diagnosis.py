@@ -17,10 +17,8 @@ from ..compare import Comparison, Validation, compared
 from .alternatives import Cause, SelectedEffect, groups, holds_beside_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
-    SHAPE_ERROR,
     Limit,
     explained_part,
-    penalised,
     prior_pull,
     something_remains,
     square,
@@ -37,6 +35,7 @@ from .linearised_fit import (
     residual_with,
     residual_with_rendered,
 )
+from .ranking import UNKNOWN, Ranked, ranking
 from .search import Candidate, scale_notes, without_imitated
 from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
@@ -44,36 +43,13 @@ from .unexplained import explanation_to_report, family_beats_effects, residual_d
 
 __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
 
-#: Identifier selected where something remains that no effect of the catalogue explains.
-UNKNOWN = "unknown"
-
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
 _MIN_CHI2_FOR_FAMILY = 0.03
 
-#: Probability that nothing is missing, where no effect was accepted: 147 of 149 blind captures, nothing or a weak
-#: cause hidden; fewer with faint ones (`benchmarks/measured/blind_diagnosis.jsonl`).
-NOTHING_MISSING = 0.95
-
 #: Probability of an unknown cause where effects leave nothing: of 116 such blind captures on perfect bases, 1 hid one
 #: (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
 _UNKNOWN_EXPLAINED = 0.02
-
-
-@dataclass(frozen=True)
-class Ranked(FrozenMappings):
-    """One effect tried alone."""
-
-    #: Identifier of the effect.
-    effect: str
-    #: By parameter, its values.
-    values: Mapping[str, str | float]
-    #: By parameter, standard deviations of the fitted ones.
-    sigma: Mapping[str, float]
-    #: Chi2 per sample with the effect.
-    chi2_per_dof: float
-    #: Probability that it is a cause.
-    probability: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +225,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=_ranking(by_size.singles, search, answer.assessed, start, answer.unknown, answer.selected),
+        ranking=ranking(by_size.singles, search, answer.assessed, start, answer.unknown, answer.selected),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -343,7 +319,8 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     flaws = beside.found
     del beside  # its columns take much of the memory
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
-    if something_remains(search.linearised.model, residual, rendered):
+    doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
+    if doubtful or something_remains(search.linearised.model, residual, rendered):
         # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
         again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
@@ -406,55 +383,3 @@ def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[C
         prior_pull=prior_pull(residual),
         comparison=compared(prepared, rendered, scale * signal),
     )
-
-
-def _ranking(
-    by_size: Sequence[Candidate],
-    search: Selection,
-    assessed: Sequence[SelectedEffect],
-    start: LinearModel,
-    unknown: float,
-    selected: tuple[str, ...],
-) -> tuple[Ranked, ...]:
-    """Effects by probability: the selected ones, then their alternatives, then all others.
-
-    A selected effect and its alternatives share its probability. Where no effect was selected, NOTHING_MISSING of it is
-    that nothing is missing. Chi2 without errors counted is that of the model as given minus the gain of the effect, in
-    whatever covariance the gain was computed.
-    """
-    singles = search.singles
-    offset = start.chi2 - search.first.chi2
-    entries = {c.hypothesis.effect.id: _ranked(c, 0.0, start.count, 0.0) for c in by_size}
-    entries |= {c.hypothesis.effect.id: _ranked(c, offset, start.count, 0.0) for c in singles}
-    if set(selected) - {UNKNOWN}:
-        for effect in sorted(assessed, key=lambda e: e.chi2_without):
-            rivals = [effect.candidate, *effect.alternatives]
-            shares = _shares(rivals, effect.chi2_without, effect.dispersion)
-            for candidate, share in zip(rivals, shares, strict=True):
-                entry = _ranked(candidate, offset, effect.count, (1 - unknown) * share)
-                listed = entries.get(entry.effect)
-                if candidate is effect.candidate or listed is None or entry.probability > listed.probability:
-                    entries[entry.effect] = entry
-    else:
-        others_share = 1 - unknown if selected else 1 - unknown - NOTHING_MISSING
-        for candidate, share in zip(singles, _shares(singles, search.first.chi2, 1.0), strict=True):
-            entries[candidate.hypothesis.effect.id] = _ranked(candidate, offset, start.count, others_share * share)
-    lowest = min((offset + c.chi2 for c in singles), default=start.chi2)
-    entries[UNKNOWN] = Ranked(UNKNOWN, {}, {}, lowest / start.count, unknown)
-    return tuple(sorted(entries.values(), key=lambda r: (-r.probability, r.chi2_per_dof)))
-
-
-def _ranked(candidate: Candidate, offset: float, count: int, probability: float) -> Ranked:
-    """An entry of the ranking; its chi2 plus an offset counts."""
-    values, sigma = dict(candidate.applied.values), dict(candidate.sigma)
-    return Ranked(candidate.hypothesis.effect.id, values, sigma, (offset + candidate.chi2) / count, probability)
-
-
-def _shares(candidates: Sequence[Candidate], chi2_without: float, dispersion: float) -> list[float]:
-    """Probabilities from differences of chi2, each number at its price.
-
-    The errors of the effects' shapes may make a part of the differences, which widens them.
-    """
-    chi2 = np.array([penalised(c) for c in candidates])
-    weights = np.exp(-0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0)))
-    return [float(w) for w in weights / weights.sum()]

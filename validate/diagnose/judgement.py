@@ -144,6 +144,11 @@ class BaseFlaws:
     #: (n,) change of the used samples by all flaws, DN.
     change_dn: NDArray[np.float64]
 
+    @property
+    def imitated(self) -> bool:
+        """Whether an effect may be what the base is off by: single pixels deviate otherwise."""
+        return any(not flaw.of_single_pixels for flaw in self.reported)
+
 
 def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
     """Columns of the base's flaws in a capture's picture.

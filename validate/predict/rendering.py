@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -17,14 +18,17 @@ __all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Picture", "noise_ratio", 
 
 _log = logging.getLogger(__name__)
 
-#: Renders a picture on WAVELENGTH_NM: of samples per batch, number of batches, and a callback for progress.
-Picture = Callable[[int, int, Progress], RenderedImage]
+#: Renders a picture on WAVELENGTH_NM: of samples per batch, first batch, number of batches, and a progress callback.
+Picture = Callable[[int, int, int, Progress], RenderedImage]
 
 #: Batches of a rendering. The relative standard deviation of a pixel's variance is then sqrt(2 / 7) = 0.53.
 BATCHES = 8
 
 #: Samples per batch of the pilot, and the fewest of any rendering.
 PILOT_SAMPLES = 64
+
+#: Largest pilot that is completed by further batches, bytes: both together need twice the memory of the picture.
+_MAX_COMPLETED_BYTES = 300e6
 
 #: Most samples per batch: bounds the time where the noise cannot be reached.
 _MAX_SAMPLES = 8192
@@ -93,26 +97,35 @@ def render_to_noise(
     Returns
     -------
     RenderedImage
-        The picture; the pilot's if that is good enough.
+        The picture. The pilot's if that is good enough, and completed by further batches if its samples suffice.
     Dataset
         Its band images.
     float
         Ratio that the pilot reached.
     """
 
-    def rendered(samples: int, batches: int, report: Progress) -> tuple[RenderedImage, xr.Dataset]:
-        image = picture(samples, batches, report)
-        return image, render_bands(image, responses)
-
+    first = None
     if pilot is None:
-        image, bands = rendered(PILOT_SAMPLES, BATCHES, share(progress, 0.0, 0.0))
+        image = picture(PILOT_SAMPLES, 0, BATCHES, share(progress, 0.0, 0.0))
+        bands = render_bands(image, responses)
         pilot = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
         if pilot <= noise:
             _log.info("pilot of %d samples is enough: %.3g of the sensor's noise", PILOT_SAMPLES, pilot)
             return image, bands, pilot
+        first = image if image.coefficients.nbytes <= _MAX_COMPLETED_BYTES else None
         del image, bands  # the next picture has as many batches
     required = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
     samples = int(np.clip(2 ** np.floor(np.log2(required)), PILOT_SAMPLES, _MAX_SAMPLES))
     expected = pilot * (PILOT_SAMPLES / samples) ** convergence
     _log.info("%d samples per pixel and batch, for %.3g of the sensor's noise", samples, noise)
-    return *rendered(samples, int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2)), progress), pilot
+    batches = int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2))
+    if first is not None and samples == PILOT_SAMPLES and batches > BATCHES:
+        image = _completed(first, picture(samples, BATCHES, batches - BATCHES, progress))
+    else:
+        image = picture(samples, 0, batches, progress)
+    return image, render_bands(image, responses), pilot
+
+
+def _completed(image: RenderedImage, further: RenderedImage) -> RenderedImage:
+    """Image with the further batches of the same picture."""
+    return replace(image, coefficients=np.concatenate([image.coefficients, further.coefficients]))

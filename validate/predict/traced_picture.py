@@ -48,7 +48,7 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
     Returns
     -------
     Picture
-        Renders a picture for samples per batch, batches and a callback for progress.
+        Renders a picture for samples per batch, first batch, batches and a callback for progress.
     """
     shape = gather(light, camera, _SAMPLES, 1, settings.seed)
     lamp = scene.lamp_radiance(WAVELENGTH_NM)
@@ -58,7 +58,7 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
     lambertian = shape.coefficients[0] @ shape.spectra[:, at]
     between = np.array([np.interp(WAVELENGTH_NM, traced_nm, row) for row in np.eye(at.size)])
 
-    def picture(samples: int, batches: int, report: Progress) -> RenderedImage:
+    def picture(samples: int, first_batch: int, batches: int, report: Progress) -> RenderedImage:
         traced = render(
             RenderJob(
                 scene,
@@ -68,6 +68,7 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
                 batches * _PARTS,
                 seed=settings.seed,
                 max_bounces=settings.max_bounces,
+                first_batch=first_batch * _PARTS,
             ),
             progress=report,
         )

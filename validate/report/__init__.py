@@ -11,18 +11,21 @@ from .diagnosis import (
     step_name,
     write_diagnosis,
 )
+from .figures import FIGURES, comparison_figure
 from .metrics import PathStep
 from .plots import STYLE, picture_row
 from .verdict import chi2_by_place, verdict
 from .write import validation_record, write_validation
 
 __all__ = [
+    "FIGURES",
     "STYLE",
     "PathStep",
     "ReportSection",
     "calibration_rows",
     "chi2_by_place",
     "colour_rows",
+    "comparison_figure",
     "diagnosis_record",
     "finding_sentences",
     "named_bands",

@@ -31,6 +31,7 @@ __all__ = [
     "ranked_values",
     "result_sentence",
     "separation_sentence",
+    "size_in_words",
     "step_name",
     "unexplained_sentences",
     "values_text",
@@ -465,6 +466,32 @@ def values_text(effect: str, values: Mapping[str, str | float], sigma: Mapping[s
         Values with their standard deviations.
     """
     return _parameter_text(AppliedEffect(catalogue()[effect], values), sigma)
+
+
+def size_in_words(effect: AppliedEffect) -> str:
+    """Size of an effect in plain words.
+
+    Parameters
+    ----------
+    effect
+        The effect with its parameters.
+
+    Returns
+    -------
+    str
+        A sentence; the effect's title where no size can be said so.
+    """
+    if not effect.effect.in_words:
+        return f"{effect.id}: {effect.effect.short_title}."
+    values = {k: v if isinstance(v, str) else _Signed(v) for k, v in effect.values.items()}
+    return f"{effect.id}: {effect.effect.in_words.format(**values)}."
+
+
+class _Signed(float):
+    """Number whose text has a minus sign, and a space before the percent sign."""
+
+    def __format__(self, form: str) -> str:
+        return format(float(self), form).replace("-", "−").replace("%", " %")
 
 
 def ranked_values(ranked: Ranked) -> str:

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compare import HEADLINE, Comparison
+from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from ..diagnose import Cause, Diagnosis
 from ..diagnose.explain import advice
 from .bands import NamedBand
@@ -22,6 +22,7 @@ from .diagnosis import (
     ranked_values,
     result_sentence,
     separation_sentence,
+    size_in_words,
     step_name,
     unexplained_sentences,
     values_text,
@@ -146,7 +147,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
             "Photograph minus rendering": pooled(diagnosis.residual),
             f"Change by {first.effect} alone": pooled(first.signature),
         }
-    meaning = [f"{e.id}: {e.effect.short_title}." for e in diagnosis.path[-1].effects]
+    meaning = [size_in_words(effect) for effect in diagnosis.path[-1].effects]
     details = [
         *meaning,
         *flaw_sentences(diagnosis),
@@ -250,7 +251,10 @@ def _why_not(first: Cause, other: Cause, diagnosis: Diagnosis) -> str:
     probability = next((r.probability for r in diagnosis.ranking if r.effect == other.effect), 0.0)
     conclusion = "This capture distinguishes them."
     if probability > _MIN_PROBABILITY:
-        conclusion += f" Its probability of {100 * probability:.1f} % includes errors of the computed patterns."
+        conclusion += (
+            f" Its probability of {100 * probability:.1f} % is larger than this distance alone would leave, because it "
+            "allows for errors of the computed patterns, which noise does not measure."
+        )
     if other.behind_sigma <= _MIN_SEPARATION_SIGMA or any(
         {first.effect, other.effect} <= set(group) for group in diagnosis.indistinguishable
     ):
@@ -270,12 +274,15 @@ def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow
     def row(pictures: NDArray, caption: str) -> MapRow:
         return map_row({name: pictures[i] for i, name in largest}, residual_scale(), caption)
 
+    def size(cause: Cause) -> str:
+        return _size(diagnosis, cause.effect, values_text(cause.effect, cause.values, cause.sigma))
+
     return [
         row(diagnosis.residual, "Photograph minus rendering, σ."),
         *(
             row(
                 cause.signature,
-                f"Change by {cause.effect} alone ({values_text(cause.effect, cause.values, cause.sigma)}), σ. "
+                f"Change by {cause.effect} alone ({size(cause)}), σ. "
                 f"Its cosine with the difference is {number(cause.cosine)}, with the first cause "
                 f"{number(cause.cosine_with_first)}." + ("" if _visible(cause) else _IMITATED),
             )
@@ -284,13 +291,49 @@ def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow
     ]
 
 
+def _size(diagnosis: Diagnosis, effect: str, alone: str) -> str:
+    """Parameters of an effect in the final model, or else those fitted alone."""
+    last = diagnosis.path[-1]
+    in_model = {e.id: values_text(e.id, e.values, sigma) for e, sigma in zip(last.effects, last.sigma, strict=True)}
+    return in_model.get(effect, alone)
+
+
+def _before_and_after(diagnosis: Diagnosis) -> Table:
+    """Figures of the model as given and with the effects found, in two columns."""
+    first, last = (diagnosis.path[k].comparison for k in (0, -1))
+    rows = [
+        (
+            "χ² per degree of freedom",
+            significant(first.chi2.per_dof, 4),
+            significant(last.chi2.per_dof, 4),
+            f"1 ± {significant(last.chi2.per_dof_sigma, 2)}",
+        ),
+        *(
+            (
+                f"mean {COLOUR_DIFFERENCES[name].label}",
+                number(first.colour[name].mean, 2),
+                number(last.colour[name].mean, 2),
+                number(last.colour_noise[name].mean, 2),
+            )
+            for name in first.colour
+        ),
+        (
+            "rms luminance difference, %",
+            number(100 * first.luminance.rms, 2),
+            number(100 * last.luminance.rms, 2),
+            number(100 * last.luminance.rms_noise, 2),
+        ),
+    ]
+    return Table(("figure", "model as given", "with the effects found", "noise alone"), rows)
+
+
 def _ranking(diagnosis: Diagnosis) -> Table:
     """Effects tried alone, by the part of the excess that each explains."""
     excess = diagnosis.chi2_per_dof - 1
     rows = [
         (
             r.effect,
-            Cell(ranked_values(r), wrap=True),
+            Cell(_size(diagnosis, r.effect, ranked_values(r)), wrap=True),
             number(100 * (diagnosis.chi2_per_dof - r.chi2_per_dof) / excess if excess > 0.01 else np.nan, 1),
             number(100 * r.probability, 1),
         )
@@ -299,7 +342,8 @@ def _ranking(diagnosis: Diagnosis) -> Table:
     return Table(
         ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"),
         rows,
-        "Camera and lamp are refitted with each effect. Errors of the rendering count as noise here, so that none of "
+        "Camera and lamp are refitted with each effect. The parameters of an effect found are of the final model. "
+        "Errors of the rendering count as noise here, so that none of "
         "them is taken for an effect; the true effect may explain a little more than 100 %. The probability of an "
         "effect found is that it is the cause, and not one of its alternatives. Each of several effects has its "
         "probability. The probability of 'unknown' is that the cause is not in the catalogue.",
@@ -321,7 +365,11 @@ def _falling(diagnosis: Diagnosis) -> ReportSection:
     return ReportSection(
         "The error falling",
         (),
-        (curve, map_row(dict(zip(labels, maps, strict=True)), scale, "Photograph minus rendering at each step.")),
+        (
+            _before_and_after(diagnosis),
+            curve,
+            map_row(dict(zip(labels, maps, strict=True)), scale, "Photograph minus rendering at each step."),
+        ),
     )
 
 

@@ -14,10 +14,10 @@ from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model, checked_effects, referred_scene, scene_reference, with_scene_file
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_json
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from .history import History, State
 
@@ -116,10 +116,7 @@ def read_study(path: Path) -> StudyFile:
     InputError
         Naming every fault of the file.
     """
-    try:
-        entry = _Content.model_validate(read_json(path, "a study in JSON"))
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _Content)) from None
+    entry = validated(path, read_json(path, "a study in JSON"), _Content)
     if entry.at >= len(entry.states):
         raise InputError(f"{path}: at", str(entry.at), f"below the number of states, {len(entry.states)}")
     parent = path.parent

@@ -11,11 +11,11 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.lens import LENS_TERMS, PLAIN_LENS, Lens
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, faults_of_validation
+from cboxlab.utils.faults import validated
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
 __all__ = ["camera_entry", "read_camera", "write_camera"]
 
@@ -104,10 +104,7 @@ def read_camera(path: Path) -> Camera:
     """
     path = Path(path)
     content = read_json(path, "a camera file in JSON")
-    try:
-        entry = _CameraFile.model_validate(content)
-    except ValidationError as error:
-        raise combined(faults_of_validation(path, error, _CameraFile)) from None
+    entry = validated(path, content, _CameraFile)
     position = np.array(entry.position_mm)
     if (entry.rotation is None) == (entry.look_at_mm is None):
         fault = "neither rotation nor look_at_mm" if entry.rotation is None else "rotation and look_at_mm"

@@ -101,10 +101,10 @@ def test_the_black_level_of_the_files_takes_the_place_of_darks(original, folder)
     light = np.interp(WAVELENGTH_NM, NM, 1e-4 * planck(NM, 3000.0))
     responses = band_responses(capture, nominal_constant(capture), channels)
     for index, response in enumerate(responses):
-        own = channel_mask("GBRG", capture.shape, channels[response.band])
-        found = corrected.images["signal"].values[index][own].mean()
-        assert found == pytest.approx(response.signal(light), rel=2e-3)
-        assert 512 / found > 0.02
+        mask = channel_mask("GBRG", capture.shape, channels[response.band])
+        mean = corrected.images["signal"].values[index][mask].mean()
+        assert mean == pytest.approx(response.signal(light), rel=2e-3)
+        assert 512 / mean > 0.02
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture import reduction as module
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.geometry import capture_points
+from cboxlab.calibration.quality.points import check_points
 from cboxlab.calibration.radiometry.sensor_equation import nominal_constant
 from cboxlab.calibration.result import calibrate
 from cboxlab.calibration.result.write import calibration_record
@@ -129,7 +130,65 @@ def test_large_frames_are_reduced_to_the_box_and_small_ones_are_not(tmp_path, mo
     assert written(tmp_path, "binning = 1", GEOMETRY, shape=(180, 180), repeats=1).reduction is None
     behind = written(tmp_path, "", GEOMETRY + '[mosaic]\npattern = "RGGB"\n', shape=(180, 180), repeats=1)
     part = behind.reduction
-    assert part is None or (part.side_px, part.u0_px % 2, part.v0_px % 2) == (1, 0, 0)
+    assert (part.side_px, part.step_px, part.u0_px % 2, part.v0_px % 2) == (5, 2, 0, 0)
+
+
+CHANNELS = """[mosaic]
+pattern = "{}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("pattern", "sides"),
+    [("GBRG", (5, 9)), ("RGBW GBWR BWRG WRGB", (9, 17)), ("GBGGRG RGRBGB GBGGRG GRGGBG BGBRGR GRGGBG", (13,))],
+)
+def test_sums_behind_a_mosaic_keep_its_pattern_and_the_middle_of_a_block(pattern, sides, tmp_path):
+    """Every sum is over pixels of its block's channel, whose mean position is the middle of the block."""
+    tables = CHANNELS.format(pattern)
+    rows = pattern.split() if " " in pattern else [pattern[:2], pattern[2:]]
+    cell = np.array([[ord(letter) for letter in row] for row in rows])
+    shape = (120, 160)
+    letter = np.tile(cell, np.ceil(np.array(shape) / cell.shape).astype(int))[: shape[0], : shape[1]]
+    for side in sides:
+        capture = written(tmp_path / str(side), f"binning = {side}", tables, repeats=1)
+        part = capture.reduction
+        count = part.summed**2
+        sums = part.counts(letter.astype(np.uint16))
+        np.testing.assert_array_equal(sums, count * letter[: sums.shape[0], : sums.shape[1]])
+        middles = part.counts(np.tile(np.arange(shape[1], dtype=np.uint16), (shape[0], 1)))[0] / count
+        np.testing.assert_allclose(middles, side * np.arange(part.width) + (side - 1) / 2)
+
+
+def test_edges_add_the_error_of_a_sum_to_its_variance(tmp_path):
+    """Sums differ across edges from those of whole blocks by the stated variance, and elsewhere by noise.
+
+    The picture is a bright disk, so that edges have all angles.
+    """
+    capture = written(tmp_path, "binning = 5", CHANNELS.format("RGGB"), repeats=1, shape=(400, 400))
+    part, fine = capture.reduction, 4
+    place = (np.arange(400 * fine) + 0.5) / fine - 0.5
+    lit = np.add.outer((place - 197) ** 2, (place - 203) ** 2) < 150**2
+    light = 200.0 + 1800.0 * lit.reshape(400, fine, 400, fine).mean(axis=(1, 3))
+    counts = np.random.default_rng(1).poisson(light).astype(np.uint16)
+    sums, spread = part.counts(counts), part.spread(counts)
+    variance = part.sampling_variance(sums.astype(float), spread)
+    whole = light.reshape(80, 5, 80, 5).mean(axis=(1, 3)) * part.summed**2
+    edge = np.ptp(light.reshape(80, 5, 80, 5).transpose(0, 2, 1, 3).reshape(80, 80, -1), axis=-1) > 0
+    assert variance[~edge].mean() < 0.02 * whole[~edge].mean()
+    squares = (sums - whole) ** 2
+    assert np.mean(squares[~edge] / whole[~edge]) == pytest.approx(1.0, abs=0.06)
+    assert squares[edge].sum() / (whole + variance)[edge].sum() == pytest.approx(1.0, abs=0.25)
+    assert squares[edge].sum() > 20 * whole[edge].sum()
+
+
+def test_the_constant_counts_the_area_that_is_summed(tmp_path):
+    """Nine pixels of a block of 25 collect nine times the light of one; the read noise is three times as large."""
+    lens = "[lens]\nfocal_length_mm = 1.26\n"
+    one = written(tmp_path / "1", "binning = 1", CHANNELS.format("RGGB") + lens, repeats=1)
+    nine = written(tmp_path / "5", "binning = 5", CHANNELS.format("RGGB") + lens, repeats=1)
+    assert nominal_constant(nine) == pytest.approx(9 * nominal_constant(one))
+    camera = nine.manifest.camera
+    assert (camera.pixel_pitch_um, camera.read_noise_e) == (25.0, 3 * READ_NOISE_E)
 
 
 def test_a_label_is_that_of_whole_blocks(tmp_path):
@@ -150,9 +209,22 @@ def test_a_label_is_that_of_whole_blocks(tmp_path):
         ("binning = 121", "", "found 121; expected at most 120"),
         ("window_px = [0, 0, 161, 10]", "", "within 160 x 120 px"),
         ("window_px = [0, 0, 10]", "", "camera.window_px"),
-        ("binning = 2", '[mosaic]\npattern = "RGGB"', "different channels; expected 1, or no binning"),
+        ("binning = 2", '[mosaic]\npattern = "RGGB"', "expected 1, 5, 9, 13 and so on"),
     ],
 )
 def test_wrong_values_are_named(keys, tables, words, tmp_path):
     with pytest.raises(InputError, match=words):
         written(tmp_path, keys, tables, repeats=1)
+
+
+def test_a_window_leaves_points_outside_without_a_suspicion(tmp_path):
+    """Twelve of forty points are in the window; points beyond the stored frame are those of another picture."""
+    camera = cornell_camera(180)
+    survey(camera, tmp_path / "points.csv")
+    small = written(tmp_path, "window_px = [60, 60, 60, 60]", GEOMETRY, shape=(180, 180), repeats=1)
+    inside = ((capture_points(small).image_px >= 0) & (capture_points(small).image_px < 60)).all(axis=1)
+    assert 4 < np.count_nonzero(inside) < 30 and not list(check_points(small, None))
+    (other := tmp_path / "other").mkdir()
+    survey(cornell_camera(400), other / "points.csv")
+    wrong = written(other, "window_px = [60, 60, 60, 60]", GEOMETRY, shape=(180, 180), repeats=1)
+    assert any("another picture" in s.what for s in check_points(wrong, None))

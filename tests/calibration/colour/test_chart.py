@@ -77,7 +77,10 @@ def test_no_chart_and_no_colours_are_said():
 
 
 def test_the_real_chart_is_found_and_measured_as_with_labels_made_by_hand(shared, tmp_path):
-    """Mean error in reflectance over 15 patches and 7 bands 0.0111, against 0.0110 with the labels made by hand."""
+    """Mean error in reflectance over 16 patches and 7 bands 0.01064, against 0.01063 with the labels made by hand.
+
+    White sets the scale; over the other 15 it is 0.01135, against 0.01134.
+    """
     real = shared / "real" / "seven-band-colorchecker"
     for name in ("frames", "spectra", "patches.csv", "capture.toml"):
         (shutil.copytree if (real / name).is_dir() else shutil.copy)(real / name, tmp_path / name)

@@ -144,9 +144,9 @@ def test_the_baselines_weights(shared):
 
     The stated errors are those that benchmarks/measured/history.md gives.
     """
-    found = calibrate(load_capture(shared / "captures" / "baseline")).colour
-    plain, trained = found.errors["least squares"], found.errors["trained"]
-    assert found.recommended == "trained"
+    colour = calibrate(load_capture(shared / "captures" / "baseline")).colour
+    plain, trained = colour.errors["least squares"], colour.errors["trained"]
+    assert colour.recommended == "trained"
     assert plain.largest[2] > 0.4 and plain.rms[2] > 0.1
     assert trained.rms[0] < 0.01 and trained.rms[1] < 0.01 and trained.rms[2] < 0.035
     assert trained.delta_e_2000.mean() < 0.3 * plain.delta_e_2000.mean()

@@ -39,9 +39,9 @@ def test_small_differences_are_those_of_ciede2000():
     white = np.tile([0.9505, 1.0, 1.089], (400, 1))
     xyz = white * generator.uniform(0.05, 0.9, (400, 1)) * generator.uniform(0.75, 1.0, (400, 3))
     step = 1e-4 * xyz * generator.standard_normal((400, 3))
-    wanted = lab_differences(xyz + step, xyz, white)[1]
+    expected = lab_differences(xyz + step, xyz, white)[1]
     found = np.linalg.norm(np.einsum("nda,na->nd", _difference_rows(xyz, white), step), axis=1)
-    ratio = found / wanted
+    ratio = found / expected
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
     assert np.percentile(np.abs(np.log(ratio)), 90) < 0.3
 

@@ -6,15 +6,15 @@ from cboxlab.calibration.colour.shading import PatchPixels, fit_shading
 
 def patches_under(light, rng, noise=0.5):
     """Twelve patches of random reflectance on a 200 x 300 frame under a light (v, u)."""
-    found = []
+    results = []
     for row in range(3):
         for column in range(4):
             v, u = (a.ravel() for a in np.mgrid[row * 60 + 10 : row * 60 + 50, column * 70 + 10 : column * 70 + 60])
             signal = 200 * rng.uniform(0.05, 1.0) * light(u, v)
-            found.append(
+            results.append(
                 PatchPixels(u.astype(float), v.astype(float), signal + noise * rng.standard_normal(u.size), noise)
             )
-    return found
+    return results
 
 
 def test_illumination_is_recovered_from_the_patches_alone():
@@ -39,6 +39,43 @@ def test_illumination_is_recovered_from_the_patches_alone():
             assert sigma < 0.005
             pulls.append((ratio - 1) / sigma)
     assert 0.25 < np.mean(np.square(pulls)) < 2.0
+
+
+def _weighted_fit(patches, order, centre, scale):
+    """Coefficients by least squares over single pixels, each over its relative noise, its patch's mean removed.
+
+    Returns them, and the sum of squares of all pixels with the fit to the other patches.
+    """
+    rows, sides = [], []
+    for patch in patches:
+        x, y = (patch.u_px - centre[0]) / scale, (patch.v_px - centre[1]) / scale
+        terms = np.stack([x**j * y ** (n - j) for n in range(1, order + 1) for j in range(n + 1)], axis=1)
+        weight = patch.signal.mean() / patch.sigma
+        log = np.log(patch.signal)
+        rows.append(weight * (terms - terms.mean(axis=0)))
+        sides.append(weight * (log - log.mean()))
+    left_out = 0.0
+    for k in range(len(patches)):
+        others = [i for i in range(len(patches)) if i != k]
+        fit = np.linalg.lstsq(np.concatenate([rows[i] for i in others]), np.concatenate([sides[i] for i in others]))[0]
+        left_out += float(np.sum((sides[k] - rows[k] @ fit) ** 2))
+    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(sides))[0], left_out
+
+
+def test_patches_of_unequal_noise_weigh_by_it():
+    """The same fit by single pixels and NumPy's least squares; noise differs by 20 between patches."""
+    rng = np.random.default_rng(3)
+    noise = np.geomspace(0.1, 2.0, 12)
+    patches = []
+    for patch, sigma in zip(patches_under(lambda u, v: np.exp((u - v) / 400), rng, noise=0.0), noise, strict=True):
+        signal = patch.signal + sigma * rng.standard_normal(patch.signal.size)
+        patches.append(PatchPixels(patch.u_px, patch.v_px, signal, float(sigma)))
+    for order in (2, 3):
+        shading = fit_shading(patches, orders=(order,))
+        fit, left_out = _weighted_fit(patches, order, shading.centre_px, shading.scale_px)
+        np.testing.assert_allclose(shading.coefficients, fit, rtol=1e-6, atol=1e-10)
+        pixels = sum(p.signal.size * (p.signal.mean() / p.sigma) ** 2 for p in patches)
+        assert abs(shading.validation[order] * pixels / left_out - 1) < 1e-6
 
 
 def test_too_few_bright_patches_give_no_shading():

@@ -293,6 +293,17 @@ def test_dark_currents_are_drawn_together_by_their_noise():
     assert slope[0, 1] / slope[1, 1] == pytest.approx(1.0, abs=0.1)
 
 
+def test_darks_of_unequal_repeats_weigh_by_them():
+    """Levels on no line, without noise that would draw rates together: NumPy's weighted least squares per pixel."""
+    rng = np.random.default_rng(7)
+    time, repeats = np.array([0.5, 3.0, 4.0, 9.0]), np.array([1, 20, 2, 6])
+    level = 100 + 5 * time[:, None, None] + rng.uniform(-1, 1, (4, 3, 5))
+    bias, rate = _fit_line(time, repeats, level, 0.0)
+    slope, intercept = np.polyfit(time, level.reshape(4, -1), 1, w=np.sqrt(repeats))
+    np.testing.assert_allclose(rate.ravel(), slope, rtol=1e-10)
+    np.testing.assert_allclose(bias.ravel(), intercept, rtol=1e-10)
+
+
 def test_the_line_of_variances_states_its_own_error():
     """Variances of two repeats, one degree each, dark and bright: 400 lines, whose sigma of the slope is as stated.
 
@@ -332,6 +343,6 @@ def test_a_channels_flat_has_the_mean_of_all_places(pattern):
     fall_off = 1 - 0.2 * (x**2 + y**2) + 0.03 * x
     factors = {}
     for letter in dict.fromkeys(pattern.replace(" ", "")):
-        own = channel_mask(pattern, fall_off.shape, letter)
-        factors[letter] = fall_off[own].mean() * _mean_of_all_places(fall_off, own)
+        mask = channel_mask(pattern, fall_off.shape, letter)
+        factors[letter] = fall_off[mask].mean() * _mean_of_all_places(fall_off, mask)
     np.testing.assert_allclose(list(factors.values()), fall_off.mean(), rtol=1e-9)

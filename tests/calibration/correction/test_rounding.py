@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
-from cboxlab.calibration.correction.noise import NoiseModel
+from cboxlab.calibration.correction.noise import ROUNDING_VARIANCE, NoiseModel, _phase_sigma, _read_noise
 from helpers.fakes.capture import BIAS, DEPTH, GAIN, READ_NOISE, FakeCapture
 from scipy.stats import norm
 
@@ -19,6 +19,33 @@ def test_the_rounding_error_is_that_of_rounded_normal_noise(sigma):
     error = (norm.cdf(upper) - norm.cdf(lower)) @ COUNTS - LEVELS
     noise = NoiseModel(40.0, None, 40.0 * sigma, None)
     assert noise.rounding_error_dn == pytest.approx(np.sqrt(np.mean(error**2)), rel=2e-3, abs=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [0.25, 0.35, 0.5])
+def test_the_variance_of_rounded_noise_scatters_over_the_phases_as_stated(sigma):
+    """From the probability of each count, without a series; the next term of the series is below 1e-3 of the first."""
+    upper, lower = ((COUNTS + half - LEVELS[:, None]) / sigma for half in (0.5, -0.5))
+    chance = norm.cdf(upper) - norm.cdf(lower)
+    variance = chance @ COUNTS**2 - (chance @ COUNTS) ** 2
+    assert np.std(variance) == pytest.approx(_phase_sigma(sigma**2), rel=0.02)
+
+
+@pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.9])
+def test_the_sigma_of_the_read_noise_is_that_of_lines_drawn_with_their_covariance(correlation):
+    """Floor and slope drawn together 200,000 times; a standard deviation has a standard error of 0.2%.
+
+    With a stated gain the slope's error plays no part.
+    """
+    floor, slope = 4.0 + ROUNDING_VARIANCE, 0.25
+    sigma = np.array([0.02, 0.002])
+    covariance = np.outer(sigma, sigma) * np.array([[1, correlation], [correlation, 1]])
+    lines = np.random.default_rng(8).multivariate_normal([floor, slope], covariance, 200_000)
+    electrons = np.sqrt(lines[:, 0] - ROUNDING_VARIANCE) / lines[:, 1]
+    read, stated = _read_noise(floor, 1 / slope, covariance, gain_is_fitted=True)
+    assert read == pytest.approx(2.0 / slope) and stated == pytest.approx(np.std(electrons), rel=0.02)
+    by_gain = np.sqrt(lines[:, 0] - ROUNDING_VARIANCE) / slope
+    _, with_stated_gain = _read_noise(floor, 1 / slope, covariance, gain_is_fitted=False)
+    assert with_stated_gain == pytest.approx(np.std(by_gain), rel=0.02)
 
 
 class _Coarse(FakeCapture):

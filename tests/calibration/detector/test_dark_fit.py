@@ -27,11 +27,11 @@ TABLE_3 = {0.125: 14.04, 1 / 125: 13.10}
 
 def test_a_straight_line_comes_back():
     time = np.array([1.0, 2.0, 4.0, 8.0, 30.0])
-    found = fit_dark(time[::-1], (100 + 0.5 * time)[::-1])
-    assert found.bias_dn == pytest.approx(100) and found.rate_dn_s == pytest.approx(0.5)
-    assert found.rms_dn < 1e-10 and found.monotonic
-    assert "rises by 0.5 DN/s" in found.verdict
-    np.testing.assert_array_equal(found.exposure_s, time)
+    fitted = fit_dark(time[::-1], (100 + 0.5 * time)[::-1])
+    assert fitted.bias_dn == pytest.approx(100) and fitted.rate_dn_s == pytest.approx(0.5)
+    assert fitted.rms_dn < 1e-10 and fitted.monotonic
+    assert "rises by 0.5 DN/s" in fitted.verdict
+    np.testing.assert_array_equal(fitted.exposure_s, time)
 
 
 def test_sigmas_cover_the_truth():
@@ -63,11 +63,11 @@ def test_scatter_beyond_the_noise_is_not_counted_twice():
 
 def test_the_papers_camera():
     """Table II: the shortest exposure falls 2 counts out of line, and from 1/60 s on the level goes down."""
-    found = fit_dark(list(TABLE_2), list(TABLE_2.values()), noise_dn=0.02)
-    assert not found.monotonic
-    assert "not monotonic" in found.verdict
-    assert found.exposure_s[np.argmax(np.abs(found.residual_dn))] == pytest.approx(1 / 125)
-    assert found.residual_dn.min() == pytest.approx(-2.0, abs=0.3)
+    fitted = fit_dark(list(TABLE_2), list(TABLE_2.values()), noise_dn=0.02)
+    assert not fitted.monotonic
+    assert "not monotonic" in fitted.verdict
+    assert fitted.exposure_s[np.argmax(np.abs(fitted.residual_dn))] == pytest.approx(1 / 125)
+    assert fitted.residual_dn.min() == pytest.approx(-2.0, abs=0.3)
     without = {t: v for t, v in TABLE_2.items() if t > 0.01}
     later = fit_dark(list(without), list(without.values()))
     assert later.rate_dn_s == pytest.approx(-0.24, abs=0.05)

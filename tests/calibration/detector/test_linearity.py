@@ -35,15 +35,15 @@ def test_brackets_show_black_level_and_exposure_offset(tmp_path, bias, rate):
     """0.7 DN below the dark's level and 5% of the shortest exposure: both found.
 
     The frames are written by this test, since darks, cut off at 0, cannot show it. Dark frames, bias + rate t, are
-    told apart from the light.
+    distinguished from the light.
     """
     capture = brackets(tmp_path / "c", bias, rate)
     dark = read_darks(capture)
-    found = measure_linearity(capture, dark, measure_noise(capture, dark))
-    assert found.black_level_dn == pytest.approx(0.7, abs=4 * found.black_level_sigma)
-    assert found.exposure_offset_s == pytest.approx(0.05, abs=4 * found.exposure_offset_sigma)
-    assert found.black_level_sigma < 0.2 and found.exposure_offset_sigma < 0.01
-    assert found.rms_corrected["a"] < found.rms_deviation["a"]
+    measurement = measure_linearity(capture, dark, measure_noise(capture, dark))
+    assert measurement.black_level_dn == pytest.approx(0.7, abs=4 * measurement.black_level_sigma)
+    assert measurement.exposure_offset_s == pytest.approx(0.05, abs=4 * measurement.exposure_offset_sigma)
+    assert measurement.black_level_sigma < 0.2 and measurement.exposure_offset_sigma < 0.01
+    assert measurement.rms_corrected["a"] < measurement.rms_deviation["a"]
 
 
 def test_errors_come_from_the_scatter_where_the_noise_is_said_to_be_less(tmp_path):

@@ -17,7 +17,7 @@ def test_lines_between_knots_go_on_beyond_the_ends():
 
 
 def test_statistics_of_residuals_by_hand():
-    found = CURVE.statistics
-    assert found["mean_absolute"] == pytest.approx(0.15)
-    assert found["rms"] == pytest.approx(np.sqrt(0.025))
-    assert found["largest"] == pytest.approx(0.2)
+    statistics = CURVE.statistics
+    assert statistics["mean_absolute"] == pytest.approx(0.15)
+    assert statistics["rms"] == pytest.approx(np.sqrt(0.025))
+    assert statistics["largest"] == pytest.approx(0.2)

@@ -51,7 +51,7 @@ def test_probabilities_are_uniform_under_the_law():
     ],
 )
 def test_a_departure_is_named_with_its_size(kind, size, signal):
-    """A shutter 10 ms late, 8% compression, a dial that is 2% steep: told apart, sizes within 4 sigma."""
+    """A shutter 10 ms late, 8% compression, a dial that is 2% steep: distinguished, sizes within 4 sigma."""
     rng = np.random.default_rng(3)
     noisy = signal * (1 + 5e-4 * rng.standard_normal(signal.size))
     fit = fit_response(LAWS["exposure"], TIMES, noisy, 5e-4 * signal, FULL)

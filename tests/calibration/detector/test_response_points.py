@@ -62,9 +62,9 @@ def straight(tmp_path_factory):
 
 
 def test_all_four_laws_hold_on_a_camera_that_obeys_them(straight):
-    found = {s.key: s.fit for s in straight.sensor.responses if s.source == "reference"}
-    assert set(found) == {"exposure", "f_number", "image_distance", "flux"}
-    for fit in found.values():
+    results = {s.key: s.fit for s in straight.sensor.responses if s.source == "reference"}
+    assert set(results) == {"exposure", "f_number", "image_distance", "flux"}
+    for fit in results.values():
         assert fit.departure is None and fit.probability > 1e-3, fit.verdict
         assert fit.largest_residual < 0.01
 
@@ -119,9 +119,9 @@ def test_only_the_middle_of_the_field_is_used(tmp_path):
     """A shadow along two borders in every second frame changes no law."""
     series_capture(tmp_path / "c", shade=0.5)
     responses = calibrate(load_capture(tmp_path / "c")).sensor.responses
-    found = {s.key: s.fit for s in responses if s.source == "reference"}
-    assert set(found) == {"exposure", "f_number", "image_distance", "flux"}
-    for fit in found.values():
+    results = {s.key: s.fit for s in responses if s.source == "reference"}
+    assert set(results) == {"exposure", "f_number", "image_distance", "flux"}
+    for fit in results.values():
         assert fit.departure is None and fit.probability > 1e-3, fit.verdict
 
 

@@ -29,7 +29,7 @@ def write_stack(path, stack):
     tifffile.imwrite(path, stack, photometric="minisblack")
 
 
-def exact(path, image, pictures):
+def assert_read_exactly(path, image, pictures):
     header = frame_header(path)
     assert header.pictures == pictures and header.shape == image.shape[-2:]
     np.testing.assert_array_equal(read_pictures(path), image.reshape(-1, *image.shape[-2:]))
@@ -42,7 +42,7 @@ def exact(path, image, pictures):
 @pytest.mark.parametrize("image", [CUBE, CUBE[0]], ids=["cube", "image"])
 def test_fits_of_every_packing(tmp_path, name, order, image):
     write_fits(tmp_path / name, image, ROWORDER=order)
-    exact(tmp_path / name, image, 3 if image.ndim == 3 else 1)
+    assert_read_exactly(tmp_path / name, image, 3 if image.ndim == 3 else 1)
 
 
 @pytest.mark.parametrize("options", [{}, {"ome": True}, {"imagej": True}, {"bigtiff": True}, {"metadata": None}])
@@ -52,14 +52,14 @@ def test_tiff_stacks(tmp_path, options, compression):
     if compression and "imagej" in options:
         pytest.skip("ImageJ stacks are not packed")
     tifffile.imwrite(tmp_path / "a.tif", CUBE, photometric="minisblack", compression=compression, **options, **axes)
-    exact(tmp_path / "a.tif", CUBE, 3)
+    assert_read_exactly(tmp_path / "a.tif", CUBE, 3)
 
 
 def test_a_preview_in_a_tiff_is_no_picture(tmp_path):
     with tifffile.TiffWriter(tmp_path / "a.tif") as file:
         file.write(CUBE[0], photometric="minisblack", metadata=None)
         file.write(CUBE[0, ::2, ::2], photometric="minisblack", subfiletype=1, metadata=None)
-    exact(tmp_path / "a.tif", CUBE[0], 1)
+    assert_read_exactly(tmp_path / "a.tif", CUBE[0], 1)
 
 
 @pytest.mark.parametrize("options", [{"ome": True}, {"imagej": True}])
@@ -90,7 +90,7 @@ def test_the_mosaic_of_a_raw_file(tmp_path, rows, down, right):
     mosaic = shifted(rows, down, right)
     image = counts((48, 66))
     write_dng(tmp_path / "a.dng", image, rows=mosaic)
-    exact(tmp_path / "a.dng", image, 1)
+    assert_read_exactly(tmp_path / "a.dng", image, 1)
     facts = frame_header(tmp_path / "a.dng").facts
     assert facts.pattern == ("".join(mosaic) if len(mosaic) == 2 else " ".join(mosaic))
     assert facts.exposure_s == 0.25 and facts.f_number == 8 and facts.white_level == 4095
@@ -268,7 +268,7 @@ def plugged(monkeypatch):
 def test_a_reader_of_another_package(tmp_path, plugged):
     plugged(mine())
     (tmp_path / "a.mine").touch()
-    exact(tmp_path / "a.mine", CUBE, 3)
+    assert_read_exactly(tmp_path / "a.mine", CUBE, 3)
     assert ".mine" in frame_readers.suffixes()
 
 

@@ -13,10 +13,10 @@ def test_few_points_show_the_scatter_that_they_have():
     The scatter of one fit is known to about a quarter; the mean of 40 to 0.04 of it, within 4 of that.
     """
     rng, camera = np.random.default_rng(3), cornell_camera(400)
-    found = []
+    results = []
     for _ in range(40):
         world = rng.uniform([0, 0, 0], [550, 550, 560], (12, 3))
         image = camera.project(world) + 0.2 * rng.standard_normal((12, 2))
         points = SurveyedPoints(tuple(map(str, range(12))), world, image)
-        found.append(_robust_fit(camera, points, None, ONE_TERM)[2])
-    assert np.mean(found) == pytest.approx(0.2, rel=0.16)
+        results.append(_robust_fit(camera, points, None, ONE_TERM)[2])
+    assert np.mean(results) == pytest.approx(0.2, rel=0.16)

@@ -215,7 +215,7 @@ def test_the_rate_of_false_alarms(count: int, spread: float) -> None:
     assert alarms <= stats.binom.isf(1e-4, sets, FALSE_ALARM)
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="the shared real views are not beside the repository")
+@pytest.mark.skipif(not REAL.exists(), reason="the shared real views are not next to the repository")
 def test_the_bad_view_of_nine_real_photographs() -> None:
     """2561.8 px with it, 2239.5 +- 15.9 px without: twelve standard deviations."""
     stored = np.load(REAL)

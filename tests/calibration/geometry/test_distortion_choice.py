@@ -61,13 +61,13 @@ def test_decentring_is_recognised():
 def test_held_out_errors_are_those_of_fits_without_the_points():
     """One step from the fit of all points against ten fits; they differ where the model is not linear."""
     points, fit = survey([-0.2, 1.5, 0, 0, 0], count=40)
-    found = choice_of(points, fit).held_out_rms_px["k1"]
+    held_out_rms_px = choice_of(points, fit).held_out_rms_px["k1"]
     squares = []
     for fold in np.array_split(np.random.default_rng(0).permutation(40), 10):
         rest = np.setdiff1d(np.arange(40), fold)
         (camera,) = adjust([fit.camera], [(points.points_mm[rest], points.image_px[rest])], [1.0])
         squares.append(np.sum((points.image_px[fold] - camera.project(points.points_mm[fold])) ** 2, axis=1))
-    assert found == pytest.approx(np.sqrt(np.mean(np.concatenate(squares)) / 2), rel=0.02)
+    assert held_out_rms_px == pytest.approx(np.sqrt(np.mean(np.concatenate(squares)) / 2), rel=0.02)
 
 
 def test_few_points_choose_nothing():

@@ -1,6 +1,6 @@
 """The camera from surveyed points: exact recovery, covariance that covers the truth, mistakes, clear errors.
 
-Stochastic tests have fixed seeds; each verdict's false-alarm rate stands beside it.
+Stochastic tests have fixed seeds; each verdict's false-alarm rate stands next to it.
 """
 
 import json
@@ -262,7 +262,7 @@ def test_a_missing_file_and_bytes_are_named(tmp_path: Path) -> None:
         read_points(tmp_path / "points.csv")
 
 
-@pytest.mark.skipif(not CAPTURES.exists(), reason="the shared captures are not beside the repository")
+@pytest.mark.skipif(not CAPTURES.exists(), reason="the shared captures are not next to the repository")
 @pytest.mark.parametrize("name", ["baseline", "mystery-1", "mystery-2", "mystery-3"])
 def test_cameras_of_the_shared_captures(name: str) -> None:
     """Another simulator's cameras, recovered within their covariance (99.9% point of chi2(10): 29.6)."""

@@ -97,9 +97,9 @@ def test_boards_give_all_terms_within_their_errors(name):
     model = LensModel(Lens(true.lens.model), LENS_TERMS[true.lens.model])
     fit = fit_camera_targets(boards(true, rng), width_px=512, height_px=512, point_sigma_px=SIGMA_PX, model=model)
     assert not fit.discordant and fit.reprojection_rms_px == pytest.approx(SIGMA_PX, rel=0.1)
-    found = fit.cameras[0].lens
+    lens = fit.cameras[0].lens
     for term, sigma in fit.lens_sigmas.items():
-        assert abs(getattr(found, term) - getattr(true.lens, term)) < 4.5 * sigma, term
+        assert abs(getattr(lens, term) - getattr(true.lens, term)) < 4.5 * sigma, term
     square = np.linalg.solve(fit.intrinsics_covariance, fit.intrinsics - true.parameters[6:]) @ (
         fit.intrinsics - true.parameters[6:]
     )

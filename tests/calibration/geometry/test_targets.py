@@ -1,6 +1,6 @@
 """Flat targets: found to a fraction of a pixel, rendered and real; a lens whose covariance covers the truth.
 
-Stochastic tests have fixed seeds; each verdict's false-alarm rate stands beside it.
+Stochastic tests have fixed seeds; each verdict's false-alarm rate stands next to it.
 """
 
 from collections.abc import Callable
@@ -331,7 +331,7 @@ def real_disks(name: str, row: int, column: int) -> np.ndarray:
     return 2 * image + [1632 + column, 1364 + row]
 
 
-@pytest.mark.skipif(not DISKS.exists(), reason="the shared real frames are not beside the repository")
+@pytest.mark.skipif(not DISKS.exists(), reason="the shared real frames are not next to the repository")
 def test_disks_of_a_real_mosaic_frame() -> None:
     """GBRG: the two greens are separate samples of the same picture, so that their centres must agree.
 
@@ -348,7 +348,7 @@ def test_disks_of_a_real_mosaic_frame() -> None:
     assert 60 < steps.min() and steps.max() < 75
 
 
-@pytest.mark.skipif(not DISKS.exists(), reason="the shared real frames are not beside the repository")
+@pytest.mark.skipif(not DISKS.exists(), reason="the shared real frames are not next to the repository")
 @pytest.mark.parametrize(
     ("name", "row", "column", "published_px"),
     [

@@ -38,7 +38,7 @@ def test_a_cell_counts_once():
 def test_a_gradient_is_interpolated_exactly_inside(channel):
     v, u = np.indices((12, 12))
     image = 3.0 + 2 * v - u
-    seen = channel_mask(PATTERN, image.shape, channel)
-    filled = interpolated_channel(np.where(seen, image, -9.0), seen, (2, 2))
+    mask = channel_mask(PATTERN, image.shape, channel)
+    filled = interpolated_channel(np.where(mask, image, -9.0), mask, (2, 2))
     np.testing.assert_allclose(filled[2:-2, 2:-2], image[2:-2, 2:-2])
     assert np.isfinite(filled).all()

@@ -10,8 +10,8 @@ from cboxlab.calibration.radiometry import measure_constant
 from helpers.places import ROOT
 
 LEVELS = {
-    # four of seven bands agree with the median by chance: sources that are set anew in each band
-    "a level of its own in each band": ([1.03, 1.0, 0.88, 0.93, 1.01, 1.0, 0.6], set()),
+    # four of seven bands agree with the median by chance: sources that are set again in each band
+    "another level in each band": ([1.03, 1.0, 0.88, 0.93, 1.01, 1.0, 0.6], set()),
     # one source for all: one of them is another frame
     "one frame of another band": ([1.0, 1.0, 1.0, 0.88, 1.0, 1.0, 1.0], {3}),
 }
@@ -29,8 +29,8 @@ def test_only_where_most_flats_agree_one_that_does_not_is_suspected(name):
         band: replace(flat, mean_dn=level * flat.mean_dn)
         for (band, flat), level in zip(bands.flats.items(), levels, strict=True)
     }
-    found = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
-    assert {s.where for s in found} == {f"flat ({[*flats][index]})" for index in wrong}
+    results = [*check_flats_and_references(capture, replace(bands, flats=flats), radiometry, None)]
+    assert {s.where for s in results} == {f"flat ({[*flats][index]})" for index in wrong}
 
 
 def test_constants_off_by_reciprocal_factors_are_no_exchange():

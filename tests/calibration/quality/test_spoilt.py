@@ -30,9 +30,9 @@ def test_bands_without_light_leave_a_calibration_and_a_suspicion(tmp_path, name,
     mistake = next(m for m in MISTAKES if m.name == name)
     mistake.make(draft, np.random.default_rng(5))
     draft.save()
-    found = calibrate(load_capture(draft.folder))
-    assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found.suspicions)
-    assert (found.weights is not None) == colour
+    calibration = calibrate(load_capture(draft.folder))
+    assert any(re.search(mistake.expected, str(suspicion)) for suspicion in calibration.suspicions)
+    assert (calibration.weights is not None) == colour
 
 
 def test_a_suspicion_says_what_where_and_why(tmp_path):
@@ -86,8 +86,8 @@ def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
     )
     for kind in ("band", "flat", "dark", "reference"):
         for path in (path for table in draft.tables(kind) for path in table["frames"]):
-            own = draft.image(path).astype(float)
-            draft.put(path, own + rng.normal(0, 8, (own.shape[0], 1)))
+            values = draft.image(path).astype(float)
+            draft.put(path, values + rng.normal(0, 8, (values.shape[0], 1)))
     draft.save()
     told = [suspicion.what for suspicion in suspicions(draft.folder)]
     assert any("of a row share" in what for what in told)

@@ -48,10 +48,10 @@ def test_registration_to_hundredths_of_a_pixel(shift, magnification, seed):
     rng = np.random.default_rng(1)
     band = 800 * chart(shift, magnification, seed)
     band = band + 8 * rng.standard_normal(band.shape)
-    found = register(1000 * chart(), band)
-    assert found.converged
-    np.testing.assert_allclose(found.shift_px, shift, atol=0.06)
-    assert found.magnification == pytest.approx(magnification, abs=5e-4)
+    registration = register(1000 * chart(), band)
+    assert registration.converged
+    np.testing.assert_allclose(registration.shift_px, shift, atol=0.06)
+    assert registration.magnification == pytest.approx(magnification, abs=5e-4)
 
 
 def test_bands_of_one_camera_that_lie_on_each_other_are_left_there():
@@ -63,9 +63,9 @@ def test_bands_of_one_camera_that_lie_on_each_other_are_left_there():
     dark = read_darks(capture)
     signals = correct_bands(capture, dark, measure_noise(capture, dark)).images["signal"].values
     for signal in signals:
-        found = register(signals[3], signal)
-        np.testing.assert_allclose(found.shift_px, 0.0, atol=0.1)
-        assert found.magnification == pytest.approx(1.0, abs=1e-3)
+        registration = register(signals[3], signal)
+        np.testing.assert_allclose(registration.shift_px, 0.0, atol=0.1)
+        assert registration.magnification == pytest.approx(1.0, abs=1e-3)
 
 
 def test_moved_back_the_band_lies_on_the_reference():
@@ -99,8 +99,8 @@ def test_the_cube_holds_no_value_but_light_and_nan(measured):
 
 def test_without_edges_nothing_is_moved():
     flat = np.ones((40, 40))
-    found = register(flat, flat)
-    np.testing.assert_array_equal(found.matrix, np.eye(2, 3))
+    registration = register(flat, flat)
+    np.testing.assert_array_equal(registration.matrix, np.eye(2, 3))
 
 
 class ShiftedCapture(FakeCapture):
@@ -165,9 +165,9 @@ def test_registration_is_what_makes_the_edges_right(measured):
 
 def test_the_cube_is_one_that_the_other_rooms_read(measured, tmp_path):
     capture, bands, reading, region, _ = measured
-    found = hyperspectral_cube(capture, bands, region, reading).cube
-    write_cube(tmp_path / "a.nc", found)
-    np.testing.assert_allclose(read_cube(tmp_path / "a.nc")["radiance"], found["radiance"])
+    cube = hyperspectral_cube(capture, bands, region, reading).cube
+    write_cube(tmp_path / "a.nc", cube)
+    np.testing.assert_allclose(read_cube(tmp_path / "a.nc")["radiance"], cube["radiance"])
 
 
 def test_a_region_must_lie_in_the_image_and_be_lit(measured):
@@ -196,7 +196,7 @@ def readings(measured, tmp_path_factory):
 def test_the_command_writes_what_the_library_finds(measured, readings, tmp_path, capsys):
     capture, bands, reading, region, _ = measured
     v, u = np.nonzero(region)
-    place = f"{u.min()},{v.min()},{u.max()},{v.max()}"
+    source = f"{u.min()},{v.min()},{u.max()},{v.max()}"
     out = tmp_path / "cube.nc"
     assert (
         run(
@@ -205,7 +205,7 @@ def test_the_command_writes_what_the_library_finds(measured, readings, tmp_path,
             "--reading",
             f"{readings}:radiance",
             "--region",
-            place,
+            source,
             "--out",
             out,
         )
@@ -213,10 +213,10 @@ def test_the_command_writes_what_the_library_finds(measured, readings, tmp_path,
     )
     shown = capsys.readouterr().out
     assert "registered to f550" in shown and "f700" in shown
-    found = hyperspectral_cube(capture, bands, region, reading).cube
+    cube = hyperspectral_cube(capture, bands, region, reading).cube
     written = read_cube(out)
-    np.testing.assert_allclose(written["radiance"], found["radiance"], rtol=1e-5)
-    np.testing.assert_allclose(written["wavelength"], found["wavelength"])
+    np.testing.assert_allclose(written["radiance"], cube["radiance"], rtol=1e-5)
+    np.testing.assert_allclose(written["wavelength"], cube["wavelength"])
 
 
 @pytest.mark.parametrize(

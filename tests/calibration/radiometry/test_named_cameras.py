@@ -83,9 +83,9 @@ def test_without_references_the_levels_are_unknown(original, tmp_path):
     folder = named(original, tmp_path)
     path = folder / "capture.toml"
     path.write_text(re.sub(r"(?ms)^\[\[reference\]\]\n.*?(?=^\[)", "", path.read_text()))
-    found = calibrate(load_capture(folder))
-    assert any("the channels' levels are unknown" in note for note in found.notes)
-    assert found.radiometry.constant is None
+    calibration = calibrate(load_capture(folder))
+    assert any("the channels' levels are unknown" in note for note in calibration.notes)
+    assert calibration.radiometry.constant is None
 
 
 def test_an_unknown_camera_is_refused_with_those_that_are_known(original, tmp_path):

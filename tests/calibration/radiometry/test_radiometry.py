@@ -67,7 +67,7 @@ def test_a_band_with_another_throughput_is_named(tmp_path):
 
 @pytest.mark.parametrize("name", ["baseline", "mystery-1", "mystery-2", "mystery-3"])
 def test_shared_captures_show_their_stated_sensor(shared, name):
-    """Gain 12, read noise 10, the nominal C within 4 of their own sigmas (5 for C: rounded tables)."""
+    """Gain 12, read noise 10, the nominal C within 4 of their sigmas (5 for C: rounded tables)."""
     noise, found = radiometry(shared / "captures" / name)
     assert abs(noise.gain_e_per_dn - 12.0) < 4 * noise.gain_sigma < 0.3
     assert abs(noise.read_noise_e - 10.0) < 4 * noise.read_noise_sigma < 0.3

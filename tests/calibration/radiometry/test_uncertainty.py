@@ -88,15 +88,15 @@ def test_constant_and_bands_share_their_errors():
     for _ in range(sets):
         own = scatter * rng.standard_normal(7)
         values = 1 + own + noise * rng.standard_normal(7)
-        found = join_constants([BandConstant(b, v, noise, 100) for b, v in zip(BANDS, values, strict=True)], 1.0)
-        limits = stats.t.ppf([0.84134, 0.97725], found.degrees) * found.sigma
-        inside += np.abs(found.constant - 1) < limits
-        off = 1 + own - found.constant
-        shared = measure_uncertainty(found, BANDS)
+        constants = join_constants([BandConstant(b, v, noise, 100) for b, v in zip(BANDS, values, strict=True)], 1.0)
+        limits = stats.t.ppf([0.84134, 0.97725], constants.degrees) * constants.sigma
+        inside += np.abs(constants.constant - 1) < limits
+        off = 1 + own - constants.constant
+        shared = measure_uncertainty(constants, BANDS)
         residual += np.outer(off, off)
         stated += shared.band_covariance + shared.common**2
     expected = np.array([0.68268, 0.9545])
-    # A scatter of 0 is all that can be told of a small one: up to 1% too few.
+    # A scatter of 0 is all that is known of a small one: up to 1% too few.
     assert np.all(np.abs(inside / sets - expected) < 0.01 + 4 * np.sqrt(expected * (1 - expected) / sets))
     spread = np.diag(residual) / np.diag(stated)
     assert np.all(np.abs(spread - 1) < 0.03 + 4 * np.sqrt(2 / sets))
@@ -108,11 +108,11 @@ def test_bands_known_unequally_well_err_less_the_error_of_their_mean():
     rng = np.random.default_rng(9)
     noise = np.geomspace(0.002, 0.03, 7)
     values = 1 + np.hypot(0.008, noise) * rng.standard_normal(7)
-    found = join_constants([BandConstant(b, v, n, 100) for b, v, n in zip(BANDS, values, noise, strict=True)], 1)
-    assert found.scatter > 0 and np.ptp(found.weights) > 0.05
-    own = np.eye(7) - np.outer(np.ones(7), found.weights)
-    shared = measure_uncertainty(found, tuple(c.band for c in found.by_band))
-    np.testing.assert_allclose(shared.band_covariance, found.scatter**2 * own @ own.T, rtol=1e-9, atol=1e-15)
+    constants = join_constants([BandConstant(b, v, n, 100) for b, v, n in zip(BANDS, values, noise, strict=True)], 1)
+    assert constants.scatter > 0 and np.ptp(constants.weights) > 0.05
+    own = np.eye(7) - np.outer(np.ones(7), constants.weights)
+    shared = measure_uncertainty(constants, tuple(c.band for c in constants.by_band))
+    np.testing.assert_allclose(shared.band_covariance, constants.scatter**2 * own @ own.T, rtol=1e-9, atol=1e-15)
 
 
 def test_two_references_of_a_band_are_one_band():

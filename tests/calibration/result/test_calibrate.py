@@ -67,8 +67,8 @@ def test_absolute_luminance_of_a_known_scene(tmp_path):
 
 
 def test_everything_written_is_whole_and_documented(baseline, tmp_path):
-    found = record(baseline, tmp_path / "out")
-    assert set(found) == KEYS
+    entry = record(baseline, tmp_path / "out")
+    assert set(entry) == KEYS
     assert not [path.name for path in (tmp_path / "out").iterdir() if path.name.startswith(".")]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "calibration.json",
@@ -80,10 +80,10 @@ def test_everything_written_is_whole_and_documented(baseline, tmp_path):
     }
     with xr.open_dataset(tmp_path / "out" / "xyz.nc", engine="h5netcdf") as xyz:
         assert {"capture", "cboxlab_version", "command"} <= set(xyz.attrs)
-    camera = found["camera"]
+    camera = entry["camera"]
     assert np.shape(camera["covariance"]) == (10, 10) and len(camera["position_sigma_mm"]) == 3
-    assert len(found["dark_level"]) == 7 and len(found["C"]["bands"]) == 7
-    assert set(found["filter_weights"]["residual_rms"]) == {"X", "Y", "Z"}
+    assert len(entry["dark_level"]) == 7 and len(entry["C"]["bands"]) == 7
+    assert set(entry["filter_weights"]["residual_rms"]) == {"X", "Y", "Z"}
 
 
 def test_dark_levels_rise_linearly(baseline, tmp_path):
@@ -110,8 +110,8 @@ def test_baseline_repeats_scatter_as_predicted(baseline):
 @pytest.mark.parametrize("name", ["seven-band-colorchecker", "seven-band-disks"])
 def test_real_captures_say_what_they_lack(shared, tmp_path, name):
     calibration = calibrate(load_capture(shared / "real" / name))
-    found = record(calibration, tmp_path)
-    text = " ".join(found["notes"])
+    entry = record(calibration, tmp_path)
+    text = " ".join(entry["notes"])
     for lack in (
         "no flat field",
         "no reference frames",
@@ -120,8 +120,8 @@ def test_real_captures_say_what_they_lack(shared, tmp_path, name):
         "gain not",
     ):
         assert lack in text
-    assert found["camera"] is None and found["filter_weights"] is None and found["K"] is None
-    assert found["channels"] == {
+    assert entry["camera"] is None and entry["filter_weights"] is None and entry["K"] is None
+    assert entry["channels"] == {
         "f400": "B",
         "f450": "B",
         "f500": "G",

@@ -39,15 +39,15 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
     2, 0, 1."""
     random, scene = np.random.default_rng(7), fake_scene()
     surfaces = [s.name for s in scene.surfaces]
-    own = np.array([surfaces.index(name) for name in SURFACES])
-    materials = np.array([list(scene.materials).index(scene.surfaces[i].material) for i in own])
+    values = np.array([surfaces.index(name) for name in SURFACES])
+    materials = np.array([list(scene.materials).index(scene.surfaces[i].material) for i in values])
     factors = random.uniform(0.1, 0.4, (3, 3))
-    low, high = (np.array([f(scene.surfaces[i].vertices_mm, axis=0) for i in own]) for f in (np.min, np.max))
+    low, high = (np.array([f(scene.surfaces[i].vertices_mm, axis=0) for i in values]) for f in (np.min, np.max))
     face = np.array([0, 1, 2, 0, 1])
     light = _Field(
         patches=_Patches(
             material=materials,
-            surface=own,
+            surface=values,
             centre=low + random.uniform(0.2, 0.8, (3, 3)) * (high - low),
             normal=np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
             area=np.array([2e5, 1e5, 3e5]),
@@ -61,7 +61,7 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
             np.ones(3, np.float32),
         ),
         lamps=(SimpleNamespace(centre=np.array([278.0, 548.0, 279.5])),),
-        tracer=SimpleNamespace(facet=np.arange(3), facet_surface=own, material=materials),
+        tracer=SimpleNamespace(facet=np.arange(3), facet_surface=values, material=materials),
     )
     camera = replace(cornell_camera(2), height_px=3)
     transport = PatchTransport(

@@ -35,11 +35,11 @@ def test_signals_are_the_integral_and_variances_means_of_relative_ones(image):
         mean, variance = each.mean(axis=0), each.var(axis=0, ddof=1) / 4
         np.testing.assert_allclose(found.signal.values[index], mean, rtol=1e-6)
         pooled = variance.copy()
-        own = image.coverage.max(axis=-1) == 1
-        for v, u in np.argwhere(own):
+        mask = image.coverage.max(axis=-1) == 1
+        for v, u in np.argwhere(mask):
             # beyond the picture its border is repeated
             rows, columns = ([max(i - 1, 0), i, min(i + 1, last)] for i, last in ((v, 6), (u, 8)))
-            near = [(r, c) for r in rows for c in columns if own[r, c]]
+            near = [(r, c) for r in rows for c in columns if mask[r, c]]
             pooled[v, u] = mean[v, u] ** 2 * np.mean([variance[p] / mean[p] ** 2 for p in near])
         np.testing.assert_allclose(found.variance.values[index], pooled, rtol=1e-5)
 

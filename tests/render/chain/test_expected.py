@@ -107,9 +107,9 @@ class AffectedCapture(FakeCapture):
 def chi2(folder, fake: FakeCapture, effects) -> float:
     """Per degree of freedom, of measured minus expected."""
     calibration = calibrate(load_capture(folder))
-    found = expected_signal(image(fake), sensing(calibration, CAMERA), effects, CAMERA)
+    signal = expected_signal(image(fake), sensing(calibration, CAMERA), effects, CAMERA)
     used = calibration.images["mask"].values == 0
-    residual = (calibration.images["signal"].values - found) / np.sqrt(calibration.predicted_variance(found))
+    residual = (calibration.images["signal"].values - signal) / np.sqrt(calibration.predicted_variance(signal))
     assert used.mean() > 0.95
     return float(np.mean(residual[used] ** 2))
 
@@ -173,10 +173,10 @@ def random_image(shape: tuple[int, int]) -> RenderedImage:
 def test_without_effects_it_is_the_render(plain):
     _, calibration, constants = plain
     render = random_image((40, 56))
-    wanted = render_bands(render, calibration.responses).signal.values
-    np.testing.assert_allclose(expected_signal(render, constants, [], CAMERA), wanted, rtol=1e-10)
+    expected = render_bands(render, calibration.responses).signal.values
+    np.testing.assert_allclose(expected_signal(render, constants, [], CAMERA), expected, rtol=1e-10)
     nulls = [effect(i) for i in ("filter-shift", "filter-leak", "ghost", "crosstalk", "nonlinearity")]
-    np.testing.assert_allclose(expected_signal(render, constants, nulls, CAMERA), wanted, rtol=1e-10)
+    np.testing.assert_allclose(expected_signal(render, constants, nulls, CAMERA), expected, rtol=1e-10)
     for own, stated in zip(constants.curves.responses(), calibration.responses, strict=True):
         np.testing.assert_allclose(own.weights, stated.weights, rtol=1e-12)
         assert own.band == stated.band
@@ -185,13 +185,13 @@ def test_without_effects_it_is_the_render(plain):
 def test_optics_act_on_the_picture_alone(plain):
     """Flat and reference, which fill the field evenly, know nothing of glare, ghost and vignetting."""
     fake, calibration, constants = plain
-    wanted = render_bands(image(fake), calibration.responses).signal.values
-    found = expected_signal(image(fake), constants, [effect("veiling-glare", fraction=0.1)], CAMERA)
-    np.testing.assert_allclose(found, 0.9 * wanted + 0.1 * wanted.mean(axis=(1, 2), keepdims=True), rtol=1e-9)
-    found = expected_signal(image(fake), constants, [effect("ghost", fraction=0.1)], CAMERA)
-    np.testing.assert_allclose(found, 0.9 * wanted + 0.1 * wanted[:, ::-1, ::-1], rtol=1e-9)
-    found = expected_signal(image(fake), constants, [effect("vignetting", edge_loss=0.2)], CAMERA)
-    assert (found / wanted)[1, 0, 0] == pytest.approx(0.8)
+    expected = render_bands(image(fake), calibration.responses).signal.values
+    signal = expected_signal(image(fake), constants, [effect("veiling-glare", fraction=0.1)], CAMERA)
+    np.testing.assert_allclose(signal, 0.9 * expected + 0.1 * expected.mean(axis=(1, 2), keepdims=True), rtol=1e-9)
+    signal = expected_signal(image(fake), constants, [effect("ghost", fraction=0.1)], CAMERA)
+    np.testing.assert_allclose(signal, 0.9 * expected + 0.1 * expected[:, ::-1, ::-1], rtol=1e-9)
+    signal = expected_signal(image(fake), constants, [effect("vignetting", edge_loss=0.2)], CAMERA)
+    assert (signal / expected)[1, 0, 0] == pytest.approx(0.8)
 
 
 def test_effects_of_one_stage_act_in_their_order(plain):
@@ -206,10 +206,10 @@ def test_light_given_saves_the_projection_and_changes_nothing(plain):
     fake, _, constants = plain
     for effects in ([effect("smear", fraction=0.1)], [effect("filter-shift", effective_index=1.5)]):
         light = scene_light(image(fake), after_stage(constants.curves, effects, "filter"), CAMERA)
-        wanted = expected_signal(image(fake), constants, effects, CAMERA)
-        np.testing.assert_array_equal(expected_signal(light, constants, effects, CAMERA), wanted)
+        expected = expected_signal(image(fake), constants, effects, CAMERA)
+        np.testing.assert_array_equal(expected_signal(light, constants, effects, CAMERA), expected)
         function = expected_signal(lambda w: image(fake).project(w)[0], constants, effects, CAMERA)
-        np.testing.assert_allclose(function, wanted, rtol=1e-12)
+        np.testing.assert_allclose(function, expected, rtol=1e-12)
 
 
 def test_nine_field_angles_are_as_good_as_every_pixels_own(plain):
@@ -241,12 +241,12 @@ def test_a_change_of_the_reference_rescales_the_prediction(plain):
     fake, calibration, constants = plain
     seconds = constants.exposure_scene * 10  # reference ten times as long: the offset weighs a tenth there
     longer = replace(constants, exposure_reference=seconds)
-    wanted = render_bands(image(fake), calibration.responses).signal.values
-    found = expected_signal(image(fake), longer, [effect("shutter-offset", seconds=0.05)], CAMERA)
+    expected = render_bands(image(fake), calibration.responses).signal.values
+    signal = expected_signal(image(fake), longer, [effect("shutter-offset", seconds=0.05)], CAMERA)
     weights = 1 / np.array([c.sigma for c in calibration.radiometry.by_band]) ** 2
     changed = np.average(1 + 0.05 / seconds, weights=weights)
     scale = (1 + 0.05 / constants.exposure_scene) / changed
-    np.testing.assert_allclose(found, wanted * scale[:, None, None], rtol=1e-9)
+    np.testing.assert_allclose(signal, expected * scale[:, None, None], rtol=1e-9)
 
 
 def test_minutes_come_from_the_manifest(tmp_path):
@@ -254,19 +254,19 @@ def test_minutes_come_from_the_manifest(tmp_path):
     fake = AffectedCapture(tmp_path / "c", centres=(450, 550))
     path = fake.write() / "capture.toml"
     path.write_text(path.read_text().replace('id = "f550"', 'id = "f550"\nstart_s = 90.0'))
-    found = sensing(calibrate(load_capture(path.parent)), CAMERA).minutes
+    minutes = sensing(calibrate(load_capture(path.parent)), CAMERA).minutes
     first, second = fake.exposure.values()
-    np.testing.assert_allclose(found, [(2 * first + 1.8) / 60, (90 + 2 * second + 1.8) / 60])
+    np.testing.assert_allclose(minutes, [(2 * first + 1.8) / 60, (90 + 2 * second + 1.8) / 60])
 
 
 def test_captures_without_flats_darks_and_reference_can_be_predicted(tmp_path):
     fake = FakeCapture(tmp_path / "c", centres=BANDS)
     calibration = calibrate(load_capture(fake.write(darks=False, flats=False, references=False)))
     constants = sensing(calibration, CAMERA)
-    wanted = render_bands(image(fake), calibration.responses).signal.values
-    np.testing.assert_allclose(expected_signal(image(fake), constants, [], CAMERA), wanted, rtol=1e-9)
+    expected = render_bands(image(fake), calibration.responses).signal.values
+    np.testing.assert_allclose(expected_signal(image(fake), constants, [], CAMERA), expected, rtol=1e-9)
     offset = expected_signal(image(fake), constants, [effect("dark-offset", dn=5)], CAMERA)
-    np.testing.assert_allclose(offset, wanted + 5, rtol=1e-9)
+    np.testing.assert_allclose(offset, expected + 5, rtol=1e-9)
 
 
 def test_missing_tables_and_other_grids_are_refused(tmp_path, plain):

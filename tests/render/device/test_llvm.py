@@ -18,7 +18,7 @@ def test_a_library_that_does_not_work_is_passed_over(release, first):
     """What DRJIT_LIBLLVM_PATH names is left for a newer library, or, too late for that, for the stock integrator."""
     library = "/missing/libLLVM.so" if release == "missing" else OLD_LLVM
     if library is None:
-        pytest.skip("needs LLVM 15, which does not work, beside one that does")
+        pytest.skip("needs LLVM 15, which does not work, next to one that does")
     program = (
         first
         + """

@@ -30,7 +30,7 @@ np.savez(sys.argv[1], **found)
 
 
 def rendered(device, path):
-    """What the script writes, in a process of its own: a process keeps its variant."""
+    """What the script writes, in a separate process: a process keeps its variant."""
     where = {**os.environ, "CBOX_DEVICE": device}
     subprocess.run([sys.executable, "-c", RENDERED, str(path)], check=True, env=where)
     return dict(np.load(path))

@@ -60,9 +60,9 @@ def test_defocus_of_edges_agrees_with_blur_before_the_pixels(sigma):
         return sigma * (z * ndtr(z) + np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi))
 
     pixel = np.arange(-15, 16)
-    places = np.linspace(-0.49, 0.49, 50)[:, None]
-    sharp = np.clip(pixel + 0.5 - places, 0, 1)
-    truth = area(pixel + 0.5 - places) - area(pixel - 0.5 - places)
+    values = np.linspace(-0.49, 0.49, 50)[:, None]
+    sharp = np.clip(pixel + 0.5 - values, 0, 1)
+    truth = area(pixel + 0.5 - values) - area(pixel - 0.5 - values)
     inner = slice(10, 21)
 
     def error(width: float) -> float:
@@ -154,10 +154,10 @@ def test_lamp_spectrum_keeps_the_mean_and_tilts_as_wien():
         return np.exp(-0.014387769 / (grid * 1e-9 * kelvin))
 
     ratio = wien(1 / (1 / 3000 + 20e-6)) / wien(3000)
-    lit = before > 0
-    tilt = (after[lit] / before[lit]) / ratio[lit]
+    in_light = before > 0
+    tilt = (after[in_light] / before[in_light]) / ratio[in_light]
     np.testing.assert_allclose(tilt, tilt[0], rtol=1e-9)
-    assert after[-1] / before[-1] > after[lit][1] / before[lit][1]
+    assert after[-1] / before[-1] > after[in_light][1] / before[in_light][1]
 
 
 def test_a_lamp_moves_with_its_hole():
@@ -350,10 +350,10 @@ def test_fluorescence_emits_the_quanta_it_absorbs():
     lamp = 0.2 + 1.8 * (FAKE_NM - 300) / 600
     bell = np.exp(-((FAKE_NM - 520.0) ** 2) / (2 * 24.0**2)) / (24.0 * np.sqrt(2 * np.pi))
     spectrum = 0.3 * bell / FAKE_NM / lamp
-    own = patches.material == white
-    np.testing.assert_allclose(after.patch_emission, np.outer(own * arriving_patch, spectrum), rtol=1e-5)
-    own = transport.material == white
-    np.testing.assert_allclose(after.fragment_emission, np.outer(own * arriving_fragment, spectrum), rtol=1e-5)
+    mask = patches.material == white
+    np.testing.assert_allclose(after.patch_emission, np.outer(mask * arriving_patch, spectrum), rtol=1e-5)
+    mask = transport.material == white
+    np.testing.assert_allclose(after.fragment_emission, np.outer(mask * arriving_fragment, spectrum), rtol=1e-5)
 
 
 def test_ambient_spectra_are_1_at_550_nm():

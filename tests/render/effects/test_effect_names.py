@@ -49,7 +49,7 @@ def named_in(source: str) -> set[str]:
 
 
 def test_no_module_outside_the_catalogue_names_an_effect_or_its_parameters():
-    found = {
+    members = {
         (path.relative_to(ROOT).as_posix(), name)
         for room in ROOMS
         for path in (ROOT / room).rglob("*.py")
@@ -57,7 +57,7 @@ def test_no_module_outside_the_catalogue_names_an_effect_or_its_parameters():
         for name in named_in(path.read_text(encoding="utf-8"))
         if room == "validate" or name in IDENTIFIERS
     }
-    assert found == CAMERA_KEYS | SETTINGS_KEYS | BOX_KEYS
+    assert members == CAMERA_KEYS | SETTINGS_KEYS | BOX_KEYS
 
 
 @pytest.mark.parametrize("line", ['x = "gloss"', 'x = ["lamp-power is bright"]', 'x = {"peak_nm": 1}'])

@@ -71,10 +71,10 @@ def test_nothing_but_the_contract_and_names_of_its_own():
 @pytest.mark.parametrize("identifier", ROWS)
 def test_parameters_and_null_values_are_those_of_the_contract(identifier):
     effect = catalogue()[identifier]
-    wanted = dict(item.split("=") for item in ROWS[identifier])
-    assert [p.name for p in effect.parameters] == list(wanted)
+    expected = dict(item.split("=") for item in ROWS[identifier])
+    assert [p.name for p in effect.parameters] == list(expected)
     for parameter in effect.parameters:
-        null = None if wanted[parameter.name] == "-" else float(wanted[parameter.name])
+        null = None if expected[parameter.name] == "-" else float(expected[parameter.name])
         assert parameter.null == null
         if not parameter.choices:
             assert parameter.low < parameter.high and parameter.step > 0

@@ -55,7 +55,7 @@ def hit(position, direction):
 
 
 def followed(random, position, direction, band, arrived):
-    """Follow photons until they are absorbed; ``arrived`` is told each arrival and what is reflected there."""
+    """Follow photons until they are absorbed; ``arrived`` receives each arrival and what is reflected there."""
     while len(position):
         point, axis, side, on = hit(position, direction)
         point, axis, side = point[on], axis[on], side[on]
@@ -104,7 +104,7 @@ def test_fluorescence_reaches_every_wall_as_photons_do():
     change = (effect.apply(before).patch_radiance() - before.patch_radiance())[:, 0]
     surface = field.patches.surface
     names = [s.name for s in scene.surfaces]
-    found = [
+    results = [
         np.average(change[own], weights=field.patches.area[own])
         for own in (surface == names.index(name) for name in WALLS)
     ]
@@ -116,4 +116,4 @@ def test_fluorescence_reaches_every_wall_as_photons_do():
     scale = YIELD * quanta * bell / SEEN_NM[0] * 4 * LAMP_HALF**2 / areas
     expected, error = batches.mean(axis=0) * scale, batches.std(axis=0, ddof=1) / np.sqrt(BATCHES) * scale
     assert np.all(error < 0.02 * expected)
-    assert np.all(np.abs(found - expected) < PATCHES * expected + T_LIMIT * error), (found / expected, error)
+    assert np.all(np.abs(results - expected) < PATCHES * expected + T_LIMIT * error), (results / expected, error)

@@ -52,26 +52,26 @@ def test_patches_pass_through_the_coat_twice_and_see_its_own_reflection(applied)
     cosine = (np.arange(400) + 0.5) / 400
     mean = float(np.mean(2 * cosine * given["coat"].albedo(cosine, 48)))
     through = 1 - SPECULAR * float(np.mean(2 * cosine * fresnel(cosine)))
-    own = before.transport.light.patches.material == given["material"]
-    wanted = before.patch_reflectance[own] * through**2 + mean
-    np.testing.assert_allclose(after.patch_reflectance[own], wanted, rtol=0.002)
-    np.testing.assert_array_equal(after.patch_reflectance[~own], before.patch_reflectance[~own])
+    mask = before.transport.light.patches.material == given["material"]
+    expected = before.patch_reflectance[mask] * through**2 + mean
+    np.testing.assert_allclose(after.patch_reflectance[mask], expected, rtol=0.002)
+    np.testing.assert_array_equal(after.patch_reflectance[~mask], before.patch_reflectance[~mask])
 
 
 def test_the_lamps_light_passes_at_its_own_angle(applied):
-    """Emitted beside: e (rho (1 - s F(c)) (1 - s F) + A(c)) less what the diffuse albedo makes of e."""
+    """Emitted next to: e (rho (1 - s F(c)) (1 - s F) + A(c)) less what the diffuse albedo makes of e."""
     before, after, given = applied
     patches, lamp = before.transport.light.patches, before.transport.light.lamps[0].centre
-    own = patches.material == given["material"]
-    way = lamp - patches.centre[own]
-    cosine = np.sum(way * patches.normal[own], axis=1) / np.linalg.norm(way, axis=1)
+    mask = patches.material == given["material"]
+    way = lamp - patches.centre[mask]
+    cosine = np.sum(way * patches.normal[mask], axis=1) / np.linalg.norm(way, axis=1)
     spread = (np.arange(4000) + 0.5) / 4000
     through = 1 - SPECULAR * float(np.mean(2 * spread * fresnel(spread)))
-    at_angle = before.patch_reflectance[own] * ((1 - SPECULAR * fresnel(cosine)) * through)[:, None]
+    at_angle = before.patch_reflectance[mask] * ((1 - SPECULAR * fresnel(cosine)) * through)[:, None]
     at_angle = at_angle + given["coat"].albedo(cosine)[:, None]
-    direct = before.transport.light.exchange.direct[own]
-    wanted = direct * (at_angle - after.patch_reflectance[own])
-    np.testing.assert_allclose(after.patch_emission[own], wanted, rtol=0.02, atol=1e-4)
+    direct = before.transport.light.exchange.direct[mask]
+    expected = direct * (at_angle - after.patch_reflectance[mask])
+    np.testing.assert_allclose(after.patch_emission[mask], expected, rtol=0.02, atol=1e-4)
 
 
 def test_base_and_means_are_those_of_the_coat(applied):
@@ -82,8 +82,8 @@ def test_base_and_means_are_those_of_the_coat(applied):
     incoming, outgoing = (
         mi.Vector3f(*(mi.Float(x.astype(np.float32)) for x in (np.sqrt(1 - z**2), 0 * z, z))) for z in (a, b)
     )
-    wanted = (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * fresnel(b))
-    np.testing.assert_allclose(np.array(given["base"](incoming, outgoing)), wanted, rtol=1e-5)
+    expected = (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * fresnel(b))
+    np.testing.assert_allclose(np.array(given["base"](incoming, outgoing)), expected, rtol=1e-5)
     base, lobe = given["albedo"](mi.Float(a.astype(np.float32)))
     np.testing.assert_allclose(np.array(base), (1 - SPECULAR * fresnel(a)) * (1 - SPECULAR * 0.0918), rtol=1e-4)
     np.testing.assert_allclose(np.array(lobe), given["coat"].albedo(a), rtol=0.02, atol=2e-3)

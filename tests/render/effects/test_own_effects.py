@@ -31,10 +31,10 @@ def _installed(tmp_path_factory):
 def test_the_catalogue_holds_them_and_every_one_is_a_hypothesis():
     assert {name: effect.stage for name, effect in catalogue().items() if name in STAGES} == STAGES
     truncated = hypotheses(("f450", "f550"), cornell_box(), RenderSettings(max_bounces=2))
-    known = {h.effect.id for h in truncated}
-    assert set(STAGES) < known == set(catalogue())
+    members = {h.effect.id for h in truncated}
+    assert set(STAGES) < members == set(catalogue())
     assert {h.fixed["where"] for h in truncated if h.effect.id == "washed-surface"} == {
         surface.name for surface in cornell_box().surfaces
     }
     whole = {h.effect.id for h in hypotheses(("f450",), cornell_box(), RenderSettings())}
-    assert known - whole == {"interreflection", "one-more-bounce"}
+    assert members - whole == {"interreflection", "one-more-bounce"}

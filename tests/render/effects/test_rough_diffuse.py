@@ -67,8 +67,8 @@ def test_the_rays_are_given_the_formula(applied):
         )
         for angle, turn in zip(angles, (0.3 + 0 * azimuth, 0.3 + azimuth), strict=True)
     ]
-    found = np.array(given["base"](*ways))
-    np.testing.assert_allclose(found, reflection(*angles, azimuth), rtol=2e-4)
+    values = np.array(given["base"](*ways))
+    np.testing.assert_allclose(values, reflection(*angles, azimuth), rtol=2e-4)
     cosines = np.linspace(0.05, 1.0, 20)
     base, lobe = given["albedo"](mi.Float(cosines.astype(np.float32)))
     np.testing.assert_allclose(np.array(base), [albedo(a) for a in np.arccos(cosines)], rtol=2e-3)
@@ -79,17 +79,17 @@ def test_patches_reflect_the_means_of_the_formula(applied):
     """Diffuse light by the mean over both hemispheres, the lamp's by that over the ways out at its angle."""
     before, after, given = applied
     patches, lamp = before.transport.light.patches, before.transport.light.lamps[0].centre
-    own = patches.material == given["material"]
+    mask = patches.material == given["material"]
     angle = (np.arange(200) + 0.5) / 200 * np.pi / 2
     mean = np.mean([albedo(a) * np.sin(2 * a) for a in angle]) * np.pi / 2
-    np.testing.assert_allclose(after.patch_reflectance[own], before.patch_reflectance[own] * mean, rtol=2e-3)
-    np.testing.assert_array_equal(after.patch_reflectance[~own], before.patch_reflectance[~own])
-    way = lamp - patches.centre[own]
-    cosine = np.sum(way * patches.normal[own], axis=1) / np.linalg.norm(way, axis=1)
+    np.testing.assert_allclose(after.patch_reflectance[mask], before.patch_reflectance[mask] * mean, rtol=2e-3)
+    np.testing.assert_array_equal(after.patch_reflectance[~mask], before.patch_reflectance[~mask])
+    way = lamp - patches.centre[mask]
+    cosine = np.sum(way * patches.normal[mask], axis=1) / np.linalg.norm(way, axis=1)
     at_angle = np.array([albedo(a) for a in np.arccos(cosine)])[:, None]
-    direct = before.transport.light.exchange.direct[own]
-    wanted = direct * (before.patch_reflectance[own] * at_angle - after.patch_reflectance[own])
-    np.testing.assert_allclose(after.patch_emission[own], wanted, rtol=0.03, atol=1e-4)
+    direct = before.transport.light.exchange.direct[mask]
+    expected = direct * (before.patch_reflectance[mask] * at_angle - after.patch_reflectance[mask])
+    np.testing.assert_allclose(after.patch_emission[mask], expected, rtol=0.03, atol=1e-4)
 
 
 def test_rays_are_traced_again_for_another_roughness_even_where_patches_stay_dark(monkeypatch):

@@ -44,7 +44,7 @@ def published():
     return scene, camera, picture, light, {k: m for k, m in masks.items() if m.sum() > 4}
 
 
-def compare(published, identifier, values, floor=FLOOR, part=PART, **options):
+def assert_as_in_mitsuba(published, identifier, values, floor=FLOOR, part=PART, **options):
     """Means over surfaces: the predicted change against Mitsuba's."""
     scene, camera, picture, light, masks = published
     truth, variance = mitsuba_effects.reference(scene, camera, NM, 256, batches=8, **options)
@@ -87,11 +87,11 @@ def test_haze(published):
     """Extinction 0.2 per metre: attenuation on all ways, light scattered into the camera's and onto surfaces."""
     scene, camera, *_ = published
     air = mitsuba_effects.haze(scene, camera, 0.2, 0.7)
-    compare(published, "haze", {"extinction_per_m": 0.2, "albedo": 0.7}, floor=0.012, air=air)
+    assert_as_in_mitsuba(published, "haze", {"extinction_per_m": 0.2, "albedo": 0.7}, floor=0.012, air=air)
 
 
 def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
-    """Past the box the camera sees only air that the open front lights; beside the walls there is no light. Six cells
+    """Past the box the camera sees only air that the open front lights; next to the walls there is no light. Six cells
     across, 208 mm each, may be wrong by a tenth of it, Monte Carlo by its own standard error."""
     scene = published[0]
     camera = replace(cornell_camera(SIZE), focal_length_px=0.75 * cornell_camera(SIZE).focal_length_px)
@@ -115,13 +115,13 @@ def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
 
 def test_rough_paint(published):
     paint = ("white", mitsuba_effects.oren_nayar(0.5))
-    compare(published, "rough-diffuse", {"material": "white", "sigma_rad": 0.5}, paint=paint)
+    assert_as_in_mitsuba(published, "rough-diffuse", {"material": "white", "sigma_rad": 0.5}, paint=paint)
 
 
 def test_glossy_paint(published):
     paint = ("green", mitsuba_effects.coat(1.0, 0.3))
     values = {"material": "green", "specular": 1.0, "roughness": 0.3}
-    compare(published, "gloss", values, floor=0.008, paint=paint)
+    assert_as_in_mitsuba(published, "gloss", values, floor=0.008, paint=paint)
 
 
 def test_ambient_light(published):

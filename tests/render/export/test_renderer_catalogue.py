@@ -14,7 +14,7 @@ from numpy import array
 
 def test_every_file_is_a_renderer_that_says_what_it_needs():
     catalogue = renderer_catalogue()
-    assert {"luxcore", "mitsuba", "pbrt", "radiance", "raysect"} <= set(catalogue)
+    assert {"cycles", "luxcore", "mitsuba", "pbrt", "radiance", "raysect"} <= set(catalogue)
     for identifier, renderer in catalogue.items():
         assert identifier == renderer.id
         assert renderer.package or renderer.programs

@@ -35,8 +35,8 @@ def test_bad_bands_are_left_out(tmp_path, bbl, good):
 def test_a_bad_bands_values_and_wavelength_do_not_matter(tmp_path):
     values = LIGHT.copy()
     values[..., 0], values[..., 5] = np.nan, -1e6
-    stated = header_text(bbl="{0,1,1,1,1,0}", wavelength="{0, 450, 500, 550, 600, 600}", data_gain_values="{2}")
-    np.testing.assert_allclose(read(tmp_path, stated, values)["radiance"], 2 * values[..., 1:5])
+    header = header_text(bbl="{0,1,1,1,1,0}", wavelength="{0, 450, 500, 550, 600, 600}", data_gain_values="{2}")
+    np.testing.assert_allclose(read(tmp_path, header, values)["radiance"], 2 * values[..., 1:5])
 
 
 @pytest.mark.parametrize(
@@ -49,11 +49,11 @@ def test_lists_of_bad_bands_without_meaning_are_refused(tmp_path, bbl, words):
 
 def test_many_bad_bands_are_counted(tmp_path):
     values = np.ones((2, 2, 20), np.float32)
-    stated = header_text(
+    header = header_text(
         samples=2,
         lines=2,
         bands=20,
         wavelength="{" + ",".join(str(400 + 10 * i) for i in range(20)) + "}",
         bbl="{" + ",".join("0" * 8 + "1" * 12) + "}",
     )
-    assert "left out: 8 bands" in read(tmp_path, stated, values).attrs["reading_notes"]
+    assert "left out: 8 bands" in read(tmp_path, header, values).attrs["reading_notes"]

@@ -100,8 +100,8 @@ def test_other_orders_are_refused(tmp_path, text):
 @pytest.mark.parametrize("order", ["bsq", "bil", "bip"])
 @pytest.mark.parametrize("text", ["{}", "{} ", "{} ; as recorded"])
 def test_the_order_is_read_in_any_case(tmp_path, order, text):
-    stated = header_text(interleave=text.format(order.upper()))
-    np.testing.assert_array_equal(read(tmp_path, stated, order=order)["radiance"], LIGHT)
+    header = header_text(interleave=text.format(order.upper()))
+    np.testing.assert_array_equal(read(tmp_path, header, order=order)["radiance"], LIGHT)
 
 
 @pytest.mark.parametrize(
@@ -268,10 +268,10 @@ def test_an_entry_without_a_value_leaves_the_next_one(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "cp1252"])
 def test_text_of_several_encodings_is_read(tmp_path, encoding):
-    stated = header_text(
+    header = header_text(
         wavelength_units="µm", wavelength="{0.4, 0.45, 0.5, 0.55, 0.6, 0.65}", sensor_type="Grüße, 25 °C"
     )
-    np.testing.assert_allclose(read(tmp_path, stated, encoding=encoding)["wavelength"], NM)
+    np.testing.assert_allclose(read(tmp_path, header, encoding=encoding)["wavelength"], NM)
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):
@@ -305,18 +305,18 @@ def test_scales_are_applied_and_noted(tmp_path, entries, expected, words):
 
 
 def test_scales_that_change_nothing_are_not_noted(tmp_path):
-    stated = header_text(data_gain_values="{1,1,1,1,1,1}", data_offset_values="{0}", reflectance_scale_factor="1.0")
-    cube = read(tmp_path, stated)
+    header = header_text(data_gain_values="{1,1,1,1,1,1}", data_offset_values="{0}", reflectance_scale_factor="1.0")
+    cube = read(tmp_path, header)
     np.testing.assert_array_equal(cube["radiance"], LIGHT)
     assert "reading_notes" not in cube.attrs
 
 
 def test_scales_come_before_the_unit_and_after_missing_samples(tmp_path):
     values = np.arange(120).reshape(4, 5, 6)
-    stated = header_text(
+    header = header_text(
         data_type=12, data_units="W/m^2/sr/um", data_ignore_value="7", data_gain_values="{2}", data_offset_values="{7}"
     )
-    cube = read(tmp_path, stated, values, kind="<u2")
+    cube = read(tmp_path, header, values, kind="<u2")
     expected = np.where(values == 7, np.nan, 1e-3 * (2.0 * values + 7))
     np.testing.assert_allclose(cube["radiance"], expected, rtol=1e-6)
 

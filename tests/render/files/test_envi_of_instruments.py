@@ -1,4 +1,4 @@
-"""Twelve headers in the manner of instruments, archives and programs, written anew from their published descriptions.
+"""Twelve headers in the manner of instruments, archives and programs, written again from their published descriptions.
 
 Six bands, five samples and four lines in place of the real sizes; keys, spellings, order and oddities are theirs.
 """

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-# Libraries have errors of their own for it, and some crash; hence a process of its own.
+# Libraries have various errors for it, and some crash; hence a separate process.
 WRITING = """
 import resource, signal, sys
 from pathlib import Path

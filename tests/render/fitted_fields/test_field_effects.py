@@ -70,10 +70,10 @@ CAUSES = {
 
 def _written(folder, cause):
     """The explanation of a cause, and the effect read back from the file written of it."""
-    found = explain(small_excess(cause))
+    explanation = explain(small_excess(cause))
     diagnosis = folder / "diagnosis.json"
-    diagnosis.write_text(json.dumps({"selected": ["unknown"], "explanation": explanation_record(found)}))
-    return found, effect_of_diagnosis(folder / "found.toml", diagnosis)[0]
+    diagnosis.write_text(json.dumps({"selected": ["unknown"], "explanation": explanation_record(explanation)}))
+    return explanation, effect_of_diagnosis(folder / "found.toml", diagnosis)[0]
 
 
 def _counts(bands=("b0", "b1", "b2", "b3")):
@@ -104,8 +104,8 @@ def test_a_line_of_the_lamp_stands_about_its_band(tmp_path):
     found, effect = _written(tmp_path, SIGNAL * np.array([0.0, 0.03, 0.02, 0])[:, None, None])
     assert (found.family, effect.stage) == ("lamp-spectrum", "scene")
     scene = cornell_box()
-    there = apply_checked(effect, {}, "test").apply(scene).lamp.radiance
-    ratio = there.at(NM) / scene.lamp.radiance.at(NM)
+    radiance = apply_checked(effect, {}, "test").apply(scene).lamp.radiance
+    ratio = radiance.at(NM) / scene.lamp.radiance.at(NM)
     assert ratio[1] - ratio[0] == pytest.approx(0.03, abs=0.004)
     assert ratio[2] - ratio[0] == pytest.approx(0.02, abs=0.004)
 
@@ -123,7 +123,7 @@ def test_a_stain_becomes_values_at_points_of_its_surface():
 
 
 def test_interference_goes_by_the_wavelength():
-    """A gap of so many um between a curved and a tilted face: cos(4 pi gap / wavelength), in two bands by one map."""
+    """A gap of some um between a curved and a tilted face: cos(4 pi gap / wavelength), in two bands by one map."""
     gap_um = 0.2 + 0.01 * COLUMNS + 0.0008 * ((COLUMNS - 30) ** 2 + (ROWS - 25) ** 2)
     # 2 gap / 0.45 um in waves: what goes with rows, with columns, and with squares
     per_px = np.array([-50 * 0.0008, 0.01 - 60 * 0.0008]) * 2 / 0.45
@@ -138,19 +138,21 @@ def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
     """A spectrophotometer whose wavelengths are off. A factor on both, as the lamp's scale is, is not asked for."""
     floor, wall = np.array([[0.02, -0.01, 0.015, -0.02], [-0.015, 0.02, 0.01, 0.0]])
     excess = small_excess(SIGNAL * np.where(ROWS >= 30, floor[:, None, None], wall[:, None, None]))
-    found = explain(excess)
-    assert (found.family, found.surface) == ("paint-spectrum", None) and found.form.startswith("all paints")
-    relative = found.change / SIGNAL
+    explanation = explain(excess)
+    assert (explanation.family, explanation.surface) == ("paint-spectrum", None) and explanation.form.startswith(
+        "all paints"
+    )
+    relative = explanation.change / SIGNAL
     asked = relative[:, ROWS >= 30].mean(axis=1) - relative[:, ROWS < 30].mean(axis=1)
     assert asked == pytest.approx(floor - wall, abs=0.003)
     field, maps = (
-        field_of_record(json.loads(json.dumps(field_record(found.field))), tmp_path),
+        field_of_record(json.loads(json.dumps(field_record(explanation.field))), tmp_path),
         smooth_surface_maps(excess),
     )
     first = [int(np.argmax(maps.surface == excess.names.index(one.surface))) for one in field.surfaces]
-    own = np.array([one.spectrum * field.spectrum for one in field.surfaces])
-    again = [own[:, band] @ maps.reflectance(band, first) for band in range(BANDS)]
-    assert np.reshape(again, SIGNAL.shape) == pytest.approx(found.change, rel=1e-3, abs=0.01)
+    values = np.array([one.spectrum * field.spectrum for one in field.surfaces])
+    again = [values[:, band] @ maps.reflectance(band, first) for band in range(BANDS)]
+    assert np.reshape(again, SIGNAL.shape) == pytest.approx(explanation.change, rel=1e-3, abs=0.01)
 
 
 @pytest.mark.parametrize("spectrum", [[0.1], [0.1] * 5])
@@ -166,8 +168,8 @@ def test_a_surfaces_spectrum_has_a_number_for_each_band(spectrum, tmp_path):
 def test_values_at_points_are_linear_in_between_and_nothing_beyond():
     points = np.array([[0.0, 5, 0], [10, 5, 0], [0, 5, 10], [10, 5, 10]])
     plane = PointMap("floor", points, np.array([1.0, 2.0, 3.0, 4.0]))
-    there = np.array([[5.0, 5, 5], [2.5, 5, 0], [11, 5, 5]])
-    assert plane.at(there) == pytest.approx([2.5, 1.25, 0.0])
+    values = np.array([[5.0, 5, 5], [2.5, 5, 0], [11, 5, 5]])
+    assert plane.at(values) == pytest.approx([2.5, 1.25, 0.0])
     assert plane.over_patches(np.array([[2.0, 5, 2], [90, 5, 90]]), points) == pytest.approx([2.5, 0.0])
     alone = PointMap("floor", points[:1], np.array([1.0]))
     assert alone.at(points[:2]) == pytest.approx([1.0, 0.0])

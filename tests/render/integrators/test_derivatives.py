@@ -27,7 +27,7 @@ def test_paints_against_differences(paint):
     reflectance, does not act): the same to the difference's own error, third order over six."""
     scene, camera = cornell_box(), cornell_camera(16)
     arguments = {"samples": 32, "batches": 2, "seed": 3, "max_bounces": 3}
-    found = render_derivatives(RenderJob(scene, camera, BANDS, **arguments))
+    derivatives = render_derivatives(RenderJob(scene, camera, BANDS, **arguments))
     step = 0.01
     more, less = (
         render_path_tracer(RenderJob(with_paint(scene, paint, 1 + s), camera, BANDS, **arguments))
@@ -35,11 +35,11 @@ def test_paints_against_differences(paint):
     )
     rho = scene.materials[paint].reflectance.at(BANDS)
     difference = (more.coefficients - less.coefficients) @ more.spectra / (2 * step * rho)
-    exact = found.reflectance[:, found.material_names.index(paint)]
+    exact = derivatives.reflectance[:, derivatives.material_names.index(paint)]
     # at most three factors rho: the third derivative is 6 / rho^3 of what the first is 3 / rho
     assert np.abs(difference - exact).max() < 1e-3 * np.abs(exact).max()
     assert np.array_equal(
-        found.image.coefficients, render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)).coefficients
+        derivatives.image.coefficients, render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)).coefficients
     )
 
 
@@ -66,9 +66,9 @@ def test_a_grey_box_has_the_derivative_of_its_series():
 def test_the_lamps_spectrum_and_power():
     """Light is linear in the lamp's: derivative times its radiance is the picture."""
     scene, camera = cornell_box(), cornell_camera(8)
-    found = render_derivatives(RenderJob(scene, camera, BANDS, samples=8, batches=2))
-    whole = found.image.coefficients @ found.image.spectra
-    assert found.lamp * scene.lamp.radiance.at(BANDS) == pytest.approx(whole, rel=1e-5, abs=1e-12)
+    derivatives = render_derivatives(RenderJob(scene, camera, BANDS, samples=8, batches=2))
+    whole = derivatives.image.coefficients @ derivatives.image.spectra
+    assert derivatives.lamp * scene.lamp.radiance.at(BANDS) == pytest.approx(whole, rel=1e-5, abs=1e-12)
 
 
 def test_a_black_paint_has_no_derivative_to_show():

@@ -53,13 +53,13 @@ def pictures():
 
 def relative(image):
     """(batch, y, x, w) radiance over the lamp's, a wavelength without lamp light left out."""
-    lit = image.spectra.max(axis=0) > 0
-    return (image.coefficients @ image.spectra)[..., lit] / image.spectra.max(axis=0)[lit]
+    in_light = image.spectra.max(axis=0) > 0
+    return (image.coefficients @ image.spectra)[..., in_light] / image.spectra.max(axis=0)[in_light]
 
 
 @needs_llvm
 def test_many_names_for_the_same_paints_change_nothing():
-    """With a paint of its own on each surface, paints are looked up another way; paths stay the same."""
+    """With a new paint on each surface, paints are looked up another way; paths stay the same."""
     scene = cornell_box()
     materials = {s.name: scene.materials[s.material] for s in scene.surfaces}
     many = replace(scene, materials=materials, surfaces=tuple(replace(s, material=s.name) for s in scene.surfaces))
@@ -73,18 +73,18 @@ def test_many_names_for_the_same_paints_change_nothing():
 @pytest.mark.parametrize(("one", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
 def test_surface_means_agree(pictures, one, other):
     """Every surface's mean at every wavelength agrees within the scatter of its batches."""
-    means_agree(pictures[one], pictures[other])
+    assert_means_agree(pictures[one], pictures[other])
 
 
-def means_agree(a, b):
+def assert_means_agree(a, b):
     for index, name in enumerate(a.surface_names):
         here = a.single_surface & b.single_surface & (a.surface == index)
         if here.sum() < 4:
             continue
-        mean_agrees(a, b, here, name)
+        assert_mean_agrees(a, b, here, name)
 
 
-def mean_agrees(a, b, here, name):
+def assert_mean_agrees(a, b, here, name):
     means = [relative(image)[:, here].mean(axis=1) for image in (a, b)]
     error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / BATCHES)
     difference = means[0].mean(axis=0) - means[1].mean(axis=0)
@@ -102,13 +102,13 @@ def test_a_box_with_a_ball_of_many_triangles():
     camera = cornell_camera(24)
     gather = render_final_gather(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4))
     paths = render_path_tracer(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=5))
-    means_agree(gather, paths)
+    assert_means_agree(gather, paths)
     covered = gather.coverage[..., gather.facet_surface == gather.surface_names.index("ball")].sum(axis=-1)
-    whole = covered > 0.999  # by several of its faces in most pixels
-    assert whole.sum() > 20
-    mean_agrees(gather, paths, whole, "ball")
+    mask = covered > 0.999  # by several of its faces in most pixels
+    assert mask.sum() > 20
+    assert_mean_agrees(gather, paths, mask, "ball")
     stock = render_stock(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=6))
-    mean_agrees(stock, paths, whole, "ball")
+    assert_mean_agrees(stock, paths, mask, "ball")
 
 
 @needs_llvm
@@ -212,9 +212,9 @@ def test_the_lamps_own_picture_shows_its_pattern(integrator, max_bounces):
     pattern = (0.3 + 0.7 * (1 - x**2) * (1 - z**2)) / (0.3 + 0.7 * 4 / 9) * ray[..., 1] ** 2
     lamp = image.coverage[..., -1] == 1
     assert lamp.sum() > 10
-    seen = image.project(np.eye(1))[0][lamp][:, 0]
-    assert np.ptp(seen) > 0.2
-    assert seen == pytest.approx(pattern.mean(axis=(2, 3))[lamp], rel=0.01, abs=0.005)
+    image_px = image.project(np.eye(1))[0][lamp][:, 0]
+    assert np.ptp(image_px) > 0.2
+    assert image_px == pytest.approx(pattern.mean(axis=(2, 3))[lamp], rel=0.01, abs=0.005)
 
 
 @needs_llvm
@@ -223,17 +223,17 @@ def test_one_solution_serves_all_cameras():
     scene = cornell_box()
     light = solve_light(scene, BANDS, patch_edge_mm=150.0, seed=3)
     for camera in (cornell_camera(12), replace(cornell_camera(16), k1=-0.1)):
-        own = render_final_gather(RenderJob(scene, camera, BANDS, 16, 2, seed=3), patch_edge_mm=150.0)
+        image = render_final_gather(RenderJob(scene, camera, BANDS, 16, 2, seed=3), patch_edge_mm=150.0)
         shared = gather(light, camera, samples=16, batches=2, seed=3)
-        assert np.array_equal(own.coefficients, shared.coefficients)
-        assert np.array_equal(own.spectra, shared.spectra)
+        assert np.array_equal(image.coefficients, shared.coefficients)
+        assert np.array_equal(image.spectra, shared.spectra)
 
 
 @needs_llvm
 def test_the_patches_size_does_not_show():
     """Patches of 140 mm, more than three times the default's edge, change surface means by 0.2% at most.
 
-    In deep shadow it is more of little: 0.05% of the picture's mean stands beside it. The pictures share their
+    In deep shadow it is more of little: 0.05% of the picture's mean stands next to it. The pictures share their
     random numbers, and the errors of their difference come from its batches.
     """
     scene, camera = cornell_box(), cornell_camera(24)
@@ -330,15 +330,15 @@ def test_stock_mitsuba_refuses_lamps_it_cannot_show():
 @pytest.mark.parametrize("name", ["default", "path", "stock"])
 @needs_llvm
 def test_the_door_to_all_integrators(name):
-    """Each integrator is reached by name, tells its progress up to 1, and returns the whole picture."""
-    told = []
-    progress = ProgressReporter(lambda stage, done: told.append(done))
+    """Each integrator is reached by name, reports its progress up to 1, and returns the whole picture."""
+    messages = []
+    progress = ProgressReporter(lambda stage, done: messages.append(done))
     image = render(
         RenderJob(cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2), progress=progress, integrator=name
     )
     assert image.project(np.eye(3))[0].shape == (8, 8, 3)
-    assert told == sorted(told)
-    assert told[-1] == pytest.approx(1.0)
+    assert messages == sorted(messages)
+    assert messages[-1] == pytest.approx(1.0)
 
 
 def test_without_a_compiler_there_is_a_hint_and_a_picture():

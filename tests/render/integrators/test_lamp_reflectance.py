@@ -88,12 +88,12 @@ def test_the_parts_by_reflections_add_up():
     """What the lamp reflects is among the light reflected once or more, and the lamp alone shows its emission."""
     scene = box_with_lamp(0.7, lamp_half=300.0, reflectance=SLOPE)
     parts = render_bounces(RenderJob(scene, looking_up(), BANDS, samples=64, batches=2, seed=1), bounces=2)
-    whole = render_path_tracer(RenderJob(scene, looking_up(), BANDS, samples=64, batches=2, seed=1))
-    lamp = whole.coverage[..., -1] == 1
+    image = render_path_tracer(RenderJob(scene, looking_up(), BANDS, samples=64, batches=2, seed=1))
+    lamp = image.coverage[..., -1] == 1
     np.testing.assert_allclose(parts.sel(part="0").values[:, lamp], 1.0, rtol=1e-6)
     assert np.all(parts.sel(part="1").values[:, lamp] == 0)
     assert parts.sel(part="2").values[:, lamp].mean() > 0.03
-    np.testing.assert_allclose(parts.sum("part").values, whole.coefficients @ whole.spectra, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(parts.sum("part").values, image.coefficients @ image.spectra, rtol=1e-4, atol=1e-5)
 
 
 def test_the_published_box_is_as_much_brighter_as_another_simulation_says():

@@ -83,7 +83,7 @@ def test_samples_go_where_a_percentile_above_the_median_asks_for_them():
 def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """Stopped after three passes: the rest alone is rendered, and the picture is that of one go, to the bit."""
     kept = tmp_path / "cube.nc.passes"
-    whole = render_to_precision(RenderJob(*WHERE), 0.004)
+    image = render_to_precision(RenderJob(*WHERE), 0.004)
     rendered = []
 
     def watched(job, report=None):
@@ -98,20 +98,20 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
         render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept)
     assert rendered == [0, 1, 2]
     monkeypatch.setattr(precision, "render_pass", render_pass)
-    told = []
-    reporter = ProgressReporter(lambda stage, done: told.append((stage, done)))
+    messages = []
+    reporter = ProgressReporter(lambda stage, done: messages.append((stage, done)))
     resumed = render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=reporter)
-    assert list(dict.fromkeys(stage for stage, _ in told)) == ["rendering a pilot", "rendering"]
-    parts = [done for stage, done in told if stage == "rendering"]
+    assert list(dict.fromkeys(stage for stage, _ in messages)) == ["rendering a pilot", "rendering"]
+    parts = [done for stage, done in messages if stage == "rendering"]
     first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
     assert first == sorted(first) and parts[-1] == 1
     assert parts[0] == 3 / BATCHES
-    assert np.array_equal(resumed.coefficients, whole.coefficients)
+    assert np.array_equal(resumed.coefficients, image.coefficients)
     other = render_to_precision(RenderJob(*WHERE, seed=5), 0.004, checkpoint=kept)
-    assert not np.array_equal(other.coefficients, whole.coefficients)
+    assert not np.array_equal(other.coefficients, image.coefficients)
     kept.write_bytes(b"broken")
     assert np.array_equal(
-        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept).coefficients, whole.coefficients
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept).coefficients, image.coefficients
     )
 
 
@@ -139,8 +139,8 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
 
 def test_passes_are_the_batches_of_one_picture():
     parts = [render_pass(RenderJob(*WHERE, 16, seed=3).batch(n)) for n in range(3)]
-    whole = render(RenderJob(*WHERE, samples=16, batches=3, seed=3))
-    assert np.array_equal(combined(parts).coefficients, whole.coefficients)
+    image = render(RenderJob(*WHERE, samples=16, batches=3, seed=3))
+    assert np.array_equal(combined(parts).coefficients, image.coefficients)
 
 
 def test_another_machines_basis_makes_no_difference():
@@ -153,7 +153,7 @@ def test_another_machines_basis_makes_no_difference():
 
 
 def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
-    """A worker process that its last pass kills once, and that starts anew: the picture is the one rendered here."""
+    """A worker process that its last pass kills once, and that starts again: the picture is the one rendered here."""
     distributed = pytest.importorskip("distributed", reason="needs dask[distributed], of the extra 'distributed'")
     jobs = [RenderJob(*WHERE, 8).batch(n) for n in range(3)]
     marker = tmp_path / "died"

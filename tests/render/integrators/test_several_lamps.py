@@ -163,8 +163,8 @@ def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
     How a dark lamp would shine does not matter.
     """
     nm = np.arange(400.0, 701.0, 5.0)
-    seen = np.isin(nm, BANDS).nonzero()[0]
-    weights = np.eye(nm.size)[seen]
+    indices = np.isin(nm, BANDS).nonzero()[0]
+    weights = np.eye(nm.size)[indices]
     dark = Spectrum(np.array([400.0, 700.0]), np.zeros(2))
     camera = replace(camera_inside(8), focal_length_px=3.0)
 
@@ -174,7 +174,7 @@ def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
         lamp = scene.lamp_radiance(nm)
         light = patch_light(transport, scene, BANDS, nm, weights, np.maximum(lamp, 1e-9), samples=64)
         changed = apply_checked(effect, EFFECTS[effect], "test").apply(light)
-        unit = np.maximum(lamp, 1e-9)[seen][:, None, None]
+        unit = np.maximum(lamp, 1e-9)[indices][:, None, None]
         return unit * (changed.picture() - light.picture()), unit * light.picture().max()
 
     both = two_lamps()

@@ -36,9 +36,9 @@ def texture():
 def painted(*names, paint=None):
     """The grey box with a texture on some of its walls."""
     box = box_with_lamp(0.6)
-    own = paint or texture()
+    mask = paint or texture()
     surfaces = [replace(s, material="painted", texture_uv=CORNERS) if s.name in names else s for s in box.surfaces]
-    materials = {**box.materials, "painted": Material("painted", own.mean, texture=own)}
+    materials = {**box.materials, "painted": Material("painted", mask.mean, texture=mask)}
     return replace(box, surfaces=tuple(surfaces), materials=materials)
 
 
@@ -67,10 +67,10 @@ def test_what_the_camera_sees_is_the_picture(renderer, name):
         ratio = ((seen.coefficients @ seen.spectra) / (unpainted.coefficients @ unpainted.spectra))[0]
     u, v = on_wall(camera, scene, name).T
     rows, columns, _ = texture().weights.shape
-    places = np.array([v * rows - 0.5, u * columns - 0.5])
+    values = np.array([v * rows - 0.5, u * columns - 0.5])
     expected = np.zeros((camera.height_px * camera.width_px, 3))
     for k, spectrum in enumerate(texture().spectra):
-        weight = map_coordinates(texture().weights[..., k], places, order=1, mode="nearest")
+        weight = map_coordinates(texture().weights[..., k], values, order=1, mode="nearest")
         expected += weight[:, None] * spectrum.at(BANDS)
     expected = expected.reshape(*where.shape, 3)
     assert where.sum() > 150

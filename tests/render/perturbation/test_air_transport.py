@@ -65,7 +65,7 @@ def test_cells_light_each_other_by_the_inverse_square_and_what_the_air_lets_thro
     volume, centre = air.size.prod(axis=1), air.corner + 0.5 * air.size
     for row, column in ((0, 1), (1, 0), (7, 70), (70, 7), (59, 60)):
         d = np.sqrt(np.sum((centre[row] - centre[column]) ** 2))
-        wanted = volume[column] * np.exp(-extinction * d) / (4 * np.pi * d**2)
-        assert found[row, column] == pytest.approx(wanted, rel=1e-9)
+        expected = volume[column] * np.exp(-extinction * d) / (4 * np.pi * d**2)
+        assert found[row, column] == pytest.approx(expected, rel=1e-9)
     radius = np.diag(found)
     np.testing.assert_allclose(4 / 3 * np.pi * radius**3, volume)

@@ -1,4 +1,4 @@
-"""Blur of light beside edges: the integral of a blurred square over pixels has a closed form."""
+"""Blur of light next to edges: the integral of a blurred square over pixels has a closed form."""
 
 from dataclasses import replace
 

@@ -108,12 +108,12 @@ def test_each_lamps_light_meets_the_albedo_at_its_own_angle():
     two = light.change(transport=transport, lamp_shares=shares)
     after = with_albedo(two, own, lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine)
     for k in np.flatnonzero(field.patches.material == own):
-        wanted = np.zeros(len(NM))
+        expected = np.zeros(len(NM))
         for lamp, arriving, share in zip(transport.light.lamps, direct[k], shares, strict=True):
             way = lamp.centre - field.patches.centre[k]
             cosine = float(way @ field.patches.normal[k]) / float(np.sqrt(way @ way))
-            wanted += light.patch_reflectance[k] * (cosine - 0.5) * arriving * share
-        np.testing.assert_allclose(after.patch_emission[k], wanted, rtol=1e-6)
+            expected += light.patch_reflectance[k] * (cosine - 0.5) * arriving * share
+        np.testing.assert_allclose(after.patch_emission[k], expected, rtol=1e-6)
 
 
 def test_where_light_is_reflected_once_patches_reflect_nothing():

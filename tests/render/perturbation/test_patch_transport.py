@@ -66,7 +66,7 @@ def published():
 def test_the_picture_is_the_gathers(published, max_bounces):
     """Means over surfaces and over the picture agree within noise and what patches may do.
 
-    Pixels beside the lamp stay out: coverage is known to 1/64 only, and that much lamp outshines a ceiling.
+    Pixels next to the lamp stay out: coverage is known to 1/64 only, and that much lamp outshines a ceiling.
     """
     scene, camera, transports = published
     image = gather(solve_light(scene, BANDS[1:], max_bounces, seed=1), camera, 256, BATCHES, seed=2)
@@ -116,10 +116,10 @@ def test_the_lamps_own_pixels_follow_its_pattern():
     image = gather(light, camera, 256, 2)
     picture = light_of(build_patch_transport(light, camera), scene, BANDS[1:]).picture()
     lamp = image.coverage[..., -1] == 1
-    seen = image.project(np.eye(2))[0][lamp]
+    image_px = image.project(np.eye(2))[0][lamp]
     assert lamp.sum() > 10
-    assert np.ptp(seen) > 0.2
-    assert picture[:, lamp].T == pytest.approx(seen, rel=0.01, abs=0.005)
+    assert np.ptp(image_px) > 0.2
+    assert picture[:, lamp].T == pytest.approx(image_px, rel=0.01, abs=0.005)
 
 
 def outside():
@@ -143,7 +143,7 @@ def test_a_lone_plate_in_a_bright_surround():
 
 @pytest.mark.parametrize("reflectance", [1.0, 0.5])
 def test_an_open_box_in_a_bright_surround(reflectance):
-    """A white box cannot be told from the surround that lights it through its front; a grey one is darker.
+    """A white box cannot be distinguished from the surround that lights it through its front; a grey one is darker.
 
     In the surround's equilibrium every ray carries the same radiance, whatever it meets.
     """

@@ -71,7 +71,7 @@ def test_a_move_of_a_third_of_a_pixel_is_rendering_again(warp, index):
     """Change looked up against change rendered with the same random numbers.
 
     Both are noisy, so their sizes are compared (the slope of the major axis), to 4%, and they go together, with
-    a correlation above 0.95: what the motion alone brings into sight is not known. Pixels beside the lamp stay
+    a correlation above 0.95: what the motion alone brings into sight is not known. Pixels next to the lamp stay
     out: there a rendered pixel's noise is as large as its signal.
     """
     light, image, signal, own = warp

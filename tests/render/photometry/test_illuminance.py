@@ -37,10 +37,10 @@ def test_direct_light_on_the_floor_is_the_lamps_configuration_factor():
     nodes, weights = np.polynomial.legendre.leggauss(40)
     x, z = np.meshgrid(nodes * EDGE / 2, nodes * EDGE / 2)
     mean = np.sum(np.outer(weights, weights) * lamp_over_floor(x, z)) / 4
-    found = surface_illuminance(box_with_lamp(0.0), GRID)
-    assert found["floor"] == pytest.approx(np.pi * LAMP * mean, rel=5e-4)
-    assert found["ceiling"] == 0 and np.isnan(found["light"])
-    walls = [found[name] for name in ("left", "right", "back", "front")]
+    illuminance = surface_illuminance(box_with_lamp(0.0), GRID)
+    assert illuminance["floor"] == pytest.approx(np.pi * LAMP * mean, rel=5e-4)
+    assert illuminance["ceiling"] == 0 and np.isnan(illuminance["light"])
+    walls = [illuminance[name] for name in ("left", "right", "back", "front")]
     whole = 4 * HALF**2 / EDGE**2  # what the lamp sends out, by reciprocity, falls on floor and walls
     assert walls == pytest.approx([np.pi * LAMP * (whole - mean) / 4] * 4, rel=2e-3)
 
@@ -81,9 +81,9 @@ def test_each_lamp_has_its_own_spectrum():
     weights = tristimulus_weights(GRID)[:, 1]
     scene = box_with_lamp(0.5)
     scene = replace(scene, lamp=replace(scene.lamp, radiance=warm))
-    found = surface_illuminance(scene, GRID)
+    illuminance = surface_illuminance(scene, GRID)
     ratio = weights @ warm.at(GRID) / weights.sum()  # grey walls keep the spectrum
-    assert [found[n] for n in both if n != "light"] == pytest.approx(
+    assert [illuminance[n] for n in both if n != "light"] == pytest.approx(
         [ratio * both[n] for n in both if n != "light"], rel=1e-5
     )
 

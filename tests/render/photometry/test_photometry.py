@@ -72,7 +72,7 @@ def picture(batches=5):
     coverage[1, 2, 1], coverage[1, 2, 2] = 0.4, 0.6  # an edge within the second surface
     coverage[1, 3, 2] = 1
     coverage[2, 0, 0], coverage[2, 0, 1] = 0.7, 0.3  # between the surfaces
-    coverage[2, 1, 0] = 0.8  # beside the background
+    coverage[2, 1, 0] = 0.8  # next to the background
     spectra = generator.random((3, GRID.size))
     spectra[2] *= 100
     mean = np.einsum("yxf,fk->yxk", coverage, np.eye(3)[[0, 1, 1, 2]])
@@ -146,6 +146,6 @@ def test_standard_errors_of_surfaces_cover_the_scatter_of_seeds():
     assert len(parts) >= 6
     for q in range(3):
         means = np.array([[sums.part(i).xyz[q] for i in parts] for sums in seen])
-        stated = np.array([[sums.part(i).covariance[q, q] for i in parts] for sums in seen])
-        ratio = means.var(axis=0, ddof=1) / stated.mean(axis=0)
+        values = np.array([[sums.part(i).covariance[q, q] for i in parts] for sums in seen])
+        ratio = means.var(axis=0, ddof=1) / values.mean(axis=0)
         assert ratio.mean() == pytest.approx(1, abs=0.5)

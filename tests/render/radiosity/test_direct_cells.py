@@ -1,4 +1,4 @@
-"""Direct light in cells: its means over surfaces, its value beside shadows, and points that an object covers."""
+"""Direct light in cells: its means over surfaces, its value next to shadows, and points that an object covers."""
 
 import numpy as np
 import pytest

@@ -64,11 +64,11 @@ def test_pictures_have_the_same_mean_and_less_noise_with_them(light):
     with_them = gather(light, camera, 256, 16, seed=1)
     without = gather(replace(light, controls=(None,)), camera, 256, 16, seed=2)
     one, other = (image.coefficients.astype(float) @ image.spectra for image in (with_them, without))
-    kept = with_them.coverage.max(axis=-1) == 1
-    kept &= ~with_them.sees_lamp
-    scatter = [np.median(x.var(axis=0, ddof=1)[kept] / x.mean(axis=0)[kept] ** 2) for x in (one, other)]
+    mask = with_them.coverage.max(axis=-1) == 1
+    mask &= ~with_them.sees_lamp
+    scatter = [np.median(x.var(axis=0, ddof=1)[mask] / x.mean(axis=0)[mask] ** 2) for x in (one, other)]
     assert scatter[0] < 0.7 * scatter[1]
-    means = [x[:, kept].mean(axis=1) for x in (one, other)]
+    means = [x[:, mask].mean(axis=1) for x in (one, other)]
     error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / 16)
     assert (np.abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < 4.5 * error).all()
 
@@ -101,11 +101,11 @@ def test_each_pixel_takes_off_what_leaves_the_least_noise(light):
         values.var(axis=0, ddof=1) / np.maximum(values.mean(axis=0), 1e-30) ** 2
         for values in ((i.coefficients.astype(float) @ i.spectra)[..., 1] for i in (with_them, without))
     )
-    kept = (with_them.coverage.max(axis=-1) == 1) & ~with_them.sees_lamp
+    mask = (with_them.coverage.max(axis=-1) == 1) & ~with_them.sees_lamp
     for name, most in (("floor", 1.05), ("short-block", 0.62), ("back", 0.55)):
-        here = kept & (with_them.surface == with_them.surface_names.index(name))
+        here = mask & (with_them.surface == with_them.surface_names.index(name))
         assert one[here].mean() < most * other[here].mean(), name
-    ratio = np.sqrt(one[kept] / other[kept])
+    ratio = np.sqrt(one[mask] / other[mask])
     assert np.percentile(ratio, 50) < 0.8
     assert np.percentile(ratio, 99) < 2
 

@@ -38,8 +38,8 @@ def by_lambert(corners, point, normal):
 def by_sum(point, normal):
     """The same of what of the ring is above the horizon, by a grid of 1 mm."""
     x, z = np.meshgrid(np.arange(-299.5, 300), np.arange(-299.5, 300))
-    lit = (np.abs(x) > 150) | (np.abs(z) > 150)
-    way = np.stack([x[lit], np.zeros(lit.sum()), z[lit]], axis=-1) + MIDDLE - point
+    mask = (np.abs(x) > 150) | (np.abs(z) > 150)
+    way = np.stack([x[mask], np.zeros(mask.sum()), z[mask]], axis=-1) + MIDDLE - point
     square_mm2 = np.sum(way**2, axis=1)
     return float(np.sum(np.maximum(way @ normal, 0) * way[:, 1] / square_mm2**2) / np.pi)
 
@@ -62,16 +62,16 @@ def test_a_ring_above_the_horizon_lights_as_the_square_less_its_hole_without_noi
     for x, z in ((500, 500), (100, 700), (850, 120)):
         point = np.array([x, 0.0, z])
         expected = by_lambert(OUTER, point, normal) - by_lambert(HOLE, point, normal)
-        found = light_of(ring, point, normal, 64)
-        np.testing.assert_allclose(found, expected, rtol=2e-3)
-        assert found.mean() == pytest.approx(by_sum(point, normal), rel=1e-3)
+        light = light_of(ring, point, normal, 64)
+        np.testing.assert_allclose(light, expected, rtol=2e-3)
+        assert light.mean() == pytest.approx(by_sum(point, normal), rel=1e-3)
 
 
 @pytest.mark.parametrize("normal", NORMALS[2:])
 def test_a_ring_that_the_horizon_cuts_lights_as_the_sum_over_its_visible_part(ring, normal):
     """Means of 16,384 samples within four of their standard errors."""
     normal, point = normal / np.linalg.norm(normal), np.array([450.0, 0.0, 550.0])
-    found = light_of(ring, point, normal, 2**14)
-    error = found.std() / np.sqrt(len(found))
-    assert 0 < error < 0.02 * found.mean()
-    assert found.mean() == pytest.approx(by_sum(point, normal), abs=4 * error)
+    light = light_of(ring, point, normal, 2**14)
+    error = light.std() / np.sqrt(len(light))
+    assert 0 < error < 0.02 * light.mean()
+    assert light.mean() == pytest.approx(by_sum(point, normal), abs=4 * error)

@@ -65,8 +65,8 @@ def test_every_point_of_a_patch_belongs_to_it(cornell_patches):
     uv = np.einsum("pkx,spx->spk", np.linalg.pinv(basis), points - a).reshape(-1, 2)
     triangle = np.tile(patches.triangle, 50).astype(np.uint32)
     active = dr.full(mi.Bool, True, len(uv))
-    found = patch_of(patches, mi.UInt32(triangle), mi.Point2f(uv.T.astype(np.float32)), active)
-    assert np.array_equal(np.array(found), np.tile(np.arange(len(patches)), 50))
+    patch = patch_of(patches, mi.UInt32(triangle), mi.Point2f(uv.T.astype(np.float32)), active)
+    assert np.array_equal(np.array(patch), np.tile(np.arange(len(patches)), 50))
 
 
 def test_slopes_reproduce_a_plane(cornell_patches):
@@ -81,15 +81,15 @@ def test_slopes_reproduce_a_plane(cornell_patches):
     patch = np.repeat(np.arange(len(patches)), 4)
     points = np.einsum("nk,nkx->nx", generator.dirichlet(np.ones(3), len(patch)), patches.corners[patch])
     found = slopes.at(values, patch, points)[:, 0]
-    whole = (slopes.neighbour != np.arange(len(patches))[:, None]).sum(axis=1) >= 2
-    assert whole.mean() > 0.9
+    mask = (slopes.neighbour != np.arange(len(patches))[:, None]).sum(axis=1) >= 2
+    assert mask.mean() > 0.9
     expected = np.einsum("nx,nx->n", per_facet[facet[patch]], points)
     # the triangles of a face are coplanar within 2 degrees only, so a plane through their patches is, too
     flat = ~np.isin(
         facet[patch],
         [f for f in range(len(per_facet)) if np.ptp(tracer.normals[tracer.facet == f], axis=0).max() > 1e-9],
     )
-    used = whole[patch] & flat
+    used = mask[patch] & flat
     assert used.sum() > 1000
     assert found[used] == pytest.approx(expected[used], abs=1e-6 * np.abs(expected).max())
     parts = slopes.weights(
@@ -132,7 +132,7 @@ def test_what_stands_on_a_patch_takes_its_place():
     assert not np.isin(exchange.slopes.neighbour[free | partly], np.nonzero(under)[0]).any()
     assert total[partly] == pytest.approx(1.0, abs=1e-5)
     assert total[free] == pytest.approx(1.0, abs=1e-5)
-    # what reaches the floor beside the block: from points of the patch itself, outside the block's base
+    # what reaches the floor next to the block: from points of the patch itself, outside the block's base
     generator = np.random.default_rng(1)
     for index in np.nonzero(partly)[0][:6]:
         points = generator.dirichlet(np.ones(3), 2**14) @ patches.corners[index]
@@ -181,8 +181,8 @@ def test_small_triangles_share_patches(room_with_a_ball):
     where = mi.Point2f(np.tile(middle[:, None], len(patches.triangle)).astype(np.float32))
     inside = mi.UInt32(patches.triangle.astype(np.uint32))
     pieces = ball[patches.patch]
-    found = np.array(patch_of(patches, inside, where, dr.full(mi.Bool, True, len(patches.triangle))))
-    assert np.array_equal(found[pieces], patches.patch[pieces])
+    values = np.array(patch_of(patches, inside, where, dr.full(mi.Bool, True, len(patches.triangle))))
+    assert np.array_equal(values[pieces], patches.patch[pieces])
     count = 4096
     lane = mi.UInt32(np.repeat(np.flatnonzero(ball), count).astype(np.uint32))
     u, v = np.random.default_rng(2).random((2, count * ball.sum())).astype(np.float32)
@@ -266,7 +266,7 @@ def test_light_that_multiplies_is_refused():
 
 
 def test_a_disturbed_exchange_is_traced_once_more():
-    """Which numbers were disturbed is told: here the slopes of one patch, and with them the form factors to it."""
+    """The message names the disturbed numbers: here the slopes of one patch, and with them the form factors to it."""
     tracer, patches, sound = exchange_of(closed_cube(), 500.0, 64, seed=3)
     across = sound.slopes.across.copy()
     across[17] = np.nan

@@ -275,14 +275,14 @@ def test_later_vertices_of_one_lanes_paths_are_independent():
 )
 def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1, lens):
     """Small squares' coverage is the density of their projected points, distortion included, to 1%."""
-    places = np.array([[250.0, 300.0, 900.0], [500.0, 500.0, 900.0], [800.0, 750.0, 900.0], [180.0, 850.0, 900.0]])
-    marks = [quad(f"mark-{i}", square(p, 25.0, 2, -1)) for i, p in enumerate(places)]
+    values = np.array([[250.0, 300.0, 900.0], [500.0, 500.0, 900.0], [800.0, 750.0, 900.0], [180.0, 850.0, 900.0]])
+    marks = [quad(f"mark-{i}", square(p, 25.0, 2, -1)) for i, p in enumerate(values)]
     scene = lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1))
     principal = np.array([30.2, 33.4])
     camera = replace(camera_inside(64, z=-700.0, focal=1.3), k1=k1, lens=lens, principal_point_px=principal)
     coverage = facet_coverage(build_tracer(scene), camera, samples=1024)
     grid = (np.arange(500) + 0.5) / 10 - 25.0
-    for index, place in enumerate(places):
+    for index, place in enumerate(values):
         offsets = np.stack([*np.meshgrid(grid, grid), np.zeros((500, 500))], axis=-1).reshape(-1, 3)
         u, v = camera.project(place + offsets).T
         count = np.histogram2d(v, u, bins=[np.arange(65) - 0.5] * 2)[0]
@@ -308,7 +308,7 @@ def specks():
 
 
 def turned(camera, degrees):
-    """From the middle of the cube, edges pass beside and behind the camera."""
+    """From the middle of the cube, edges pass next to and behind the camera."""
     turn = Rotation.from_rotvec(degrees, degrees=True).as_matrix()
     return replace(camera, rotation=turn @ camera.rotation, position_mm=np.full(3, 480.0))
 
@@ -338,12 +338,12 @@ def test_a_lamp_in_the_corner_leaves_no_tails():
     bright."""
     ceiling = {
         "lamp": [[0, 400], [400, 400], [400, 1000], [0, 1000]],
-        "beside": [[400, 0], [1000, 0], [1000, 1000], [400, 1000]],
+        "behind": [[400, 0], [1000, 0], [1000, 1000], [400, 1000]],
         "before": [[0, 0], [400, 0], [400, 400], [0, 400]],
     }
     corners = {name: np.array([[x, EDGE, z] for x, z in quads], float) for name, quads in ceiling.items()}
     surfaces = [quad(n, c) for n, c in walls().items() if n != "ceiling"]
-    surfaces += [quad(name, corners[name]) for name in ("beside", "before")]
+    surfaces += [quad(name, corners[name]) for name in ("behind", "before")]
     scene = replace(lamp_and(surfaces, corners["lamp"]), materials={"grey": grey(0.6)})
     image = render_final_gather(RenderJob(scene, camera_inside(24), BANDS[:1], samples=64, batches=6, seed=3))
     values = (image.coefficients @ image.spectra)[..., 0]

@@ -137,9 +137,9 @@ def test_the_monochrome_camera_counts_as_the_capture_format_says():
     quanta = wavelength * 1e-9 / (6.626e-34 * 2.998e8)
     factor = np.pi / 4 * 35.0**2 * 97.65625e-6**2 * exposure / (12.0 * 8.0**2 * 36.6**2)
     expected = factor * np.trapezoid(quanta * curve * radiance, wavelength)
-    found = expected_counts(cube(radiance[None, None], wavelength), camera, exposure, "f600")[0, 0]
+    counts = expected_counts(cube(radiance[None, None], wavelength), camera, exposure, "f600")[0, 0]
     # 1e-5: the responsivity counts as linear between samples, where the format's sum has its product so
-    assert found - camera.detector.dark(exposure)[0] == pytest.approx(expected, rel=1e-5)
+    assert counts - camera.detector.dark(exposure)[0] == pytest.approx(expected, rel=1e-5)
 
 
 def test_simulated_frames_scatter_about_the_expected_counts():

@@ -75,8 +75,8 @@ def test_a_table_for_the_nonlinearity_may_be_the_identity(tmp_path):
     (tmp_path / "a.toml").write_text(text + "[nonlinearity]\nlinear_dn = [0, 255]\nrecorded_dn = [0, 255]\n")
     field, plain = chart_cube(), load_camera("dcs200")
     exposure = auto_exposure(field, plain)
-    found = expected_counts(field, load_camera(tmp_path / "a.toml"), exposure)
-    np.testing.assert_allclose(found, expected_counts(field, plain, exposure), rtol=1e-12)
+    counts = expected_counts(field, load_camera(tmp_path / "a.toml"), exposure)
+    np.testing.assert_allclose(counts, expected_counts(field, plain, exposure), rtol=1e-12)
     for broken in (
         "linear_dn = [0, 255]",
         "linear_dn = [0, 1]\nrecorded_dn = [0, 1]\nsquare_root_from_dn = 4095",
@@ -288,8 +288,8 @@ def test_a_colour_cameras_frames_stand_in_a_band_for_each_channel(tmp_path, patt
     radiance = np.interp(WAVELENGTH_NM, WAVELENGTH, field["radiance"].values[0, 0])
     responses = band_responses(capture, nominal_constant(capture), channels)
     for band, response in zip(capture.manifest.band, responses, strict=True):
-        own = channel_mask(capture.manifest.mosaic.pattern, capture.shape, band.channel)
-        counts = (capture.frames(band).mean(axis=0) - dark.at(band.exposure_s))[own].mean()
+        mask = channel_mask(capture.manifest.mosaic.pattern, capture.shape, band.channel)
+        counts = (capture.frames(band).mean(axis=0) - dark.at(band.exposure_s))[mask].mean()
         assert counts == pytest.approx(response.signal(radiance), rel=1e-3)
     assert not file_mosaic_notes(capture)
     if frames_as == "dng":
@@ -337,7 +337,7 @@ def test_several_cubes_and_every_output_of_the_command(tmp_path, capsys):
 
 
 def test_a_camera_of_ones_own_is_one_toml_and_one_csv(tmp_path):
-    """Four classes of sensors, with letters of their own, in a repeating 2 x 3 pattern."""
+    """Four classes of sensors, with their own letters, in a repeating 2 x 3 pattern."""
     rows = "".join(f"{w},0.1,0.2,0.3,0.4\n" for w in range(400, 701, 50))
     (tmp_path / "my.csv").write_text("wavelength_nm,a,b,c,d\n" + rows)
     (tmp_path / "my.toml").write_text(

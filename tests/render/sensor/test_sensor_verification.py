@@ -26,10 +26,10 @@ def test_expected_counts_agree_with_an_independent_path_at_full_resolution(name)
     for seconds in (1 / 30, 1 / 125):
         frame = expected_counts(cube, camera, seconds)
         expected = np.stack([frame[::2, 0], frame[::2, 1], frame[1::2, 1]], axis=-1)
-        found = independent.record(light, seconds, draws, np.random.default_rng(1))
+        entry = independent.record(light, seconds, draws, np.random.default_rng(1))
         # spread of a count is about 1 DN at most; F bends its mean by a hundredth
         sigma = np.sqrt((1 / 12 + 0.75 + (expected - 10) / 300) / draws)
-        np.testing.assert_array_less(np.abs(found - expected), SIGMAS * sigma + 0.02)
+        np.testing.assert_array_less(np.abs(entry - expected), SIGMAS * sigma + 0.02)
 
 
 def test_real_frames_are_predicted(shared):

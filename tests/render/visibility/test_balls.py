@@ -35,7 +35,7 @@ def entered(origin, direction, centre, radius):
 
 
 def test_rays_meet_the_spheres_themselves():
-    """From anywhere in the room, beside its walls: what each ray meets, where, and the ball's normal there. Within 0.05
+    """Anywhere in the room, next to its walls: what each ray meets, where, and the ball's normal there. Within 0.05
     mm of a ball's outline rounding decides."""
     tracer, walls = tracer_of(*BALLS.values()), tracer_of()
     assert isinstance(tracer.accelerator, FacesAndTree) and tracer.accelerator.tree is None
@@ -71,15 +71,15 @@ def test_rays_meet_the_spheres_themselves():
 def test_rays_from_points_of_its_triangles_leave_it():
     """The triangles' middles lie up to 0.02 % of the radius within the sphere."""
     tracer = tracer_of(BALLS["low"])
-    own = np.flatnonzero(tracer.surface == len(tracer.scene.surfaces) - 1)
-    own = np.tile(own, COUNT // len(own))
+    indices = np.flatnonzero(tracer.surface == len(tracer.scene.surfaces) - 1)
+    indices = np.tile(indices, COUNT // len(indices))
     rng = np.random.default_rng(2)
-    direction = directions(rng, len(own))
-    direction *= np.sign(np.einsum("ij,ij->i", direction, tracer.normals[own]))[:, None]
-    middles = tracer.vertices[own].mean(axis=1)
+    direction = directions(rng, len(indices))
+    direction *= np.sign(np.einsum("ij,ij->i", direction, tracer.normals[indices]))[:, None]
+    middles = tracer.vertices[indices].mean(axis=1)
     triangle = np.array(intersect(tracer, rays(middles, direction)).triangle)
-    met_itself = np.isin(tracer.surface[triangle], tracer.surface[own[0]])
-    grazing = np.einsum("ij,ij->i", direction, tracer.normals[own]) < 0.03
+    met_itself = np.isin(tracer.surface[triangle], tracer.surface[indices[0]])
+    grazing = np.einsum("ij,ij->i", direction, tracer.normals[indices]) < 0.03
     assert not met_itself[~grazing].any()
 
 
@@ -96,8 +96,8 @@ def test_a_ball_beside_a_mesh_and_walls():
         names = [tracer.scene.surfaces[i].name for i in tracer.surface[np.array(hit.triangle)]]
         assert names == [first] * 50
         if first == "mesh":
-            own = tracer.normals[np.array(hit.triangle)]
-            np.testing.assert_allclose(np.array(hit.normal).T, own, atol=1e-6)
+            normals = tracer.normals[np.array(hit.triangle)]
+            np.testing.assert_allclose(np.array(hit.normal).T, normals, atol=1e-6)
     assert np.array(hit.front).all()
 
 

@@ -80,9 +80,9 @@ def test_rays_meet_what_one_tree_says(name):
 def test_segments_between_surfaces_may_leave_out_the_hull(name):
     both, tree, normals, vertices = scene(*(ball(centre) for centre in BALLS[name]))
     rng = np.random.default_rng(3)
-    chosen = rng.integers(len(vertices), size=(2, COUNT))
-    chosen[:, ::2] = rng.integers(len(ROOM), size=(2, COUNT // 2))
-    ray, facing = between_surfaces(vertices, normals, chosen, rng)
+    indices = rng.integers(len(vertices), size=(2, COUNT))
+    indices[:, ::2] = rng.integers(len(ROOM), size=(2, COUNT // 2))
+    ray, facing = between_surfaces(vertices, normals, indices, rng)
     enclosed, expected = blocked_by(both, ray, enclosed=True)[facing], blocked_by(tree, ray)[facing]
     assert 50 < expected.sum() < len(expected) - 50
     assert (enclosed != expected).sum() <= 5

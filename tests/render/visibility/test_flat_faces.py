@@ -110,8 +110,8 @@ def test_segments_between_points_of_surfaces_need_no_hull():
     faces, _, normals = both(vertices)
     assert 0 < sum(faces.hull) < len(faces.hull)
     rng = np.random.default_rng(9)
-    chosen = rng.integers(len(vertices), size=(2, COUNT))
-    ray, facing = between_surfaces(vertices, normals, chosen, rng)
+    indices = rng.integers(len(vertices), size=(2, COUNT))
+    ray, facing = between_surfaces(vertices, normals, indices, rng)
     free, enclosed = (~blocked_by(faces, ray, enclosed=e)[facing] for e in (False, True))
     assert 0.1 < free.mean() < 0.9
     assert (free != enclosed).sum() <= 5
@@ -121,9 +121,9 @@ def test_lanes_that_are_not_asked_meet_nothing():
     faces, _, _ = both(500 * triangles(BOX))
     ray = rays(np.full((4, 3), 250.0), np.eye(4, 3) + 0.1)
     active = mi.Bool([True, False, True, False])
-    found = faces.ray_intersect_preliminary(ray, active=active)
-    assert np.array(found.is_valid()).tolist() == [True, False, True, False]
-    assert np.array(dr.isfinite(found.t)).tolist() == [True, False, True, False]
+    hit = faces.ray_intersect_preliminary(ray, active=active)
+    assert np.array(hit.is_valid()).tolist() == [True, False, True, False]
+    assert np.array(dr.isfinite(hit.t)).tolist() == [True, False, True, False]
     assert np.array(faces.ray_test(ray, active)).tolist() == [True, False, True, False]
 
 

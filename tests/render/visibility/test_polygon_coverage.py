@@ -10,7 +10,7 @@ from cboxlab.rendering.perturbation import pixels_per_unit
 from cboxlab.rendering.visibility import build_tracer, pixel_coverage
 from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, triangle_tree
 from cboxlab.rendering.visibility.flat_faces import flat_faces
-from cboxlab.rendering.visibility.polygon_coverage import polygon_coverage
+from cboxlab.rendering.visibility.polygon_coverage import _classes, _shares, polygon_coverage
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from cboxlab.scenes.lens import Lens
@@ -160,3 +160,12 @@ def test_no_pixels_have_no_shares():
     """As along the borders of a picture that shows one wall."""
     tracer = build_tracer(cornell_box())
     assert pixel_coverage(tracer, [cornell_camera(SIZE)], np.zeros(0, int), 1).shape[:2] == (1, 0)
+
+
+def test_pixels_that_no_line_crosses_show_their_nearest_face():
+    """Bounds may leave two faces to a pixel that no edge crosses; the face of the larger 1 / t is the nearer one."""
+    ((members, lines, faces),) = _classes(np.zeros(3, int), np.full(3, 2), cameras=1)
+    functions = np.zeros((len(members), faces, 5, 3))
+    functions[..., 2] = 1.0
+    functions[:, 1, 0, 2] = 2.0
+    np.testing.assert_array_equal(_shares(np.zeros((len(members), lines, 3)), functions), [[0.0, 1.0]] * 3)

@@ -38,7 +38,7 @@ def test_a_ray_goes_where_its_place_in_the_pixel_says(k1, lens):
     rays = pixel_rays(seen, device_array(mi.UInt32, PIXEL))(*(device_array(mi.Float, x) for x in RANDOM))
     found = np.array(rays.d).T @ seen.rotation.T
     row, column = np.divmod(PIXEL, WIDTH)
-    wanted = seen.directions(column + RANDOM[0] - 0.5, row + RANDOM[1] - 0.5) @ seen.rotation.T
-    off = found[:, :2] / found[:, 2:] - wanted[:, :2] / wanted[:, 2:]
+    expected = seen.directions(column + RANDOM[0] - 0.5, row + RANDOM[1] - 0.5) @ seen.rotation.T
+    off = found[:, :2] / found[:, 2:] - expected[:, :2] / expected[:, 2:]
     assert np.abs(off).max() * seen.focal_length_px < 2e-5
     np.testing.assert_allclose(np.array(rays.o).reshape(3, -1)[:, 0], seen.position_mm, rtol=1e-6)

@@ -39,11 +39,11 @@ def test_a_file_of_an_instrument_is_read_with_its_numbers(tmp_path, key):
 @pytest.mark.parametrize("key", INSTRUMENTS)
 def test_the_ending_and_windows_lines_change_nothing(tmp_path, key):
     text = INSTRUMENTS[key].text
-    one = read_spectra(write(tmp_path, text))
+    content = read_spectra(write(tmp_path, text))
     other = read_spectra(write(tmp_path, b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode(), "measured.csv"))
-    assert list(one) == list(other)
-    for name in one:
-        assert np.array_equal(one[name].values, other[name].values)
+    assert list(content) == list(other)
+    for name in content:
+        assert np.array_equal(content[name].values, other[name].values)
 
 
 def test_every_format_has_a_file_here():

@@ -38,10 +38,10 @@ def test_strips_agree_with_the_whole_picture(by_strips):
     picture's to the rounding of its camera; below it differences are as large as the errors say (a variance of
     8 batches each: F(1, 14), of mean 14/12)."""
     strips, notes = by_strips
-    whole = render(None, wavelengths=BANDS, camera=cornell_camera(SIZE), samples=32, seed=3).cube
-    difference = (strips["radiance"] - whole["radiance"]).values
-    variance = (strips["standard_error"] ** 2 + whole["standard_error"] ** 2).values
-    assert np.abs(difference[:ROWS]).max() < 1e-3 * float(whole["radiance"].max())
+    cube = render(None, wavelengths=BANDS, camera=cornell_camera(SIZE), samples=32, seed=3).cube
+    difference = (strips["radiance"] - cube["radiance"]).values
+    variance = (strips["standard_error"] ** 2 + cube["standard_error"] ** 2).values
+    assert np.abs(difference[:ROWS]).max() < 1e-3 * float(cube["radiance"].max())
     below = variance > 0
     below[:ROWS] = False
     assert np.any(difference[below] != 0)
@@ -92,7 +92,7 @@ def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypat
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     settings = CubeSettings(grid, samples=1, seed=3)
     kept = tmp_path / "kept.nc"
-    whole = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), settings).photometry
+    photometry = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), settings).photometry
 
     def stopped(job, report=None):
         if job.camera.height_px < ROWS:
@@ -103,11 +103,11 @@ def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypat
         patch.setattr(precision, "render_pass", stopped)
         render_file(kept, None, cornell_camera(SIZE), settings)
     again = render_file(kept, None, cornell_camera(SIZE), settings).photometry
-    assert again.to_dict() == whole.to_dict()
+    assert again.to_dict() == photometry.to_dict()
     radiance = read_cube(tmp_path / "a.nc")["radiance"].values
     mean = radiance.mean(axis=(0, 1)) @ tristimulus_weights(grid)
-    assert whole.picture.pixels == SIZE**2 and whole.picture.xyz == pytest.approx(mean, rel=1e-5)
-    assert whole.illuminance("back") > whole.illuminance("ceiling") > 0
+    assert photometry.picture.pixels == SIZE**2 and photometry.picture.xyz == pytest.approx(mean, rel=1e-5)
+    assert photometry.illuminance("back") > photometry.illuminance("ceiling") > 0
 
 
 def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, monkeypatch):
@@ -145,8 +145,8 @@ def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
 
 def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path, monkeypatch):
     away = replace(cornell_camera(16), position_mm=np.array([278.0, 273.0, 5000.0]))
-    whole = render(wavelengths=BANDS, camera=away, samples=4)
-    assert not whole.cube["radiance"].values.any() and "sees no lit surface" in whole.notes()[0]
+    image = render(wavelengths=BANDS, camera=away, samples=4)
+    assert not image.cube["radiance"].values.any() and "sees no lit surface" in image.notes()[0]
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     assert "sees no lit surface" in render_file(tmp_path / "a.nc", None, away, SETTINGS).notes[0]
 

@@ -29,9 +29,9 @@ def made(tmp_path):
 
 
 def test_unchanged_results_are_sound(made):
-    found = verify(made[0])
-    assert found.sound and not found.lines()
-    assert (found.outputs, found.inputs) == (2, 3)
+    verification = verify(made[0])
+    assert verification.sound and not verification.lines()
+    assert (verification.outputs, verification.inputs) == (2, 3)
     content = json.loads((made[0] / "manifest.json").read_text())
     assert content["seed"] == 7 and {"python", "numpy", "mitsuba", "cboxlab"} <= set(content["versions"])
 
@@ -42,15 +42,15 @@ def test_each_kind_of_change_is_named(made):
     (results / "maps" / "a.exr").unlink()
     (capture / "frames" / "f.tif").write_bytes(b"g.tif")
     model.unlink()
-    found = verify(results)
-    assert found.changed_outputs == ("metrics.json",) and found.missing_outputs == ("maps/a.exr",)
-    assert [p.split("/")[-1] for p in found.changed_inputs] == ["f.tif"]
-    assert [p.split("/")[-1] for p in found.missing_inputs] == ["m.toml"]
-    assert len(found.lines()) == 4 and not found.sound
+    verification = verify(results)
+    assert verification.changed_outputs == ("metrics.json",) and verification.missing_outputs == ("maps/a.exr",)
+    assert [p.split("/")[-1] for p in verification.changed_inputs] == ["f.tif"]
+    assert [p.split("/")[-1] for p in verification.missing_inputs] == ["m.toml"]
+    assert len(verification.lines()) == 4 and not verification.sound
 
 
 def test_what_a_scene_file_names_is_an_input(tmp_path):
-    """A paint's table and a block's mesh beside the scene file: what is changed in them is told."""
+    """A paint's table and a block's mesh next to the scene file: what is changed in them is told."""
     shutil.copytree(ROOT / "scenes" / "data", tmp_path / "box")
     scene = tmp_path / "box" / "cornell-box.toml"
     (tmp_path / "box" / "ball.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n")
@@ -61,8 +61,8 @@ def test_what_a_scene_file_names_is_an_input(tmp_path):
     for name in ("ball.obj", *tables):
         path = tmp_path / "box" / name
         path.write_text(path.read_text() + " ")
-    found = {path.split("/")[-1] for path in verify(tmp_path).changed_inputs}
-    assert tables and found == {"ball.obj", *tables}
+    members = {path.split("/")[-1] for path in verify(tmp_path).changed_inputs}
+    assert tables and members == {"ball.obj", *tables}
 
 
 @pytest.mark.parametrize(

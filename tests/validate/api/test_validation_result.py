@@ -5,7 +5,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
+from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import ValidationResult
+from cboxlab.validation.report import FIGURES, named_bands
 from helpers.fakes.box import SURFACES, FakeBox, fake_weights
 
 
@@ -47,5 +50,28 @@ def test_maps_have_the_bands_in_the_order_of_wavelength():
     np.testing.assert_array_equal(last["measured"], measured[0])
     np.testing.assert_array_equal(last["rendered"], measured[0] / 2)
     np.testing.assert_allclose(maps["residual"].values, maps["difference"].values / 2)
-    figure = result.plot()
-    assert len(figure.axes) == len(responses) + 1 and "nm" in figure.axes[0].get_title()
+
+
+@pytest.mark.parametrize("what", FIGURES)
+def test_every_figure_has_units_and_can_be_saved(what, tmp_path):
+    validation = fake_validation()
+    figure = ValidationResult(validation).figure(what)
+    figure.savefig(tmp_path / "figure.pdf")
+    texts = [axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes]
+    assert any(unit in text for text in texts for unit in ("σ", "%", "DN", "ΔE"))
+    used = {image.get_cmap().name for axis in figure.axes for image in axis.images}
+    assert used <= {"RdBu_r", "cividis"}  # told apart with every colour vision
+
+
+def test_the_figure_of_the_difference_holds_the_maps_by_wavelength():
+    validation = fake_validation()
+    figure = ValidationResult(validation).figure()
+    maps = validation.comparison.maps["residual_over_sigma"].values
+    shown = [axis for axis in figure.axes if axis.images]
+    names = [axis.get_title(loc="left") for axis in shown]
+    assert names == sorted(names) and all(name.endswith(" nm") for name in names) and len(names) == len(maps)
+    order = [index for index, _ in named_bands(validation.comparison.bands, validation.prepared.responses)]
+    for axis, index in zip(shown, order, strict=True):
+        np.testing.assert_array_equal(np.ma.filled(axis.images[0].get_array(), np.nan), maps[index])
+    with pytest.raises(InputError, match="one of difference, relative"):
+        ValidationResult(validation).figure("diference")

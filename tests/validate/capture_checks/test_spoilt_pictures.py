@@ -21,10 +21,10 @@ pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: 
 
 #: Mistakes made at once, in which nothing of one hides another.
 CHOSEN = (
-    ("all exposures in milliseconds", "photographs read from a region 4 px beside the flats'"),
+    ("all exposures in milliseconds", "photographs read from a region 4 px next to the flats'"),
     ("sphere a thousand times too bright", "a repeat shows another band"),
     ("two bands' frames exchanged", "points in inches"),
-    ("all frames mirrored left to right", "rows with a noise of their own"),
+    ("all frames mirrored left to right", "rows with another noise"),
     ("the photographs mirrored, not the flats",),
     ("lamp table in micrometres", "photographs already divided by the flat"),
     ("a dark repeat of another exposure", "sphere in quanta, not energy"),
@@ -42,6 +42,6 @@ def test_mistakes_in_the_bundled_capture_are_named(tmp_path, names):
     for mistake in mistakes:
         mistake.make(draft, np.random.default_rng(5))
     draft.save()
-    found = with_scene_checks(quick_calibration(draft.folder)).suspicions
+    suspicions = with_scene_checks(quick_calibration(draft.folder)).suspicions
     for mistake in mistakes:
-        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in found), (mistake.name, found)
+        assert any(re.search(mistake.expected, str(suspicion)) for suspicion in suspicions), (mistake.name, suspicions)

@@ -62,8 +62,8 @@ def test_greys_under_the_lamp_are_greys_of_srgb():
     """Shares of the white, by the standard's curve to 8 bits; a pixel that is not known is mid grey."""
     shares = np.array([0.0, 0.002, 0.05, 0.18, 0.5, 1.0, 1.3])
     picture = np.append(shares[:, None] * XYZ, [[np.nan, 1.0, 1.0]], axis=0)[None]
-    found = srgb_preview(picture, WHITE)[0].astype(int)
+    values = srgb_preview(picture, WHITE)[0].astype(int)
     clipped = np.minimum(shares, 1.0)
     curve = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)
-    assert np.abs(found[:-1] - np.round(255 * curve)[:, None]).max() <= 1
-    assert found[-1].tolist() == [128, 128, 128]
+    assert np.abs(values[:-1] - np.round(255 * curve)[:, None]).max() <= 1
+    assert values[-1].tolist() == [128, 128, 128]

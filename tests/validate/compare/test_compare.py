@@ -87,10 +87,10 @@ def test_luminance_and_chromaticity_are_those_of_the_interiors_mean_xyz():
     comparison = BOX.compare(seed=7, factor=factor)
     told = metrics(comparison, fake_run())["surfaces"]
     maps = comparison.maps
-    seen = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
+    mask = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
     for index, name in enumerate(SURFACES):
         for side in ("measured", "rendered"):
-            x, y, z = maps[f"xyz_{side}"].values[seen & (maps["surface"].values == index)].mean(axis=0)
+            x, y, z = maps[f"xyz_{side}"].values[mask & (maps["surface"].values == index)].mean(axis=0)
             expected = {"luminance_cd_m2": y, "x": x / (x + y + z), "y": y / (x + y + z)}
             assert told[name][side] == pytest.approx(expected)
     wall = told["green wall"]

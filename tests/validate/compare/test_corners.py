@@ -23,10 +23,10 @@ def calibration():
 def clicks(calibration, ids, seed, error_px=0.5):
     """Projections of corners by the surveyed camera, and clicks with an error about them."""
     corners = {corner.id: corner for corner in scene_corners(calibration.capture.scene)}
-    places = np.array([corners[name].position_mm for name in ids])
-    surveyed = calibration.camera.project(places)
+    values = np.array([corners[name].position_mm for name in ids])
+    surveyed = calibration.camera.project(values)
     error = np.random.default_rng(seed).normal(0, error_px, surveyed.shape)
-    return surveyed, SurveyedPoints(ids, places, surveyed + error)
+    return surveyed, SurveyedPoints(ids, values, surveyed + error)
 
 
 def test_corners_of_a_scene_have_names_and_leave_the_lamp_out(calibration):

@@ -90,8 +90,8 @@ def test_an_object_of_few_samples_is_told(places):
     """Three samples of the short block are left."""
     camera = replace(cornell_camera(SIZE), covariance=SURVEY)
     block = places.objects.index("short-block")
-    own = np.flatnonzero(places.owner == block)[3:]
-    left = np.delete(np.arange(places.owner.size), own)
+    indices = np.flatnonzero(places.owner == block)[3:]
+    left = np.delete(np.arange(places.owner.size), indices)
     per_sample = ("place_mm", "normal", "offset_px", "owner", "edge")
     few = replace(places, **{name: getattr(places, name)[left] for name in per_sample})
     _, errors = align_edges(few, camera)

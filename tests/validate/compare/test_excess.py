@@ -17,25 +17,25 @@ def test_every_region_has_its_own_squares_and_its_part_of_the_freedom():
     used = np.isfinite(residual)
     each = 1 - 600 / used.sum()
     excess = float(np.nansum(residual**2)) - used.sum() * each
-    found = regions_of(c)
-    for rows in found.values():
+    regions = regions_of(c)
+    for rows in regions.values():
         assert sum(row.share_of_excess for row in rows) == pytest.approx(1)
         assert sum(row.share_of_residuals for row in rows) == pytest.approx(1)
         assert sum(row.chi2.count for row in rows) == used.sum()
     wheres = {name: BOX.surface == i for i, name in enumerate(SURFACES)}
-    for row in found["surface"][: len(SURFACES)]:
+    for row in regions["surface"][: len(SURFACES)]:
         own = residual[:, wheres[row.name]]
         count, value = np.isfinite(own).sum(), float(np.nansum(own**2))
         assert (row.chi2.count, row.chi2.value, row.chi2.dof) == pytest.approx((count, value, count * each))
         assert row.share_of_excess == pytest.approx((value - count * each) / excess)
         assert row.share_of_residuals == pytest.approx(count / used.sum())
-    for band, row in zip(residual, found["band"], strict=True):
+    for band, row in zip(residual, regions["band"], strict=True):
         assert row.chi2.value == pytest.approx(np.nansum(band**2))
-    assert [row.name for row in found["band"]] == list(BANDS)
-    most = max(found["surface"], key=lambda row: row.share_of_excess)
+    assert [row.name for row in regions["band"]] == list(BANDS)
+    most = max(regions["surface"], key=lambda row: row.share_of_excess)
     assert most.name == "floor" and most.share_of_excess > 0.9
 
 
 def test_where_noise_explains_all_there_is_no_share():
-    found = regions_of(BOX.compare(seed=1))
-    assert all(np.isnan(row.share_of_excess) for rows in found.values() for row in rows)
+    regions = regions_of(BOX.compare(seed=1))
+    assert all(np.isnan(row.share_of_excess) for rows in regions.values() for row in rows)

@@ -26,9 +26,9 @@ def cube(tmp_path, name, seed, factor=1.0, error=True, wavelengths=(450.0, 550.0
 def test_a_mean_has_an_error_bar(tmp_path):
     """Three independent wavelengths of 1600 pixels each, both sides noisy: 5 % sqrt(2/4800), within a third."""
     compared = compare_stacks(cube(tmp_path, "a.nc", 1, 1.02), cube(tmp_path, "b.nc", 2))
-    whole = compared.means[0]
-    assert whole.sigma == pytest.approx(RELATIVE * np.sqrt(2 / 4800), rel=0.33)
-    assert abs(whole.difference - 0.02) < 5 * whole.sigma
+    means = compared.means[0]
+    assert means.sigma == pytest.approx(RELATIVE * np.sqrt(2 / 4800), rel=0.33)
+    assert abs(means.difference - 0.02) < 5 * means.sigma
 
 
 def test_a_cube_without_errors_is_not_exact(tmp_path):

@@ -43,14 +43,14 @@ def test_the_cameras_fit_has_that_noise_and_the_renders(monkeypatch):
 def test_all_reflected_light_missing_is_found_beside_a_quiet_camera(monkeypatch, tmp_path):
     """A model of direct light alone is black on a fifth of the picture. Camera and lamp do not follow that: fitted, the
     camera was turned by 10 degrees and the lamp 1.4 or 0.5 times its power, by rounding alone."""
-    tried = stepwise.hypotheses
-    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    hypotheses = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in TRIED])
     quiet = CaptureSettings(bit_depth=16, gain_e_per_dn=1.6, read_noise_e=3.0)
     write_model_capture(tmp_path / "c", Model(), perturbed_camera(32, 2), quiet, 2, relative_error=2e-3)
     validation = validate_capture(load_capture(tmp_path / "c"), Model(render=RenderSettings(max_bounces=1)))
     surveyed = validation.prepared.expected_camera(())
     np.testing.assert_array_equal(validation.fit.camera.parameters, surveyed.parameters)
     assert abs(validation.fit.lamp_scale - 1) <= 2.001 * validation.prepared.lamp_sigma
-    found = diagnose(validation)
-    assert found.selected == ("interreflection",)
-    assert found.chi2_per_dof > 100 and found.final_chi2_per_dof < 1.5
+    diagnosis = diagnose(validation)
+    assert diagnosis.selected == ("interreflection",)
+    assert diagnosis.chi2_per_dof > 100 and diagnosis.final_chi2_per_dof < 1.5

@@ -96,9 +96,9 @@ def test_colours_are_those_of_cells_and_noise_explains_them(validated):
 
 def test_the_report_and_the_diagnosis_say_what_holds(validated, tmp_path):
     _, result, _ = validated
-    found = diagnose(result)
-    assert found.selected == () and found.adequate
-    write_validation(result, tmp_path, found)
+    diagnosis = diagnose(result)
+    assert diagnosis.selected == () and diagnosis.adequate
+    write_validation(result, tmp_path, diagnosis)
     report = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "a cell of" in report
     data = picture_data(result.comparison)

@@ -15,11 +15,11 @@ from helpers.boxes import box_with_lamp, camera_inside
 def test_values_keep_their_places_in_the_vector():
     camera = cornell_camera(16)
     vector = Nuisances(camera.parameters, 1.25).vector
-    named = dict(zip(Nuisances.names, vector, strict=True))
+    mapping = dict(zip(Nuisances.names, vector, strict=True))
     assert Nuisances.count == len(vector)
-    assert named["lamp_scale"] == vector[Nuisances.of_lamp] == 1.25
-    assert named["focal_length_px"] == camera.focal_length_px
-    assert named["k1"] == camera.k1
+    assert mapping["lamp_scale"] == vector[Nuisances.of_lamp] == 1.25
+    assert mapping["focal_length_px"] == camera.focal_length_px
+    assert mapping["k1"] == camera.k1
     np.testing.assert_array_equal(vector[Nuisances.of_camera], camera.parameters)
     back = Nuisances.from_vector(vector)
     np.testing.assert_array_equal(back.camera, camera.parameters)
@@ -117,8 +117,8 @@ def fitted(drawn, seed, spoilt=0.0):
     surveyed = replace(camera, covariance=np.diag(pixels**-2.0))
     found = fit_nuisances(measured, variance, used, signal, warp, surveyed, 0.02)
     corners = warp.tracer.vertices.reshape(-1, 3)
-    seen = true.project(corners)
-    inside = np.all((seen > -0.5) & (seen < camera.width_px - 0.5), axis=1)
-    off = np.linalg.norm(found.camera.project(corners) - seen, axis=1)[inside]
+    image_px = true.project(corners)
+    inside = np.all((image_px > -0.5) & (image_px < camera.width_px - 0.5), axis=1)
+    off = np.linalg.norm(found.camera.project(corners) - image_px, axis=1)[inside]
     expected = found.lamp_scale * (signal + warp_change(warp, found.camera))
     return np.sqrt(np.mean(off**2)), np.mean(((measured - expected) ** 2 / variance)[used])

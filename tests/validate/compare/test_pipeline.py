@@ -113,10 +113,10 @@ def small_capture(truth, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def result(small_capture):
-    told = []
-    progress = ProgressReporter(lambda stage, done: told.append((stage, done)))
+    messages = []
+    progress = ProgressReporter(lambda stage, done: messages.append((stage, done)))
     found = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
-    stages, parts = zip(*told, strict=True)
+    stages, parts = zip(*messages, strict=True)
     assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]
     assert parts[-1] == 1 and np.all(np.diff(parts) >= 0)
     return found
@@ -141,10 +141,10 @@ def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
             "(() => {const b = document.querySelector('canvas').getBoundingClientRect();"
             "return [b.left, b.top, b.width]})()"
         )
-        page.run("globalThis.told = null; addEventListener('cbox-pixel', (e) => { told = e.detail; })")
+        page.run("globalThis.received = null; addEventListener('cbox-pixel', (e) => { received = e.detail; })")
         page.click(left + (x + 0.5) * width / SIZE, top + (y + 0.5) * width / SIZE)
-        record = page.run("told")
-        shown = page.run("v.set({c: 'delta_e_ab'}), Array.from(v._paintedLayer('delta_e_ab').values)")
+        record = page.run("received")
+        outcome = page.run("v.set({c: 'delta_e_ab'}), Array.from(v._paintedLayer('delta_e_ab').values)")
         assert page.errors == []
     maps, image = result.comparison.maps, result.image
     assert (record["x"], record["y"]) == (x, y)
@@ -153,7 +153,7 @@ def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
         index = result.comparison.bands.index(band["id"])
         for name in ("measured", "rendered", "sigma"):
             assert band[name] == pytest.approx(maps[name].values[index, y, x], rel=1e-6)
-    assert np.mean([v for v in shown if v is not None]) == pytest.approx(metrics["delta_e_ab"]["mean"], rel=1e-4)
+    assert np.mean([v for v in outcome if v is not None]) == pytest.approx(metrics["delta_e_ab"]["mean"], rel=1e-4)
     spectrum = result.fit.lamp_scale * image.project(np.eye(len(image.wavelength_nm)))[0][y, x]
     np.testing.assert_allclose(record["spectrum"]["values"], spectrum, atol=2e-3 * spectrum.max())
     shares = [part["share"] for part in record["light"]]
@@ -260,11 +260,11 @@ def test_luminances_are_those_of_the_light_that_was_photographed(written, result
     what the filter weights leave (0.4 % and 0.004 were found)."""
     image, maps = truth[0], result.comparison.maps
     true = image.project(tristimulus_weights(WAVELENGTH_NM))[0]
-    told = json.loads((written / "metrics.json").read_text())["surfaces"]
-    seen = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
+    content = json.loads((written / "metrics.json").read_text())["surfaces"]
+    mask = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
     compared = 0
-    for index, row in enumerate(told.values()):
-        where = seen & (maps["surface"].values == index)
+    for index, row in enumerate(content.values()):
+        where = mask & (maps["surface"].values == index)
         assert row["interior_pixels"] == where.sum()
         if where.sum() < 20:
             continue

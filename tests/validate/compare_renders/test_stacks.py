@@ -24,17 +24,17 @@ def test_chi2_of_noise_is_that_expected_of_few_batches(batches):
 
     30,000 pixels of n >= 4: within 12 % for 4, whose variance is infinite, and within 5 % for the others.
     """
-    found = compare_stacks(estimated(1, batches), estimated(2, batches))
+    comparison = compare_stacks(estimated(1, batches), estimated(2, batches))
     degrees = 2 * (batches - 1)
-    assert found.expected_chi2 == pytest.approx(degrees / (degrees - 2))
-    mean = np.mean([row.chi2_per_pixel for row in found.rows])
-    assert mean == pytest.approx(found.expected_chi2, rel=0.12 if degrees == 4 else 0.05)
+    assert comparison.expected_chi2 == pytest.approx(degrees / (degrees - 2))
+    mean = np.mean([row.chi2_per_pixel for row in comparison.rows])
+    assert mean == pytest.approx(comparison.expected_chi2, rel=0.12 if degrees == 4 else 0.05)
 
 
 def test_the_rows_are_means_and_squares_by_hand():
     a, b = estimated(3, 8, level=10.2), estimated(4, 8)
-    found = compare_stacks(a, b)
-    for plane, row in enumerate(found.rows):
+    comparison = compare_stacks(a, b)
+    for plane, row in enumerate(comparison.rows):
         difference = a.values[plane] - b.values[plane]
         assert row.mean_first == pytest.approx(a.values[plane].mean())
         assert row.relative_mean == pytest.approx(difference.sum() / b.values[plane].sum())
@@ -66,7 +66,7 @@ def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twic
         "cboxlab.calibration.radiometry.optical_factor", lambda _, band: band.exposure_s / optics if stated else None
     )
     monkeypatch.setattr(stacks, "instrument_of", lambda *_: None)
-    found = read_stack(tmp_path)
-    np.testing.assert_allclose(found.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))
-    np.testing.assert_allclose(found.variance, optics**2 * np.array([[[100, 200]], [[25, 50]]]))
-    assert found.unit == ("DN s^-1 mm^2" if stated else "DN s^-1")
+    content = read_stack(tmp_path)
+    np.testing.assert_allclose(content.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))
+    np.testing.assert_allclose(content.variance, optics**2 * np.array([[[100, 200]], [[25, 50]]]))
+    assert content.unit == ("DN s^-1 mm^2" if stated else "DN s^-1")

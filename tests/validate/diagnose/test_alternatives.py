@@ -1,4 +1,4 @@
-"""Which alternatives a capture cannot tell from a selected effect."""
+"""Which alternatives a capture cannot distinguish from a selected effect."""
 
 from types import SimpleNamespace
 
@@ -38,6 +38,6 @@ def test_of_a_large_effect_the_errors_of_shapes_count():
 def test_what_comes_of_edges_is_dropped(monkeypatch, edge_artefact):
     monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, chosen, signatures: [])
     own = _candidate("own", 1000.0)
-    known = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, edge_artefact)
-    kept, _ = confirmed_where_held_out(None, [own], [known], [])
+    effect = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, edge_artefact)
+    kept, _ = confirmed_where_held_out(None, [own], [effect], [])
     assert kept == ([] if edge_artefact else [own])

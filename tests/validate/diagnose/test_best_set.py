@@ -28,23 +28,23 @@ def test_the_best_set_is_that_of_all_sets():
 
     def chi2(names):
         design = np.array([patterns[name].ravel() for name in names]).T
-        left = residual[:COUNT] - design @ np.linalg.lstsq(design, residual[:COUNT])[0]
-        return float(left @ left) + 4.6 * len(names)
+        remainder = residual[:COUNT] - design @ np.linalg.lstsq(design, residual[:COUNT])[0]
+        return float(remainder @ remainder) + 4.6 * len(names)
 
     sets = [names for size in (2, 3) for names in combinations(patterns, size)]
-    found = best_set(linearised.problem(()), [*known.values()], residual, 3)
-    assert names_of(found) == set(min(sets, key=chi2)) == {"one", "two", "three"}
-    design = np.array([patterns[c.hypothesis.effect.id].ravel() for c in found]).T
+    best = best_set(linearised.problem(()), [*known.values()], residual, 3)
+    assert names_of(best) == set(min(sets, key=chi2)) == {"one", "two", "three"}
+    design = np.array([patterns[c.hypothesis.effect.id].ravel() for c in best]).T
     amounts = np.linalg.lstsq(design, residual[:COUNT])[0]
-    assert [c.numbers["amount"] for c in found] == pytest.approx(list(amounts), rel=1e-4)
-    assert [c.chi2 for c in found] == pytest.approx([chi2(names_of(found)) - 3 * 4.6] * 3, rel=1e-5)
+    assert [c.numbers["amount"] for c in best] == pytest.approx(list(amounts), rel=1e-4)
+    assert [c.chi2 for c in best] == pytest.approx([chi2(names_of(best)) - 3 * 4.6] * 3, rel=1e-5)
 
 
 def test_two_effects_are_no_three():
     """A third one would gain some of the noise: less than the price of its number in this draw."""
     linearised, known = laboratory(resembling(), {"one": 0.5, "three": 0.4})
-    found = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
-    assert names_of(found) == {"one", "three"}
+    best = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
+    assert names_of(best) == {"one", "three"}
 
 
 def test_a_set_keeps_its_numbers_within_their_bounds():
@@ -52,8 +52,8 @@ def test_a_set_keeps_its_numbers_within_their_bounds():
     linearised, known = laboratory(resembling(), {"one": 0.5, "two": -0.4})
     hypothesis = known["two"].hypothesis
     known["two"] = replace(known["two"], hypothesis=replace(hypothesis, free=(replace(AMOUNT, low=0.0, high=10.0),)))
-    found = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 2)
-    assert "one" in names_of(found) and "two" not in names_of(found)
+    best = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 2)
+    assert "one" in names_of(best) and "two" not in names_of(best)
     assert best_set(linearised.problem(()), [known["two"]], linearised.model.residual, 3) == []
 
 
@@ -89,8 +89,8 @@ def test_a_set_leaves_out_what_averaging_noise_would_gain():
     )
     design = np.array([pattern.ravel() for pattern in patterns.values()]).T
     aim = design.T @ residual[:COUNT] - np.array([150.0, 0.0])
-    found = best_set(blurring, [*known.values()], residual, 2)
-    amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in found}
+    best = best_set(blurring, [*known.values()], residual, 2)
+    amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in best}
     assert [amounts["one"], amounts["two"]] == pytest.approx(np.linalg.solve(design.T @ design, aim), rel=1e-4)
 
 
@@ -99,12 +99,12 @@ def test_two_ways_of_one_effect_are_no_set():
     linearised, known = laboratory(resembling(), {"one": 0.5, "two": 0.4})
     same = replace(known["two"].hypothesis, effect=known["one"].hypothesis.effect)
     known["two"] = replace(known["two"], hypothesis=same)
-    found = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
-    assert len(found) == len(names_of(found)) >= 2
+    best = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
+    assert len(best) == len(names_of(best)) >= 2
 
 
 def of_numbers(chi2, *counts):
-    """Effects of so many numbers each, and the chi2 of all together, as far as sets are compared."""
+    """Effects of these numbers each, and the chi2 of all together, as far as sets are compared."""
     effect = SimpleNamespace(stage="optics")
     return [SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * n)) for n in counts]
 
@@ -152,7 +152,7 @@ def selected(monkeypatch, patterns, truth, hidden=()):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_three_effects_are_found_among_mixtures_of_them(monkeypatch, seed):
-    """Mixtures, each with a shape of its own beside: one after the other, and by single exchanges, seven of these eight
+    """Mixtures, each with another shape: one after the other, and by single exchanges, seven of these eight
     draws end at mixtures."""
     generator = np.random.default_rng(seed)
     true = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1)}

@@ -20,12 +20,12 @@ from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import run_demo
 from cboxlab.validation.compare.pipeline import validate_prepared
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
-from cboxlab.validation.diagnose.diagnosis import _shares
 from cboxlab.validation.diagnose.evidence import first_significant, prior_pull
 from cboxlab.validation.diagnose.fitting import fit
 from cboxlab.validation.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
+from cboxlab.validation.diagnose.ranking import _shares
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import residual_data_of
@@ -49,14 +49,14 @@ def test_probabilities_follow_the_difference_of_chi2():
 
     Each number costs 4.6: the second has one more than the others, and so much less of chi2.
     """
-    tried = [
+    trials = [
         SimpleNamespace(chi2=chi2 - 4.6 * numbers, hypothesis=SimpleNamespace(free=(None,) * numbers))
         for chi2, numbers in ((510.0, 1), (514.0, 2), (540.0, 1))
     ]
     scatter = 2.0 + 0.01 * (1510.0 - 510.0)
     weights = np.exp(-np.array([0.0, 4.0, 30.0]) / 2 / scatter)
-    assert _shares(tried, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
-    assert _shares(tried[:1], 100.0, 1.0) == [1.0]
+    assert _shares(trials, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
+    assert _shares(trials[:1], 100.0, 1.0) == [1.0]
 
 
 @pytest.fixture(scope="module")
@@ -153,19 +153,19 @@ def test_record_has_the_agreed_keys(outcome, tmp_path):
 def test_report_tells_the_cause_its_size_and_why_not_another(outcome):
     _, diagnosis = outcome
     bands = [(i, f"band {i}") for i in range(len(diagnosis.residual))]
-    told = story(diagnosis, bands)
-    assert told.headline.sentence.startswith("The model lacks veiling-glare (fraction 0.00")
+    lines = story(diagnosis, bands)
+    assert lines.headline.sentence.startswith("The model lacks veiling-glare (fraction 0.00")
     first, second, third = diagnosis.causes
     assert first.effect == "veiling-glare" and first.behind_sigma == 0
     assert first.cosine > 0.5 and first.cosine_with_first == pytest.approx(1)
     assert max(second.cosine, third.cosine) < first.cosine
-    text = " ".join(told.missing.paragraphs)
+    text = " ".join(lines.missing.paragraphs)
     assert f"Why not {second.effect}" in text and f"Why not {third.effect}" in text
-    signatures = [block for block in told.missing.blocks if isinstance(block, MapRow)]
+    signatures = [block for block in lines.missing.blocks if isinstance(block, MapRow)]
     assert len(signatures) == 4  # the difference and three causes, the same bands, one scale
     assert len({tuple(p.caption for p in row.panels) for row in signatures}) == 1
     assert {(row.scale.low, row.scale.high) for row in signatures} == {(-5, 5)}
-    assert any("Add it to the model: veiling-glare fraction=0.00" in step for step in told.next.steps)
+    assert any("Add it to the model: veiling-glare fraction=0.00" in step for step in lines.next.steps)
 
 
 def test_final_model_is_written_and_read_back(outcome, tmp_path):
@@ -198,11 +198,13 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
         for h in hypotheses(linearised.predictor.sensing.curves.bands, cornell_box(), RenderSettings())
         if h.effect.id in ("camera-pose", "lens-distortion", "dark-offset")
     ]
-    found = first_significant(best_singles(problem, known, residual, 3), residual, linearised.model, residual, residual)
-    assert found is not None
-    assert found.hypothesis.effect.id == effect
+    significant = first_significant(
+        best_singles(problem, known, residual, 3), residual, linearised.model, residual, residual
+    )
+    assert significant is not None
+    assert significant.hypothesis.effect.id == effect
     for name, value in values.items():
-        assert abs(found.numbers[name] - value) < 4 * found.sigma[name]
+        assert abs(significant.numbers[name] - value) < 4 * significant.sigma[name]
     with_it = linearised_fit(prepared, validation.rendered, (glare, moved))
     assert prior_pull(residual) > 5
     assert prior_pull(residual_with(with_it, [])) < np.sqrt(stats.chi2.isf(1e-5, 11))
@@ -220,7 +222,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
 )
 @pytest.mark.parametrize("included", [False, True])
 def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included):
-    """To rounding, with another effect in the model, the camera fitted 0.03 px beside where the picture was rendered
+    """To rounding, with another effect in the model, the camera fitted 0.03 px next to where the picture was rendered
     from. Reflected light grows with the lamp; light of the room and offsets of counts do not."""
     rendered = outcome[0].rendered
     others = () if given is None else (apply_checked(*given, "test"),)
@@ -231,12 +233,12 @@ def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included
     there = still.with_camera(camera)
     brighter = apply_checked("lamp-power", {"scale": 1.3}, "test")
     before, after = there.signal(others), there.signal((*others, brighter))
-    lit = rendered.used & (rendered.predictor.base.signal > 300)
-    assert np.abs(before - still.signal(others))[lit].max() > 10
+    mask = rendered.used & (rendered.predictor.base.signal > 300)
+    assert np.abs(before - still.signal(others))[mask].max() > 10
     if given is None:
         np.testing.assert_allclose(before, still.signal(()) + warp_change(still.warp, camera), atol=1e-6)
-    np.testing.assert_allclose(1.3 * there.at_lamp(1.3).signal(others)[lit], after[lit], rtol=1e-5)
-    grown = np.median(after[lit] / before[lit])
+    np.testing.assert_allclose(1.3 * there.at_lamp(1.3).signal(others)[mask], after[mask], rtol=1e-5)
+    grown = np.median(after[mask] / before[mask])
     if given is not None and given[0] in ("ambient-light", "dark-offset"):
         assert 1.0 < grown < 1.299
     else:
@@ -270,10 +272,10 @@ def test_a_lamp_between_two_patterns_lights_as_if_traced(outcome):
     plain, image = predictor.patch_picture(()), predictor.image
     change = 0.0
     for surface in range(len(image.surface_names)):
-        own = image.single_surface & (image.surface == surface)
-        off, level = (mixed - traced)[:, own].mean(axis=0), plain[:, own].mean()
-        assert abs(off.mean()) < 4.9 * off.std() / np.sqrt(own.sum()) + 0.001 * level
-        change = max(change, abs((mixed - plain)[:, own].mean()) / level)
+        mask = image.single_surface & (image.surface == surface)
+        off, level = (mixed - traced)[:, mask].mean(axis=0), plain[:, mask].mean()
+        assert abs(off.mean()) < 4.9 * off.std() / np.sqrt(mask.sum()) + 0.001 * level
+        change = max(change, abs((mixed - plain)[:, mask].mean()) / level)
     assert change > 0.01
 
 
@@ -290,8 +292,8 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     effect = AppliedEffect(Effect("repainted", "scene", "", (), repaint, ""), {})
     after, plain = predictor.patch_picture((effect,)), predictor.patch_picture(())
     np.testing.assert_allclose(after, predictor.patch_picture((darker,)), rtol=1e-5)
-    lit = plain > 0
-    assert abs(after[lit] / plain[lit] - 1).max() > 0.05
+    in_light = plain > 0
+    assert abs(after[in_light] / plain[in_light] - 1).max() > 0.05
     # a picture rendered with it: what remains is explained with the paints of that scene
     linearised = linearised_fit(outcome[0].prepared, outcome[0].rendered, ())
     there = replace(linearised, predictor=replace(predictor, included=(effect,)))
@@ -334,7 +336,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
         for name, h in known.items()
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
-    one = SelectedEffect(
+    effect = SelectedEffect(
         offset,
         (replace(glare, chi2=offset.chi2),),
         linearised.model.chi2,
@@ -344,7 +346,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
         linearised.model.count,
         1.0,
     )
-    (found,) = separations(validation.prepared, linearised, [one])
+    (found,) = separations(validation.prepared, linearised, [effect])
     assert (found.effect, found.alternative, found.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)
     dark = validation.prepared.calibration.predicted_variance(np.zeros(linearised.base.shape))[linearised.model.used]

@@ -54,10 +54,10 @@ def test_one_effect_has_the_amount_of_least_squares_and_its_error(fitted, start)
 def test_predicted_transport_has_an_error_of_its_own(stage, error):
     """Three in a hundred of what differs from the rendered picture: 4 - 1 = 3."""
     effect = replace(catalogue()["veiling-glare"], stage=stage)
-    found = SimpleNamespace(applied=AppliedEffect(effect, {"fraction": 4.0}), sigma={"fraction": 0.04})
-    sigma = effect_fit._with_shape_error(found, [AppliedEffect(effect, {"fraction": 1.0})])
+    stand_in = SimpleNamespace(applied=AppliedEffect(effect, {"fraction": 4.0}), sigma={"fraction": 0.04})
+    sigma = effect_fit._with_shape_error(stand_in, [AppliedEffect(effect, {"fraction": 1.0})])
     assert sigma["fraction"] == pytest.approx(np.hypot(0.04, error * 3))
-    assert effect_fit._with_shape_error(found, [])["fraction"] == pytest.approx(np.hypot(0.04, error * 4))
+    assert effect_fit._with_shape_error(stand_in, [])["fraction"] == pytest.approx(np.hypot(0.04, error * 4))
 
 
 def test_two_effects_are_fitted_with_each_other_in_place(fitted):

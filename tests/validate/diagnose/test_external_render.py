@@ -70,13 +70,13 @@ def found(capture, tmp_path_factory):
     """By the number of reflections of a cube through the calibrated camera: the validation, what is found, the cube."""
     path = tmp_path_factory.mktemp("cubes") / "cube.nc"
     prepared, model = prepare(load_capture(capture), Model()), Model(render=RenderSettings(noise=2.0))
-    found = {}
+    results = {}
     for depth in (4, None):
         camera = prepared.calibrated_camera
         cube = render(RenderJob(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth)).cube()
         write_cube(path, cube)
-        found[depth] = *external_render(validate_capture(load_capture(capture), model, picture=path)), cube
-    return found
+        results[depth] = *external_render(validate_capture(load_capture(capture), model, picture=path)), cube
+    return results
 
 
 def test_the_depth_at_which_paths_end_is_found(found):

@@ -68,16 +68,16 @@ def bell(size, place):
 
 
 def test_numbers_end_at_the_least_squares_those_without_null_included():
-    """Against SciPy's simplex on the same sum of squares; it starts a third of the bell's width beside its place."""
+    """Against SciPy's simplex on the same sum of squares; it starts a third of the bell's width next to its place."""
     residual = bell(2.0, 1.6) + np.random.default_rng(1).standard_normal(COUNT)
-    found = fit(Bell(bell), start_of({"size": 1.0, "place": 1.5}, SIZE, PLACE), np.append(residual, np.zeros(11)))
+    fitted = fit(Bell(bell), start_of({"size": 1.0, "place": 1.5}, SIZE, PLACE), np.append(residual, np.zeros(11)))
     best = minimize(lambda n: np.sum((residual - bell(*n)) ** 2), [2.0, 1.6], method="Nelder-Mead")
-    assert found.chi2 == pytest.approx(best.fun, abs=0.05)
-    assert [found.numbers["size"], found.numbers["place"]] == pytest.approx(list(best.x), abs=0.01)
-    assert found.predicted[:COUNT] == pytest.approx(bell(*best.x), abs=0.02)
+    assert fitted.chi2 == pytest.approx(best.fun, abs=0.05)
+    assert [fitted.numbers["size"], fitted.numbers["place"]] == pytest.approx(list(best.x), abs=0.01)
+    assert fitted.predicted[:COUNT] == pytest.approx(bell(*best.x), abs=0.02)
     slopes = np.array([bell(1.0, best.x[1]), bell(*best.x) * (LINE - best.x[1]) / 0.09])
     cramer_rao = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
-    assert [found.sigma["size"], found.sigma["place"]] == pytest.approx(list(cramer_rao), rel=0.35)  # 64 clusters
+    assert [fitted.sigma["size"], fitted.sigma["place"]] == pytest.approx(list(cramer_rao), rel=0.35)  # 64 clusters
 
 
 def test_what_a_blur_gains_by_averaging_noise_is_no_gain():
@@ -85,10 +85,10 @@ def test_what_a_blur_gains_by_averaging_noise_is_no_gain():
     pattern = np.cos(3 * LINE)
     residual = 0.5 * pattern + np.random.default_rng(2).standard_normal(COUNT)
     problem = Bell(lambda size: size * pattern, lambda values: 400.0 * values["size"])
-    found = fit(problem, start_of({"size": 0.1}, SIZE), np.append(residual, np.zeros(11)))
+    fitted = fit(problem, start_of({"size": 0.1}, SIZE), np.append(residual, np.zeros(11)))
     best = minimize_scalar(lambda a: np.sum((residual - a * pattern) ** 2) + 400.0 * a)
-    assert found.numbers["size"] == pytest.approx(best.x, abs=1e-3)
-    assert found.chi2 == pytest.approx(best.fun, abs=0.01)
+    assert fitted.numbers["size"] == pytest.approx(best.x, abs=1e-3)
+    assert fitted.chi2 == pytest.approx(best.fun, abs=0.01)
 
 
 def test_an_effect_that_grows_with_the_square_starts_at_the_root(monkeypatch):
@@ -96,9 +96,9 @@ def test_an_effect_that_grows_with_the_square_starts_at_the_root(monkeypatch):
     monkeypatch.setattr(fitting, "_ROUNDS", 1)
     problem = Bell(lambda width: width**2 * np.cos(3 * LINE))
     residual = np.append(1.44 * np.cos(3 * LINE), np.zeros(11))
-    found = fit(problem, start_of({"width": 0.1 * 1.44 / 0.01}, WIDTH), residual)
+    fitted = fit(problem, start_of({"width": 0.1 * 1.44 / 0.01}, WIDTH), residual)
     assert [each["width"] for each in problem.tried[:2]] == pytest.approx([14.4, 1.2])
-    assert found.numbers["width"] == pytest.approx(1.2, abs=0.01)
+    assert fitted.numbers["width"] == pytest.approx(1.2, abs=0.01)
 
 
 def test_a_fit_that_cannot_come_near_another_ends_early():
@@ -134,12 +134,12 @@ def test_where_an_effect_cannot_be_it_explains_nothing():
     def impossible(size):
         raise InputError("size", "too much", "less")
 
-    found = fit(Bell(impossible), start_of({"size": 1.0}, SIZE), np.ones(COUNT + 11))
-    assert found.chi2 == np.inf and not found.predicted.any()
+    fitted = fit(Bell(impossible), start_of({"size": 1.0}, SIZE), np.ones(COUNT + 11))
+    assert fitted.chi2 == np.inf and not fitted.predicted.any()
 
 
 def test_errors_that_all_pixels_share_add_their_squares():
-    """Two errors of known size, which the number follows by projection, beside noise: by hand, of dense matrices."""
+    """Two errors of known size, which the number follows by projection, next to noise: by hand, of dense matrices."""
     generator = np.random.default_rng(3)
     shared = np.vstack([generator.standard_normal((COUNT, 2)) * [0.3, 0.05], np.zeros((11, 2))])
     design = np.vstack([generator.standard_normal((COUNT, 2)), np.zeros((11, 2))])
@@ -147,8 +147,8 @@ def test_errors_that_all_pixels_share_add_their_squares():
     inverse = np.linalg.inv(design.T @ design)
     found = parameter_variance(model_of(shared), design, inverse, np.zeros(COUNT + 11))
     pseudo = np.linalg.pinv(design)
-    wanted = np.diag(pseudo @ pseudo.T) + np.diag(pseudo @ shared @ shared.T @ pseudo.T)
-    assert found == pytest.approx(wanted, rel=1e-9)
+    expected = np.diag(pseudo @ pseudo.T) + np.diag(pseudo @ shared @ shared.T @ pseudo.T)
+    assert found == pytest.approx(expected, rel=1e-9)
     assert (np.diag(pseudo @ shared @ shared.T @ pseudo.T) > 0.5 * np.diag(inverse)).any()
 
 
@@ -172,12 +172,12 @@ def test_parameter_errors_hold_for_errors_that_pixels_share():
         residual = np.append(error + generator.standard_normal(count), np.zeros(11))
         residual += shared * generator.standard_normal()
         estimate = float(column @ residual) * inverse[0, 0]
-        left = residual - estimate * column
+        remainder = residual - estimate * column
         for found, known in (
             (honest, model),
             (unaware, replace(model, shared_errors=0 * model.shared_errors)),
         ):
-            found.append(estimate / np.sqrt(parameter_variance(known, column[:, None], inverse, left)[0]))
+            found.append(estimate / np.sqrt(parameter_variance(known, column[:, None], inverse, remainder)[0]))
         naive.append(estimate / np.sqrt(inverse[0, 0]))
     assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
     assert np.var(unaware) > 1.4

@@ -77,13 +77,13 @@ def least_squares(other, used, free):
     sigma = np.sqrt(READ_VARIANCE + model_variance(here))[used]
     difference = SCALE * (pictures.signal([candidate("cause", 1.0).applied]) - pictures.signal([other.applied]))
     moved = displacement(pictures.camera, (), (other.applied,)) if other.applied.stage == "camera" else np.zeros(10)
-    wanted = np.concatenate([difference[used] / sigma, PRIORS @ np.append(moved, 0.0)])
+    expected = np.concatenate([difference[used] / sigma, PRIORS @ np.append(moved, 0.0)])
     nuisances = [*SCALE * pictures.derivative, pictures.signal(())]
     pixels = np.array([n[used] / sigma for n in nuisances]).T
     design = np.hstack([np.vstack([pixels, PRIORS]), np.append(free[0][used] / sigma, free[1])[:, None]])
     size = np.linalg.norm(design, axis=0)
-    left = wanted - (design / size) @ np.linalg.lstsq(design / size, wanted)[0]
-    return float(left @ left)
+    remainder = expected - (design / size) @ np.linalg.lstsq(design / size, expected)[0]
+    return float(remainder @ remainder)
 
 
 @pytest.fixture

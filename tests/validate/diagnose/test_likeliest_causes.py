@@ -1,4 +1,4 @@
-"""What is told of the likeliest causes: how like the residual their signatures are, and how far behind they fit."""
+"""Statements on the likeliest causes: how like the residual their signatures are, and how far behind they fit."""
 
 import numpy as np
 import pytest

@@ -76,9 +76,9 @@ def test_chi2_of_noise_is_the_count(parts):
 def test_signature_keeps_only_what_nuisances_cannot_imitate(parts):
     _, base, derivative, camera = parts
     model = model_of(base, base, derivative, camera)
-    own = np.random.default_rng(1).standard_normal(SHAPE)
+    noise = np.random.default_rng(1).standard_normal(SHAPE)
     assert np.linalg.norm(model.whiten(base)) < 1e-2 * np.linalg.norm(base / 5)  # the lamp's scale is a nuisance
-    whitened = model.whiten(own)
+    whitened = model.whiten(noise)
     assert np.allclose(model.project(whitened), whitened)
     assert np.allclose(model.basis.T @ whitened, 0, atol=1e-9)
 

@@ -37,8 +37,8 @@ def test_effects_fitted_together_end_at_the_least_squares(scale):
     chosen = [candidate(known, name, 0.1) for name in PATTERNS]
     found = refitted_together(linearised, chosen)
     design = scale * np.array([PATTERNS[name].ravel() for name in PATTERNS]).T
-    wanted = np.linalg.lstsq(design, linearised.model.residual[:COUNT])[0]
-    assert [c.numbers["amount"] for c in found] == pytest.approx(list(wanted), abs=1e-4)
+    expected = np.linalg.lstsq(design, linearised.model.residual[:COUNT])[0]
+    assert [c.numbers["amount"] for c in found] == pytest.approx(list(expected), abs=1e-4)
     # of the second, only what the first cannot do counts as its own
     own = found[1].numbers["amount"] * scale * waves(0, 2).ravel()
     np.testing.assert_allclose(found[1].predicted[:COUNT], own, atol=1e-5)

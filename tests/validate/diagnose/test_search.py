@@ -35,9 +35,9 @@ def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     residual[:3], residual[-11] = 1.0, 10.0
 
     def candidate(name, predicted):
-        left = residual - predicted
+        remainder = residual - predicted
         by_priors = name == "camera-pose"
-        return Candidate(known[name], {}, {}, float(left @ left), predicted, by_priors)
+        return Candidate(known[name], {}, {}, float(remainder @ remainder), predicted, by_priors)
 
     moved, offset = np.zeros(1035), np.zeros(1035)
     moved[-11], offset[:3] = 9.0, 1.0
@@ -89,8 +89,10 @@ def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
     sides = np.append(np.tile([0.1, -0.1], 512), np.zeros(11))
     for change, smooth, gains in ((level, 1.0, False), (sides, 0.0, True)):
         assert smooth_part(SQUARE, change) == pytest.approx(smooth)
-        found = first_significant([Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change)
-        assert (found is not None) is gains
+        significant = first_significant(
+            [Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change
+        )
+        assert (significant is not None) is gains
 
 
 @pytest.mark.parametrize("errors", [None, "counted"])
@@ -110,25 +112,25 @@ def test_no_effect_is_significant_that_gains_less_than_any_must(errors, explaine
 
 
 def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitude():
-    """Errors of 0.5 common to the 30 samples of a patch beside noise of 1: a patch's sum has 1 + 30 (0.5)^2 = 8.5 times
+    """Errors of 0.5 common to the 30 samples of a patch with noise of 1: a patch's sum has 1 + 30 (0.5)^2 = 8.5 times
     its variance, by 64 patches in place of the 63 that one fitted number leaves. The mean of 60 draws has a standard
     error of 2.4 %."""
     generator = np.random.default_rng(5)
     patch = np.repeat(np.arange(PATCHES), EACH)
     model = SimpleNamespace(count=PATCHES * EACH, patch=patch, errors="counted")
     shape = np.append(np.tile([1.0, -1.0], PATCHES // 2)[patch], np.zeros(11))
-    found = []
+    results = []
     for _ in range(60):
         together = 0.5 * generator.standard_normal(PATCHES)[patch]
         residual = np.append(together + generator.standard_normal(PATCHES * EACH), np.zeros(11))
         predicted = shape * (shape @ residual) / (shape @ shape)
-        found.append(dispersion(model, predicted, residual))
-    assert np.mean(found) == pytest.approx(8.5 * 64 / 63, rel=0.1)  # four standard errors
+        results.append(dispersion(model, predicted, residual))
+    assert np.mean(results) == pytest.approx(8.5 * 64 / 63, rel=0.1)  # four standard errors
     assert dispersion(SimpleNamespace(errors=None), shape, residual) == 1.0
 
 
 def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
-    """By fits anew without each patch. Three quarters of the change lie in one patch, which has a flaw: beside noise
+    """By new fits without each patch. Three quarters of the change lie in one patch, which has a flaw: next to noise
     alone it is nine standard deviations from 0, less than two where the patches must agree."""
     generator = np.random.default_rng(3)
     patch = np.repeat(np.arange(PATCHES), EACH)
@@ -152,10 +154,10 @@ def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
 
 def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
     """0.05 mm and 0.01 degrees: 0.17 mm in both directions are 23 of chi-square, 18.8 come by chance in 3 of 10,000."""
-    known = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose")
+    match = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == "block-pose")
     change = np.append(np.tile([0.3, -0.3], 512), np.zeros(11))
     for away, counts in ((0.13, False), (0.17, True)):
-        moved = Candidate(known, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
+        moved = Candidate(match, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
         assert (first_significant([moved], change, SQUARE, change, change) is moved) is counts
 
 
@@ -182,15 +184,15 @@ def test_screening_leaves_out_what_averaging_noise_would_gain():
     found = screen(problem, Signature(known["defocus"], (0.15,), column[None]), residual)
     amplitude = (column @ residual - 50.0) / (column @ column)
     assert found.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
-    left = residual - amplitude * column
-    assert found.chi2 == pytest.approx(left @ left + 100.0 * amplitude)
+    remainder = residual - amplitude * column
+    assert found.chi2 == pytest.approx(remainder @ remainder + 100.0 * amplitude)
 
 
 @pytest.mark.parametrize(("scale", "brighter"), [(1.0, 1.0), (0.5, 1.0), (1.0, 1.3)])
 def test_a_blur_gains_what_it_averages_of_the_pictures_noise_at_the_lamps_power(scale, brighter):
     """Variance 9 over a camera's sigma of 2 at 5000 samples; a blur that halves noise leaves a quarter of its square,
     and no more or less where it makes all signals brighter, which the lamp's fit takes back.
-    Within four standard errors, 2 % each. What acts on light gains nothing: noise is drawn anew there."""
+    Within four standard errors, 2 % each. What acts on light gains nothing: noise is drawn again there."""
     known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     shape = (2, 50, 50)
     predictor = SimpleNamespace(

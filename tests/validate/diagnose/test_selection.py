@@ -32,30 +32,30 @@ def test_two_effects_take_the_place_of_three_that_imitate_them():
     one, half, other = waves(1, 0), waves(0, 2), waves(3, 1)
     patterns = {"one": one, "both": half + other, "half": half, "other": other}
     linearised, known = laboratory(patterns, {"one": 0.8, "both": 0.5})
-    chosen = taken(linearised, known, "one", "half", "other")
-    found = pairs_replaced(linearised, chosen, [*known.values()])
+    selection = taken(linearised, known, "one", "half", "other")
+    found = pairs_replaced(linearised, selection, [*known.values()])
     assert names_of(found) == {"one", "both"}
-    before, after = (float(np.sum(residual_with(linearised, c) ** 2)) for c in (chosen, found))
+    before, after = (float(np.sum(residual_with(linearised, c) ** 2)) for c in (selection, found))
     assert abs(after - before) < 25  # one number less
 
 
 def test_three_effects_that_are_all_there_stay():
     patterns = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1), "four": waves(2, 2)}
     linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.5, "three": -0.6})
-    chosen = taken(linearised, known, "one", "two", "three")
-    assert names_of(pairs_replaced(linearised, chosen, [*known.values()])) == {"one", "two", "three"}
-    assert names_of(backward_elimination(linearised, chosen)) == {"one", "two", "three"}
-    amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in chosen}
+    selection = taken(linearised, known, "one", "two", "three")
+    assert names_of(pairs_replaced(linearised, selection, [*known.values()])) == {"one", "two", "three"}
+    assert names_of(backward_elimination(linearised, selection)) == {"one", "two", "three"}
+    amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in selection}
     assert amounts == pytest.approx({"one": 0.8, "two": 0.5, "three": -0.6}, abs=4 / np.sqrt(COUNT))
 
 
 def test_progress_grows_to_the_whole_while_effects_are_tried():
     patterns = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1)}
     linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.7, "three": 0.6})
-    told = []
-    progress = SimpleNamespace(part=told.append)
+    messages = []
+    progress = SimpleNamespace(part=messages.append)
     best_singles(linearised.problem(()), [*known.values()], linearised.model.residual, 3, progress=progress)
-    assert told == pytest.approx([1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1])
+    assert messages == pytest.approx([1 / 6, 2 / 6, 3 / 6, 4 / 6, 5 / 6, 1])
 
 
 @pytest.mark.parametrize(("of_least", "fitted"), [(0.0, 1), (0.7, 1), (0.5, 0)])
@@ -106,8 +106,8 @@ def test_numbers_within_their_tolerance_are_fitted_as_rivals_of_a_fit_alone_and_
 def test_an_effect_that_a_later_one_made_superfluous_goes():
     patterns = {"mixture": waves(1, 0) + 0.7 * waves(0, 2), "one": waves(1, 0), "two": waves(0, 2)}
     linearised, known = laboratory(patterns, {"one": 0.8, "two": 0.5})
-    chosen = taken(linearised, known, "mixture", "one", "two")
-    assert names_of(backward_elimination(linearised, chosen)) == {"one", "two"}
+    selection = taken(linearised, known, "mixture", "one", "two")
+    assert names_of(backward_elimination(linearised, selection)) == {"one", "two"}
 
 
 def test_a_mixture_that_came_first_gives_its_place_to_the_cause():
@@ -137,9 +137,9 @@ def test_what_holds_in_one_corner_only_is_no_cause():
     patterns = {"even": np.ones(SHAPE), "cause": np.broadcast_to(board, SHAPE)}
     linearised, known = laboratory(patterns, {"cause": 0.6})
     for name, kept in (("even", set()), ("cause", {"cause"})):
-        chosen = taken(linearised, known, name)
-        alternatives = with_alternatives(linearised, chosen, [known[name]])
-        assert names_of(confirmed_where_held_out(linearised, chosen, alternatives, [known[name]])[0]) == kept
+        selection = taken(linearised, known, name)
+        alternatives = with_alternatives(linearised, selection, [known[name]])
+        assert names_of(confirmed_where_held_out(linearised, selection, alternatives, [known[name]])[0]) == kept
 
 
 @pytest.mark.parametrize(("size", "kept"), [(0.1, set()), (0.3, {"one"})])
@@ -150,9 +150,9 @@ def test_what_errors_of_a_band_may_have_made_is_not_named(size, kept):
     model = linearised.model
     shared = np.append(0.05 * pattern.ravel(), np.zeros(11))[:, None]
     linearised = replace(linearised, model=replace(model, shared_errors=shared))
-    chosen = taken(linearised, known, "one")
-    alternatives = with_alternatives(linearised, chosen, [*known.values()])
-    assert names_of(confirmed_where_held_out(linearised, chosen, alternatives, [*known.values()])[0]) == kept
+    selection = taken(linearised, known, "one")
+    alternatives = with_alternatives(linearised, selection, [*known.values()])
+    assert names_of(confirmed_where_held_out(linearised, selection, alternatives, [*known.values()])[0]) == kept
 
 
 def beside_errors():
@@ -186,19 +186,19 @@ def found(judged, signature):
 
 
 def test_beside_the_pictures_errors_what_is_coloured_counts_and_what_is_grey_does_not():
-    """In 40 draws. By size alone the grey pattern counts in most; beside the errors in none, since it must be 5.7 of
+    """In 40 draws. By size alone the grey pattern counts in most; by the errors in none, since it must be 5.7 of
     its standard deviations. The coloured one, of 0.15, counts in all: 0.15 sqrt(4800) = 10."""
     known, drawn = beside_errors()
-    by_size, beside, amounts = 0, 0, []
+    by_size, by_errors, amounts = 0, 0, []
     for _ in range(40):
         plain = drawn(0.15)
         counting = plain.counting_errors(())
         by_size += found(plain, known["grey"]) is not None
-        beside += found(counting, known["grey"]) is not None
+        by_errors += found(counting, known["grey"]) is not None
         coloured = found(counting, known["coloured"])
         amounts.append((coloured.numbers["amount"] - 0.15) / coloured.sigma["amount"])
     assert by_size > 20
-    assert beside == 0
+    assert by_errors == 0
     assert 0.1 < np.var(amounts) < 1.9  # of 40: 1 +- 0.9 is four standard deviations
 
 
@@ -263,10 +263,10 @@ def test_residuals_that_go_together_raise_a_limit_as_they_raise_what_is_asked_fo
 
 def limits_alone(plain, predictor, stage, parameter=AMOUNT, left=0.0):
     """The first-order limit of a "grey" pattern by this predictor, and what is stated of it. left : residual."""
-    seen = SimpleNamespace(**vars(plain.rendered), used=np.ones(SHAPE, bool))
-    first = replace(plain, predictor=predictor, rendered=seen)
+    stand_in = SimpleNamespace(**vars(plain.rendered), used=np.ones(SHAPE, bool))
+    first = replace(plain, predictor=predictor, rendered=stand_in)
     effect = Effect("grey", stage, "grey", (parameter,), lambda value, amount: value, "")
-    known = signature(predictor, (), seen.used, Hypothesis(effect, (parameter,), {}))
+    known = signature(predictor, (), stand_in.used, Hypothesis(effect, (parameter,), {}))
     counting = plain.counting_errors(()).model
     counting = replace(counting, residual=left * counting.residual)
     limit = limit_of(known, plain.model, counting, 1.0)
@@ -283,7 +283,7 @@ def test_what_is_left_in_a_capture_raises_what_is_stated():
 
 @pytest.mark.parametrize("size", [1.0, 0.0])
 def test_noise_of_rays_is_no_change_that_is_seen(size):
-    """A grey wave under noise of its own size: noise would be told from errors of the picture, the wave is not."""
+    """A grey wave under noise of the same size: noise would stand out from errors of the picture, the wave does not."""
     _, drawn = beside_errors()
     limit, found = limits_alone(drawn(0.0), Traced({"grey": size * waves(1, 1)}), "transport")
     assert limit.visible > 0.4 and limit.distance < 0.1
@@ -348,13 +348,13 @@ def test_a_number_without_null_is_fitted_unless_it_is_held():
     problem = linearised.problem(())
     start = Candidate(known, {"amount": 0.3}, {}, 0.0, np.zeros(COUNT + 11))
     free = fit(problem, start, residual)
-    held = fit(problem, replace(start, hypothesis=replace(known, unfitted=("across",))), residual)
+    fitted = fit(problem, replace(start, hypothesis=replace(known, unfitted=("across",))), residual)
     for name, wanted in (("amount", 0.5), ("across", 1.3)):
         assert abs(free.numbers[name] - wanted) < 4 * free.sigma[name]
-    assert held.applied.values["across"] == 1.0
+    assert fitted.applied.values["across"] == 1.0
     one = np.append(Ripples({}).signal([known.at({"amount": 1.0})]).ravel() - 1000.0, np.zeros(11))
-    assert held.numbers["amount"] == pytest.approx(float(one @ residual) / float(one @ one), rel=1e-6)
-    assert held.chi2 > free.chi2 + 50
+    assert fitted.numbers["amount"] == pytest.approx(float(one @ residual) / float(one @ one), rel=1e-6)
+    assert fitted.chi2 > free.chi2 + 50
 
 
 def test_an_effects_certainty_is_its_amount_over_its_error():
@@ -369,7 +369,7 @@ def test_an_effects_certainty_is_its_amount_over_its_error():
 
 
 def with_numbers(name, chi2, count):
-    """A candidate of so many numbers, as far as it is compared with others."""
+    """A candidate of some numbers, as far as it is compared with others."""
     effect = SimpleNamespace(id=name)
     return SimpleNamespace(chi2=chi2, hypothesis=SimpleNamespace(effect=effect, free=(None,) * count), name=name)
 

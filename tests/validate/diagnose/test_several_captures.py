@@ -71,10 +71,10 @@ def test_a_number_that_grows_with_the_aperture_is_half_at_half_of_it(grows):
     residuals = [2.0 * f * s + rng.standard_normal(COUNT) for f, s in zip(factors, shapes, strict=True)]
     problem = JointProblem(tuple(map(OneShape, shapes, residuals)), apertures)
     joined = problem.model.joined([part.model.residual for part in problem.parts])
-    found = fit(problem, candidate(grows), joined)
+    fitted = fit(problem, candidate(grows), joined)
     sigma = 1 / np.sqrt(sum(f**2 * np.sum(s**2) for f, s in zip(factors, shapes, strict=True)))
-    assert found.numbers["width"] == pytest.approx(2.0, abs=5 * sigma)
-    assert found.chi2 == pytest.approx(2 * COUNT, abs=5 * np.sqrt(4 * COUNT))
+    assert fitted.numbers["width"] == pytest.approx(2.0, abs=5 * sigma)
+    assert fitted.chi2 == pytest.approx(2 * COUNT, abs=5 * np.sqrt(4 * COUNT))
 
 
 def test_an_effect_at_another_aperture():
@@ -85,8 +85,8 @@ def test_an_effect_at_another_aperture():
 
 
 def test_effects_of_one_capture_are_those_of_lamp_power_and_camera_place():
-    own = {effect.id for effect in catalogue().values() if effect.own_to_capture}
-    assert own == {"lamp-power", "lamp-drift", "camera-pose"}
+    members = {effect.id for effect in catalogue().values() if effect.own_to_capture}
+    assert members == {"lamp-power", "lamp-drift", "camera-pose"}
 
 
 def test_the_same_camera_has_the_same_sensor_lens_and_filters():
@@ -126,17 +126,17 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
         photographed(shape, residual, f_number)
         for shape, residual, f_number in zip(shapes, residuals, (8.0, 16.0), strict=True)
     )
-    known = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, 0.01, COUNT, 1.0)
-    (found,) = refitted_to_all(first, here, [known], [FurtherFit(second, there, shared)])
-    whole = sum(float(r @ r) for r in residuals)
-    assert found.count == 2 * COUNT and found.chi2_without == pytest.approx(whole)
+    effect = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, 0.01, COUNT, 1.0)
+    (found,) = refitted_to_all(first, here, [effect], [FurtherFit(second, there, shared)])
+    total = sum(float(r @ r) for r in residuals)
+    assert found.count == 2 * COUNT and found.chi2_without == pytest.approx(total)
     if shared:
         along, size = shapes[0] @ residuals[0] + 0.5 * shapes[1] @ residuals[1], shapes[0] @ shapes[0]
         size += 0.25 * shapes[1] @ shapes[1]
-        expected = whole - along**2 / size
+        expected = total - along**2 / size
     else:
         along, size = shapes[0] @ residuals[0], shapes[0] @ shapes[0]
-        expected = whole - along**2 / size - (shapes[1] @ residuals[1]) ** 2 / (shapes[1] @ shapes[1])
+        expected = total - along**2 / size - (shapes[1] @ residuals[1]) ** 2 / (shapes[1] @ shapes[1])
         expected += INDISTINGUISHABLE_CHI2
     assert found.candidate.numbers["width"] == pytest.approx(along / size, rel=1e-6)
     assert found.candidate.chi2 == pytest.approx(expected, rel=1e-9)

@@ -13,10 +13,10 @@ from cboxlab.validation.diagnose.stepwise import refitted, tolerated_changes
 def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scale):
     """A step of 0.2 mm changes 3 DN; a tolerance of 0.05 mm is a quarter of it. Numbers without any are left out."""
     free = (SimpleNamespace(tolerance=0.05), SimpleNamespace(tolerance=0.0))
-    one = SimpleNamespace(
+    stand_in = SimpleNamespace(
         hypothesis=SimpleNamespace(free=free), steps=(0.2, 1.0), changes=(np.array([3.0, -3.0]), np.ones(2))
     )
-    (found,) = tolerated_changes(SimpleNamespace(scale=scale), [one, SimpleNamespace(changes=None)])
+    (found,) = tolerated_changes(SimpleNamespace(scale=scale), [stand_in, SimpleNamespace(changes=None)])
     np.testing.assert_allclose(found, scale * np.array([0.75, -0.75]))
 
 
@@ -24,14 +24,14 @@ def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scal
     ("moved_mm", "stage", "pilots"), [(0.0, "optics", []), (30.0, "optics", [0.5]), (30.0, "scene", [None])]
 )
 def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved_mm, stage, pilots):
-    """The fit first finds the camera 30 mm (some pixels) beside where the picture was rendered from, then there. The
+    """The fit first finds the camera 30 mm (some pixels) from where the picture was rendered from, then there. The
     pilot of the first picture serves again where the light is the same."""
     before = cornell_camera(32)
     after = before.with_parameters(before.parameters + np.array([moved_mm, *np.zeros(9)]))
-    made = []
+    calls = []
 
     def rendered_from(prepared, light, camera, settings, effects, progress, pilot):
-        made.append((camera, light, pilot))
+        calls.append((camera, light, pilot))
         return SimpleNamespace(camera=camera)
 
     monkeypatch.setattr(
@@ -52,7 +52,7 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     validation = SimpleNamespace(
         prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
     )
-    chosen = SimpleNamespace(applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage=stage)))
-    assert refitted(validation, linearised, [chosen]) is after
-    assert made == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
+    stand_in = SimpleNamespace(applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage=stage)))
+    assert refitted(validation, linearised, [stand_in]) is after
+    assert calls == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
     assert held == [(("own",), ("found",))]

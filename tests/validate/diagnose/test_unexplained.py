@@ -37,19 +37,21 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
 def test_one_effect_and_a_smear_beside_it_are_one_blur(family, smear, effects, wins):
     """Though the effect explains more alone: a round blur takes most of what a smear does."""
     model = _model(left_by_family=4500.0)
-    whole = SimpleNamespace(family=family, levels=False, change=None, gain=500.0, evidence=450.0)
-    beside = SimpleNamespace(family="blur", smear=smear)
-    assert family_beats_effects(whole, model, [None] * effects, model, LEFT, beside) == wins
-    assert not family_beats_effects(whole, model, [None] * effects, model, LEFT)
+    stand_in = SimpleNamespace(family=family, levels=False, change=None, gain=500.0, evidence=450.0)
+    smeared = SimpleNamespace(family="blur", smear=smear)
+    assert family_beats_effects(stand_in, model, [None] * effects, model, LEFT, smeared) == wins
+    assert not family_beats_effects(stand_in, model, [None] * effects, model, LEFT)
 
 
 @pytest.mark.parametrize(("ahead", "wins"), [(29.9, False), (30.1, True)])
 def test_a_family_must_leave_less_than_effects_do_by_the_errors_of_the_picture(ahead, wins):
-    """0.015 per sample of 2000, beside its complexity of 50. How much of its change the errors that bands and faces
+    """0.015 per sample of 2000, next to its complexity of 50. How much of its change the errors that bands and faces
     share could make is no matter: what each leaves after them counts."""
     model = _model(left_by_family=4000.0 - 50.0 - ahead)
-    whole = SimpleNamespace(family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0)
-    assert family_beats_effects(whole, model, [None], model, LEFT) == wins
+    stand_in = SimpleNamespace(
+        family="paint-spectrum", levels=False, smear=False, change=None, gain=60.0, evidence=10.0
+    )
+    assert family_beats_effects(stand_in, model, [None], model, LEFT) == wins
 
 
 def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike():
@@ -69,9 +71,9 @@ def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike(
         residual=80 * face,
     )
     change = (80 * face[:2000]).reshape(1, 40, 50)
-    whole = SimpleNamespace(family="paint-spectrum", levels=False, change=change, gain=3200.0, evidence=3150.0)
-    assert family_beats_effects(whole, model, [None], model, other)
-    assert not family_beats_effects(whole, model, [None], model, other / 2)
+    stand_in = SimpleNamespace(family="paint-spectrum", levels=False, change=change, gain=3200.0, evidence=3150.0)
+    assert family_beats_effects(stand_in, model, [None], model, other)
+    assert not family_beats_effects(stand_in, model, [None], model, other / 2)
 
 
 def _model(left_by_family):
@@ -116,5 +118,5 @@ def test_a_cosine_towards_several_lamps_is_their_mean_by_the_light_of_each():
     position, normal = np.zeros((3, 3)), np.array([[0.0, 0, 1], [0, 0, -1], [0, 0, 1]])
     places = [np.array([0.0, 0, 500]), np.array([300.0, 0, 300])]
     light = np.array([[1.0, 0.0], [0.3, 0.1], [0.0, 0.0]])
-    wanted = [1.0, 0.75 + 0.25 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)]
-    np.testing.assert_allclose(_cosine(position, normal, places, light), wanted, rtol=1e-6)
+    expected = [1.0, 0.75 + 0.25 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)]
+    np.testing.assert_allclose(_cosine(position, normal, places, light), expected, rtol=1e-6)

@@ -51,9 +51,9 @@ def test_between_wavelengths_ratios_to_our_spectrum_are_linear(tmp_path, light):
     whole = ours.project(np.eye(WAVELENGTH_NM.size))[0][walls]
     coarse = replace(ours, spectra=ours.spectra[:, ::20], wavelength_nm=WAVELENGTH_NM[::20])
     write_cube(tmp_path / "cube.nc", coarse.cube())
-    found = external_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(np.eye(WAVELENGTH_NM.size))[0]
+    image_px = external_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(np.eye(WAVELENGTH_NM.size))[0]
     linear = interp1d(WAVELENGTH_NM[::20], whole[:, ::20])(WAVELENGTH_NM)
-    plain, by_ratio = ((one - whole) / whole.max(axis=1, keepdims=True) for one in (linear, found[walls]))
+    plain, by_ratio = ((one - whole) / whole.max(axis=1, keepdims=True) for one in (linear, image_px[walls]))
     assert np.sqrt(np.mean(by_ratio**2)) < 0.1 * np.sqrt(np.mean(plain**2))
 
 
@@ -98,7 +98,7 @@ def test_a_cube_without_standard_errors_has_those_of_its_neighbours_scatter(tmp_
     write_cube(tmp_path / "cube.nc", cube)
     picture = external_picture(tmp_path / "cube.nc", SCENE, camera, light)
     assert picture.estimated
-    found = picture.image
-    inside = found.single_surface & (found.surface >= 0)
-    mean, variance = (values[inside][:, 1:] for values in found.project(np.eye(WAVELENGTH_NM.size)[:, ::100]))
+    image = picture.image
+    inside = image.single_surface & (image.surface >= 0)
+    mean, variance = (values[inside][:, 1:] for values in image.project(np.eye(WAVELENGTH_NM.size)[:, ::100]))
     assert np.median(np.sqrt(variance) / mean) == pytest.approx(0.03, rel=0.1)

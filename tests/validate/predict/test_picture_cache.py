@@ -81,7 +81,7 @@ def test_a_camera_however_near_has_its_own_picture(tmp_path, light, made):
 
 def test_the_key_is_all_that_the_picture_is_made_from(light, monkeypatch):
     """Another paint, lamp, place, cut, size, seed, version or code is another key."""
-    asked = [
+    calls = [
         (light, CAMERA, SAMPLES, BATCHES, SEED),
         (light, CAMERA, 2 * SAMPLES, BATCHES, SEED),
         (light, CAMERA, SAMPLES, BATCHES + 1, SEED),
@@ -100,8 +100,8 @@ def test_the_key_is_all_that_the_picture_is_made_from(light, monkeypatch):
         )
     ]
     scenes.append(replace(SCENE, lamp=replace(SCENE.lamp, pattern=np.array([[0.5, 1.5]]))))
-    asked += [(solved(scene), CAMERA, SAMPLES, BATCHES, SEED) for scene in scenes]
-    keys = [picture_key(*each) for each in asked]
+    calls += [(solved(scene), CAMERA, SAMPLES, BATCHES, SEED) for scene in scenes]
+    keys = [picture_key(*each) for each in calls]
     for target, value in (
         ("mi.__version__", "0"),
         ("dr.__version__", "0"),
@@ -110,7 +110,7 @@ def test_the_key_is_all_that_the_picture_is_made_from(light, monkeypatch):
     ):
         with monkeypatch.context() as changed:
             changed.setattr(f"{picture_cache.__name__}.{target}", value)
-            keys.append(picture_key(*asked[0]))
+            keys.append(picture_key(*calls[0]))
     assert len(set(keys)) == len(keys)
 
 
@@ -187,8 +187,8 @@ def test_an_entry_under_another_name_is_not_taken(tmp_path, light, made):
 
 
 def test_a_cache_that_cannot_be_written_is_no_fault(tmp_path, light, made):
-    place = tmp_path / "file"
-    place.write_text("no folder")
+    path = tmp_path / "file"
+    path.write_text("no folder")
     for _ in range(2):
-        picture(place, light)
+        picture(path, light)
     assert len(made) == 2

@@ -13,13 +13,13 @@ def parts():
     generator = np.random.default_rng(3)
     v, u = np.mgrid[0 : SHAPE[1], 0 : SHAPE[2]] / SHAPE[1]
     signal = 1000 * np.array([1.0, 0.6])[:, None, None] * (1 + 0.5 * u + 0.2 * v)
-    left = (u < 0.4).astype(float)
+    values = (u < 0.4).astype(float)
     used = generator.random(SHAPE) > 0.67
     sigma = 0.1 * np.sqrt(signal[used])
     band = np.broadcast_to(np.array([1.0, 0.0])[:, None, None], SHAPE)[used]
-    face = np.broadcast_to(left, SHAPE)[used]
+    face = np.broadcast_to(values, SHAPE)[used]
     others = [0.0007 * band * signal[used] / sigma, 0.001 * face * signal[used] / sigma]
-    return signal, np.stack([left, 1 - left], axis=-1), used, sigma, others
+    return signal, np.stack([values, 1 - values], axis=-1), used, sigma, others
 
 
 def covariance(signal, coverage, used, sigma, others):
@@ -29,8 +29,8 @@ def covariance(signal, coverage, used, sigma, others):
     level = signal[used] / sigma
     found = np.eye(len(sigma)) + sum(np.outer(other, other) for other in others)
     for pixels in (3, 12):  # 48 pixels hold 16 cells and 4 regions
-        place = np.array([rows // pixels, columns // pixels, face])
-        together = (place[:, :, None] == place[:, None, :]).all(axis=0)
+        values = np.array([rows // pixels, columns // pixels, face])
+        together = (values[:, :, None] == values[:, None, :]).all(axis=0)
         if pixels == 12:
             large = together.sum(axis=0) >= 20 * len(used)
             together &= large

@@ -2,19 +2,22 @@
 
 import numpy as np
 import xarray as xr
+from cboxlab.rendering.image import BATCH_SEED_STEP, RenderedImage
+from cboxlab.rendering.radiosity import gather, solve_light
+from cboxlab.scenes.cornell_box import cornell_box, cornell_camera
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.predict import predictor, rendering
 
 
 def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
-    asked = []
+    calls = []
 
-    def picture(samples, batches, progress):
-        asked.append((samples, batches))
-        return samples, batches
+    def picture(samples, first_batch, batches, progress):
+        calls.append((samples, batches))
+        return RenderedImage(np.full((batches, 2, 2, 1), samples), *5 * (None,))
 
     def bands(image, responses):
-        samples, batches = image
+        samples, batches = image.coefficients[0, 0, 0, 0], len(image.coefficients)
         layers = ("band", "y", "x")
         variance = np.full((1, 2, 2), 9.0 * (64 / samples) ** (2 * 0.7) * 8 / batches)
         return xr.Dataset(
@@ -28,11 +31,33 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
     monkeypatch.setattr(rendering, "render_bands", bands)
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
     _, found, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=NO_PROGRESS)
-    assert pilot == 3.0 and len(asked) == 2 and asked[0] == (64, 8)
+    assert pilot == 3.0 and len(calls) == 2 and calls[0] == (64, 8)
     assert np.sqrt(found.variance.values).max() <= 0.6
     _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=NO_PROGRESS)
-    assert same == pilot and asked[2:] == asked[1:2]
+    assert same == pilot and calls[2:] == calls[1:2]
     np.testing.assert_array_equal(again.variance, found.variance)
+
+
+def test_a_pilot_of_enough_samples_is_completed_by_the_batches_that_a_longer_picture_has(monkeypatch):
+    """Bit by bit the picture is the one rendered at once."""
+    light = solve_light(cornell_box(), np.array([500.0, 600.0]), patch_edge_mm=300.0, patch_samples=32)
+    camera, batches_of = cornell_camera(8), []
+
+    def picture(samples, first_batch, batches, progress):
+        batches_of.append(batches)
+        return gather(light, camera, samples, batches, BATCH_SEED_STEP * first_batch)
+
+    def bands(image, responses):
+        layers, shape = ("band", "y", "x"), (1, 8, 8)
+        variance = np.full(shape, 4.0 * 8 / len(image.coefficients))
+        ones = {"signal": (layers, np.ones(shape)), "mask": (layers, np.zeros(shape, int))}
+        return xr.Dataset({**ones, "variance": (layers, variance)})
+
+    monkeypatch.setattr(rendering, "render_bands", bands)
+    used = np.ones((1, 8, 8), bool)
+    image, _, pilot = rendering.render_to_noise(picture, (), np.ones_like, used, noise=1.6, convergence=0.7)
+    assert pilot == 2.0 and batches_of == [8, 5]
+    np.testing.assert_array_equal(image.coefficients, gather(light, camera, 64, 13).coefficients)
 
 
 def test_what_was_not_used_for_longest_goes_but_never_the_base_pictures():

@@ -91,16 +91,16 @@ def test_the_specular_part_is_the_coats_lobe_over_the_lamp(rho):
     way = camera.directions(columns, rows)
     place = camera.position_mm - way * (camera.position_mm[1] / way[:, 1])[:, None]
     expected = np.array([_lobe_over_lamp(scene, p, -d, strength, alpha) for p, d in zip(place, way, strict=True)])
-    found = parts.specular[floor]
+    specular = parts.specular[floor]
     assert floor.sum() > 30
-    np.testing.assert_allclose(found, found[:, :1] * np.ones(3), rtol=1e-6)  # a coat has no colour
-    np.testing.assert_allclose(found[:, 0], expected, rtol=0.1)  # a pixel holds many angles
-    assert abs(found[:, 0].sum() / expected.sum() - 1) < 0.01
+    np.testing.assert_allclose(specular, specular[:, :1] * np.ones(3), rtol=1e-6)  # a coat has no colour
+    np.testing.assert_allclose(specular[:, 0], expected, rtol=0.1)  # a pixel holds many angles
+    assert abs(specular[:, 0].sum() / expected.sum() - 1) < 0.01
     added = parts.image.mean(np.eye(3)) - image.mean(np.eye(3))
     if rho == 0:
-        np.testing.assert_allclose(added[floor], found, rtol=1e-4)
+        np.testing.assert_allclose(added[floor], specular, rtol=1e-4)
     else:
-        assert np.all(added[floor] < found)  # the coat keeps light from the base
+        assert np.all(added[floor] < specular)  # the coat keeps light from the base
 
 
 def _lobe_over_lamp(scene, point, outgoing, strength, alpha):

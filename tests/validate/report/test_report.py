@@ -83,7 +83,7 @@ def test_well_formed_with_unique_identifiers(pages, name):
 
 
 def test_the_finding_stands_before_any_picture(pages):
-    """The first heading is the cause and its size, and the picture that shows it stands beside it."""
+    """The first heading is the cause and its size, and the picture that shows it stands next to it."""
     for name, sentence in (
         ("error", "Glare of 3 % is missing."),
         ("noise", "The model is adequate: noise explains the difference."),

@@ -81,6 +81,28 @@ def _squeezed(text):
     return re.sub(r"\s", "", unicodedata.normalize("NFKC", text))
 
 
+def test_tables_are_whole_on_a_telephone(browser, report):
+    """No table of the report is cut at 400 px, and its caption stands outside the scroller."""
+    _open(browser, report, 400)
+    cut = browser.run(
+        "[...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth + 1)"
+        ".map((e) => [e.ariaLabel.slice(0, 60), e.scrollWidth, e.clientWidth])"
+    )
+    assert cut == []
+    assert browser.run("document.querySelectorAll('.scroll .caption, table caption').length") == 0
+
+
+def test_maps_of_the_bands_share_their_axes(browser, report):
+    """Of five maps in a row only the first has numbers of pixels; all are of one size."""
+    _open(browser, report, 1280)
+    widths, plain = browser.run(
+        "(() => {const all = [...document.querySelector('.nany').querySelectorAll('.panel')];"
+        "return [all.map((e) => e.querySelector('img').getBoundingClientRect().width),"
+        "all.map((e) => getComputedStyle(e.querySelector('.down')).visibility === 'hidden')]})()"
+    )
+    assert plain == [False, True, True, True, True] and max(widths) - min(widths) < 0.5
+
+
 def test_every_control_and_picture_has_a_name(browser, report):
     _open(browser, report, 1280)
     nameless = browser.run(
@@ -92,9 +114,9 @@ def test_every_control_and_picture_has_a_name(browser, report):
 
 
 def test_pixels_are_marked_where_they_are(browser, report):
-    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and beside it."""
+    """The mark of pixel v stands at (v + 0.5) / n of the picture, below it and next to it."""
     _open(browser, report, 1280)
-    found = browser.run("""[...document.querySelectorAll('.framed')].flatMap((frame) => {
+    outcome = browser.run("""[...document.querySelectorAll('.framed')].flatMap((frame) => {
       const picture = frame.querySelector('img').getBoundingClientRect();
       const marks = (where) => [...frame.querySelectorAll(where)].map(
         (e) => [parseInt(e.textContent), e.getBoundingClientRect()]);
@@ -103,8 +125,8 @@ def test_pixels_are_marked_where_they_are(browser, report):
         ...marks('.down span').map(([n, box]) => [n, ((box.top + box.bottom) / 2 - picture.top) / picture.height]),
       ];
     })""")
-    assert len(found) > 20
-    for pixel, place in found:
+    assert len(outcome) > 20
+    for pixel, place in outcome:
         assert place == pytest.approx((pixel + 0.5) / BOX.size, abs=0.02)
 
 
@@ -116,7 +138,7 @@ def test_printed_it_is_complete_and_keeps_its_columns(browser, report):
     # ligatures and line breaks are the printer's
     text = _squeezed("".join(page.extract_text() for page in printed.pages))
     titles = browser.run(
-        "[...document.querySelectorAll('h1, h2, .folded summary, caption, th, figcaption')].map((e) => e.textContent)"
+        "[...document.querySelectorAll('h1, h2, .folded summary, .caption, th, figcaption')].map((e) => e.textContent)"
     )
     assert len(printed.pages) >= 6 and len(titles) > 50
     assert [title for title in titles if _squeezed(title) not in text] == []

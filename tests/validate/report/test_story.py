@@ -1,4 +1,4 @@
-"""What the report says of causes: found, nothing known, adequate, not told apart."""
+"""What the report says of causes: found, nothing known, adequate, not distinguished."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
 from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureResult, Limit, Ranked, Separation, Step
-from cboxlab.validation.report.diagnosis import further_sentences, limit_text
+from cboxlab.validation.report.diagnosis import further_sentences, limit_text, size_in_words
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story
 from helpers.fakes.box import BANDS, FakeBox
@@ -24,10 +24,10 @@ def _cause(name, values, cosine, first, behind):
 
 
 def _diagnosis(selected, causes=(), separations=()):
-    found = [AppliedEffect(catalogue()[name], catalogue_values(name)) for name in selected if name != "unknown"]
+    results = [AppliedEffect(catalogue()[name], catalogue_values(name)) for name in selected if name != "unknown"]
     steps = [Step((), (), 1.0, 3.0, AS_GIVEN)]
-    if found:
-        steps.append(Step(tuple(found), tuple({"fraction": 0.0012} for _ in found), 0.0, 3.0, MENDED))
+    if results:
+        steps.append(Step(tuple(results), tuple({"fraction": 0.0012} for _ in results), 0.0, 3.0, MENDED))
     ranking = [Ranked(c.effect, dict(c.values), {}, 2.0, 0.4) for c in causes]
     return Diagnosis(
         adequate=not selected,
@@ -57,33 +57,55 @@ CAUSES = [
 
 
 def test_the_first_sentence_is_the_cause_and_its_size():
-    told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
-    assert told.headline.sentence == "The model lacks veiling-glare (fraction 0.0301 ± 0.0012)."
-    assert [p.caption for p in told.headline.pictures.panels] == [
+    lines = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
+    assert lines.headline.sentence == "The model lacks veiling-glare (fraction 0.0301 ± 0.0012)."
+    assert [p.caption for p in lines.headline.pictures.panels] == [
         "Photograph minus rendering",
         "Change by veiling-glare alone",
     ]
-    assert told.falling is not None
+    assert lines.falling is not None
+
+
+def test_a_parameter_has_one_value_and_its_size_in_words():
+    """The size is that of the final model wherever it stands, though the effect alone fits a little less."""
+    alone = [_cause("veiling-glare", {"fraction": 0.0295}, 0.93, 1.0, 0.0), CAUSES[1]]
+    told = story(_diagnosis(("veiling-glare",), alone), NAMED)
+    everything = repr(told.missing.blocks[-1].rows) + repr([getattr(b, "caption", "") for b in told.missing.blocks])
+    assert everything.count("fraction 0.0301 ± 0.0012") == 2 and "0.0295" not in everything
+    assert "veiling-glare: 3.01 % of all light spreads evenly over the image." in told.headline.details
+    before_after = told.falling.blocks[0]
+    assert before_after.header[1:3] == ("model as given", "with the effects found")
+    chi2 = before_after.rows[0]
+    assert float(chi2[1]) == pytest.approx(AS_GIVEN.chi2.per_dof, rel=1e-3)
+    assert float(chi2[2]) == pytest.approx(MENDED.chi2.per_dof, rel=1e-3)
+
+
+def test_every_size_in_words_can_be_said():
+    """The words of each effect take its parameters by name."""
+    for effect in catalogue().values():
+        values = {p.name: p.choices[0] if p.choices else 0.25 for p in effect.parameters}
+        sentence = size_in_words(AppliedEffect(effect, values))
+        assert sentence.startswith(effect.id) and sentence.endswith(".") and "{" not in sentence
 
 
 def test_the_runner_up_is_answered():
-    told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
-    (why,) = [text for text in told.missing.paragraphs if text.startswith("Why not")]
+    lines = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
+    (why,) = [text for text in lines.missing.paragraphs if text.startswith("Why not")]
     assert "dark-offset instead of veiling-glare" in why and "21.4 standard deviations of the noise" in why
-    assert why.endswith("Its probability of 40.0 % includes errors of the computed patterns.")
+    assert "Its probability of 40.0 % is larger than this distance alone would leave" in why
     assert "cosine between the two patterns is 0.38" in why
-    rows = [block for block in told.missing.blocks if isinstance(block, MapRow)]
+    rows = [block for block in lines.missing.blocks if isinstance(block, MapRow)]
     assert len(rows) == 3
     assert all([p.caption for p in row.panels] == [name for _, name in NAMED] for row in rows)
     assert {(row.scale.low, row.scale.high) for row in rows} == {(-5, 5)}
-    assert any("You need no further capture" in step for step in told.next.steps)
+    assert any("You need no further capture" in step for step in lines.next.steps)
 
 
 def test_what_cannot_be_told_apart_has_its_further_capture():
     close = [CAUSES[0], _cause("dark-offset", {"level": 3.0}, 0.92, 0.98, 2.1)]
     one = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
-    told = story(_diagnosis(("veiling-glare",), close, (one,)), NAMED)
-    steps = " ".join(told.next.steps)
+    lines = story(_diagnosis(("veiling-glare",), close, (one,)), NAMED)
+    steps = " ".join(lines.next.steps)
     assert "differ by 2.1 standard deviations, and 5 are needed" in steps
     assert "frames with the lens capped (120 s; 20.0 standard deviations expected)" in steps
     assert "no further capture" not in steps
@@ -103,15 +125,15 @@ def test_what_only_a_further_capture_shows_is_to_be_diagnosed_there(selected, ad
     ("selected", "sentence"), [(("unknown",), "No known effect fits"), ((), "The model is adequate")]
 )
 def test_without_a_cause_the_first_sentence_says_so(selected, sentence):
-    told = story(_diagnosis(selected, CAUSES if selected else ()), NAMED)
-    assert told.headline.sentence.startswith(sentence)
-    assert len(told.headline.pictures.panels) == 1 and told.falling is None
+    lines = story(_diagnosis(selected, CAUSES if selected else ()), NAMED)
+    assert lines.headline.sentence.startswith(sentence)
+    assert len(lines.headline.pictures.panels) == 1 and lines.falling is None
 
 
 def test_chi_square_of_the_ranking_is_told_as_a_part_of_the_excess():
     """8 to 2 per degree of freedom, where 1 is noise: 6 of 7. No second definition of chi-square is shown."""
-    told = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
-    table = told.missing.blocks[-1]
+    lines = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
+    table = lines.missing.blocks[-1]
     assert not any("χ²" in title for title in table.header)
     assert table.rows[0][2] == "85.7"
 

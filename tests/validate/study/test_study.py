@@ -78,10 +78,10 @@ def test_a_fit_finds_the_hidden_effect(study, fitted):
 
 
 def test_several_effects_are_fitted_together(study):
-    """A dark offset that is not there stays near zero beside the glare, and a gain that is held stays."""
+    """A dark offset that is not there stays near zero next to the glare, and a gain that is held stays."""
     three = study.add("band-gain").add("veiling-glare").add("dark-offset")
-    found = three.fit("veiling-glare", 2)
-    gain, glare, offset = found.effects
+    fitted = three.fit("veiling-glare", 2)
+    gain, glare, offset = fitted.effects
     assert dict(gain.values) == dict(three.effects[0].values)
     assert glare.values["fraction"] == pytest.approx(GLARE, abs=0.005)
     number = next(iter(offset.sigma))

@@ -65,8 +65,8 @@ def flat_of(settings):
     """(y, x) response, 1 on average over each channel: a flat field tells no more."""
     flat = pixel_maps(CAMERA, settings, np.random.default_rng(1)).flat
     for channel in settings.mosaic.dyes:
-        own = channel_mask(settings.mosaic.pattern, flat.shape, channel)
-        flat[own] /= flat[own].mean()
+        mask = channel_mask(settings.mosaic.pattern, flat.shape, channel)
+        flat[mask] /= flat[mask].mean()
     return flat
 
 
@@ -106,8 +106,8 @@ def simulated(settings, flat, effects, image):
     for kind, planes in (("band", signals), ("reference", field)):
         raw = np.zeros((SIZE, SIZE))
         for band, plane in zip(settings.bands, planes, strict=True):
-            own = channel_mask(settings.mosaic.pattern, raw.shape, band.channel)
-            raw[own] = plane[own]
+            mask = channel_mask(settings.mosaic.pattern, raw.shape, band.channel)
+            raw[mask] = plane[mask]
         frame = Frame(kind, "grey", EXPOSURES[kind], 0, 0.0)
         dark = settings.bias_dn + settings.dark_current_e_s / settings.gain_e_per_dn * EXPOSURES[kind]
         frames[kind] = hooks.counts(frame, hooks.light(frame, raw * flat * EXPOSURES[kind]) + dark)
@@ -122,11 +122,11 @@ def test_the_raw_frames_are_those_expected(pattern, name):
     effects = [apply_checked(name, EFFECTS[name], "test")]
     sensing = sensing_of(settings, flat)
     light = scene_light(picture(), after_stage(sensing.curves, effects, "filter"), CAMERA)
-    wanted = expected_counts(light, sensing, effects, CAMERA)
+    expected = expected_counts(light, sensing, effects, CAMERA)
     found = simulated(settings, flat, effects, picture())
     for band, own in enumerate(sensing.mosaic.pixels):
-        np.testing.assert_allclose(found["band"][own], wanted.scene[band][own], rtol=1e-9)
-        np.testing.assert_allclose(found["reference"][own], wanted.reference[band][own], rtol=1e-9)
+        np.testing.assert_allclose(found["band"][own], expected.scene[band][own], rtol=1e-9)
+        np.testing.assert_allclose(found["reference"][own], expected.reference[band][own], rtol=1e-9)
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", PATTERNS["X-Trans"]], ids=["RGGB", "X-Trans"])
@@ -161,9 +161,9 @@ def test_a_channel_in_no_band_shows_the_band_s_light_times_their_ratio():
     light = scene_light(picture(uniform=True), whole.curves, CAMERA).signal.mean(axis=(1, 2))
     unseen = tuple(UnseenChannel(0, whole.mosaic.pixels[band], light[band] / light[1]) for band in (0, 2))
     green = replace(green, mosaic=Interleaving(green.mosaic.pixels, ((0,),), unseen))
-    own = whole.mosaic.pixels[1]
+    pixels = whole.mosaic.pixels[1]
     alone, together = (
-        expected_counts(scene_light(picture(uniform=True), s.curves, CAMERA), s, effects, CAMERA).scene[i][own]
+        expected_counts(scene_light(picture(uniform=True), s.curves, CAMERA), s, effects, CAMERA).scene[i][pixels]
         for s, i in ((green, 0), (whole, 1))
     )
     np.testing.assert_allclose(alone, together, rtol=1e-3)

@@ -123,11 +123,11 @@ def test_the_frames_are_those_expected(names):
     flat = pixel_maps(CAMERA, SETTINGS, np.random.default_rng(1)).flat
     found, sensing = photographed(effects, flat), constants(effects, flat)
     light = scene_light(image(), after_stage(sensing.curves, effects, "filter"), CAMERA)
-    wanted = expected_counts(light, sensing, effects, CAMERA)
+    expected = expected_counts(light, sensing, effects, CAMERA)
     for kind, frame, dark in (
-        ("band", wanted.scene, wanted.dark_scene),
-        ("flat", wanted.flat, wanted.dark_flat),
-        ("reference", wanted.reference, wanted.dark_reference),
+        ("band", expected.scene, expected.dark_scene),
+        ("flat", expected.flat, expected.dark_flat),
+        ("reference", expected.reference, expected.dark_reference),
     ):
         np.testing.assert_allclose(found[kind], frame, rtol=1e-9, err_msg=kind)
         np.testing.assert_allclose(found[f"dark-{kind}"], dark, rtol=1e-9, err_msg=f"dark of {kind}")

@@ -49,9 +49,9 @@ def test_an_index_is_scaled_in_the_square_of_its_inverse():
 
 def test_interreflection_is_drawn_only_where_it_is_named():
     generator = np.random.default_rng(0)
-    drawn = {draw_effect(generator, cornell_box(), BANDS).id for _ in range(300)}
-    assert "interreflection" not in drawn
-    assert {"gloss", "haze", "fluorescence", "rough-diffuse", "ambient-light"} <= drawn
+    members = {draw_effect(generator, cornell_box(), BANDS).id for _ in range(300)}
+    assert "interreflection" not in members
+    assert {"gloss", "haze", "fluorescence", "rough-diffuse", "ambient-light"} <= members
     assert draw_effect(generator, cornell_box(), BANDS, ("interreflection",)).values == {"max_bounces": np.inf}
 
 

@@ -150,7 +150,7 @@ class CaptureTask:
 
 
 def _run_there(tasks: list[CaptureTask], scheduler: str, report: Progress) -> Iterator[dict[str, Any]]:
-    """Row of each capture, in the order of their ends, by the workers of a scheduler."""
+    """Row of each capture, as workers of a Dask scheduler complete them."""
     from ...dataset import on_scheduler
 
     rows: list[dict[str, Any]] = []

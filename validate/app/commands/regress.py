@@ -50,6 +50,13 @@ def regress(
         ),
     ] = None,
     false_alarms: Annotated[float, typer.Option(help="False-alarm rate of the verdict.", min=1e-9, max=0.5)] = 1e-3,
+    same_seeds: Annotated[
+        bool,
+        typer.Option(
+            "--same-seeds",
+            help="Both sides are several cubes of the same seeds, in the same order: they are compared cube by cube.",
+        ),
+    ] = False,
     declare: DeclarePairOption = None,
 ) -> None:
     """Test whether a rendering algorithm changed its result.
@@ -64,7 +71,9 @@ def regress(
         if path is not None:
             require_folder(path.parent)
     with options(camera="--camera"), bar("comparing") as report:
-        outcome = regress_inputs(baseline, candidate, model, camera, false_alarms, report, declared=declared)
+        outcome = regress_inputs(
+            baseline, candidate, model, camera, false_alarms, report, declared=declared, same_seeds=same_seeds
+        )
     give_json(json, outcome.to_dict())
     if junit is not None:
         write_junit(junit, outcome)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import quote
 
 import typer
 from cboxlab.utils.errors import InputError
@@ -20,7 +21,9 @@ def studio(
     capture: Annotated[
         Path | None,
         typer.Argument(
-            help="Folder of a capture or of a saved study. You can open others from the page.", show_default=False
+            help="Folder of a capture, of a saved study, or of frames without a capture.toml, for which the page has a "
+            "form. You can open others from the page.",
+            show_default=False,
         ),
     ] = None,
     *,
@@ -61,16 +64,28 @@ def studio(
         raise InputError("cbox studio", f"no package {error.name}", "starlette and uvicorn", hint) from None
     if not folder.is_dir():
         raise InputError("--folder", f"'{folder}'", "an existing folder")
-    if capture is not None and not ((capture / "capture.toml").exists() or (capture / "study.json").exists()):
-        raise InputError(capture, "no capture.toml and no study.json", "the folder of a capture or of a saved study")
+    page = "" if capture is None else _first_page(capture, folder.resolve())
     variant.require_compiled("cbox studio")
     bench = Workbench(folder.resolve(), None if no_cache else default_cache())
     serve(
         bench,
-        None if capture is None else lambda progress: bench.open(capture, model, progress),
+        None if capture is None or page else lambda progress: bench.open(capture, model, progress),
         lambda address: say(f"Workbench: {address}\nPress Ctrl-C to end it."),
         host=host,
         port=port,
         token=not no_token,
         browser=not no_browser,
+        page=page,
     )
+
+
+def _first_page(capture: Path, root: Path) -> str:
+    """Page with the form for a folder of frames; "" for a capture or a saved study."""
+    if (capture / "capture.toml").exists() or (capture / "study.json").exists():
+        return ""
+    if not capture.is_dir() or not any(path.is_file() for path in (*capture.glob("*"), *capture.glob("frames/*"))):
+        expected = "the folder of a capture, of a saved study, or of frames"
+        raise InputError(capture, "no capture.toml, no study.json and no frames", expected)
+    if not capture.resolve().is_relative_to(root):
+        raise InputError(capture, "a folder of frames outside --folder", f"a folder below {root}", "State --folder.")
+    return f"first.html?folder={quote(capture.resolve().relative_to(root).as_posix())}"

@@ -21,6 +21,7 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
+from .first_capture import first_draft, write_first
 from .jobs import Jobs
 from .picker import Picker
 from .places import list_inputs
@@ -64,6 +65,8 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "index.html": ("text/html", _page_file("index.html")),
     "studio.js": ("text/javascript", _page_file("studio.js")),
     "controls.js": ("text/javascript", _page_file("controls.js")),
+    "first.html": ("text/html", _page_file("first.html")),
+    "first.js": ("text/javascript", _page_file("first.js")),
     "points.html": ("text/html", _page_file("points.html")),
     "points.js": ("text/javascript", _page_file("points.js")),
     "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),
@@ -208,6 +211,18 @@ class _Handlers:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
         return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
 
+    async def first(self, request: Request) -> Response:
+        """Draft of a folder's first capture.toml, or its file."""
+        steps = {"draft": first_draft, "write": write_first}
+        name, body = request.path_params["name"], await _body(request)
+        folder, entries = _text(body, "folder"), body.get("entries", [])
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        if not isinstance(entries, list):
+            raise InputError("entries", repr(entries)[:80], "a list of entries")
+        record = await self.jobs.quick(lambda: steps[name](self.bench.root, folder, entries))
+        return JSONResponse(record, headers=_HEADERS)
+
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
         name, body, bench = request.path_params["name"], await _body(request), self.bench
@@ -317,6 +332,7 @@ def build_app(
         Route("/api/events", handlers.events),
         Route("/api/cancel", handlers.cancel, methods=["POST"]),
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),
+        Route("/api/first/{name:str}", handlers.first, methods=["POST"]),
         Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
         Route("/api/job/{name:str}", handlers.job, methods=["POST"]),
     ]

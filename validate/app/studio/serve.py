@@ -37,6 +37,7 @@ def serve(
     port: int = 0,
     token: bool = True,
     browser: bool = True,
+    page: str = "",
 ) -> None:
     """Serve the workbench until it is interrupted.
 
@@ -56,6 +57,8 @@ def serve(
         Whether the page's address contains a secret, without which requests are refused.
     browser
         Whether to open the page in the browser.
+    page
+        Page to open, relative to the address; "" for the workbench.
 
     Raises
     ------
@@ -76,7 +79,7 @@ def serve(
     name = f"[{host}]" if ":" in host else host
     everywhere = {ANY_ADDRESS, socket.gethostname(), socket.getfqdn()} if host in _EVERYWHERE else {name}
     reachable = "127.0.0.1" if host in _EVERYWHERE else name
-    address = f"http://{reachable}:{listening.getsockname()[1]}/{secret + '/' if secret else ''}"
+    address = f"http://{reachable}:{listening.getsockname()[1]}/{secret + '/' if secret else ''}{page}"
     announce(address)
     settings = uvicorn.Config(
         build_app(bench, secret, frozenset({*everywhere, *_LOOPBACK}), begin=begin),

@@ -203,10 +203,10 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     """Bands in another order; in colour red, green and blue, for each known set of primaries."""
     base = evidence.baseline
     if side.as_stored:
-        for order in permutations(range(3)):
-            labels = "".join(side.bands[i] for i in order)
-            if labels != "RGB":
-                yield Explanation("bands-exchanged", {"order": labels}, exact(evidence, base[..., list(order)]), 1)
+        for order in permutations(range(len(side.bands))):
+            letters = "".join(side.bands[i] for i in order)
+            if letters != "RGB":
+                yield Explanation("bands-exchanged", {"order": letters}, exact(evidence, base[..., list(order)]), 1)
         return
     if side.in_colour:
         for (space, corners), order in product(COLOUR_SPACES.items(), permutations(range(3))):

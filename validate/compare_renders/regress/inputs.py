@@ -42,6 +42,8 @@ SIDES = ("baseline", "candidate")
 _OUT = "{out}"
 #: Characters of a failed command's last message that are repeated: about five lines of a terminal.
 _MAX_MESSAGE_LENGTH = 400
+#: Fewest cubes of a side whose differences have a scatter.
+_FEWEST_PAIRS = 2
 #: Pixels a side of models, where both sides are models.
 _SIZE_PX = 128
 #: Wavelengths of models, nm, where both sides are models.
@@ -77,6 +79,7 @@ def regress_inputs(
     progress: Progress = NO_PROGRESS,
     *,
     declared: Declared | DeclaredPair = AS_STATED,
+    same_seeds: bool = False,
 ) -> Outcome:
     """Compare the pictures that two arguments name, and name the change where they differ.
 
@@ -99,6 +102,8 @@ def regress_inputs(
         Receiver of the finished part.
     declared
         Properties that the files do not state, of both or of each.
+    same_seeds
+        Whether both sides are several cubes of the same seeds in the same order.
 
     Returns
     -------
@@ -129,7 +134,18 @@ def regress_inputs(
         _rendered(text, view_camera, size, grid, seed) if side is None else side
         for seed, (text, side) in enumerate(zip((baseline, candidate), sides, strict=True))
     ]
+    if same_seeds:
+        ready = [replace(side, same_seeds=True) for side in ready]
+        _require_pairs(ready[0], ready[1])
     return regress_pictures(ready[0], ready[1], view, false_alarms, progress)
+
+
+def _require_pairs(baseline: Side, candidate: Side) -> None:
+    """Raise InputError unless both sides have as many cubes."""
+    counts = [1 if side.batches is None else len(side.batches) for side in (baseline, candidate)]
+    if counts[0] < _FEWEST_PAIRS or counts[0] != counts[1]:
+        cubes = f"{counts[0]} and {counts[1]} cubes"
+        raise InputError("same seeds", cubes, f"{_FEWEST_PAIRS} or more of each side, joined by commas in one order")
 
 
 def regress_pictures(

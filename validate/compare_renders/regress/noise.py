@@ -39,11 +39,14 @@ _MOST_SPREAD = 1.5
 _NO_GROWTH = 1.35
 #: Square of second differences of independent numbers over their variance: 1 + 4 + 1.
 _SECOND_DIFFERENCE = 6.0
+#: Sum of the correlation from which noise with stated errors went through a filter: estimates of independent noise are
+#: lower in pictures of 40 x 40 px.
+_CLEAR_FILTER = 1.6
 #: Distances in px at which noise of a pixel filter may end.
 _FILTER_PX = (1, 2, 3)
-#: Relative difference of pictures from which it is none of denoised noise, and no noise widens errors by more than ...
-_GROSS = 0.15
-#: ... this ratio of variances of means, that of a pixel filter three pixels wide.
+#: Relative difference of single pictures from which it is none of a denoiser's blotches: twice that of a bad one.
+_GROSS = 0.2
+#: Variance of means over that of independent pixels in such pictures: that of a pixel filter three pixels wide.
 _WIDEST_FILTER = 6.0
 #: Largest part of the correlation that the means of small regions remove and that is made up for.
 _MOST_REMOVED = 0.5
@@ -328,16 +331,18 @@ def variance_of(
 
 
 def paired_variance(
-    baseline: NDArray[np.float64] | None, candidate: NDArray[np.float64] | None
+    baseline: NDArray[np.float64] | None, candidate: NDArray[np.float64] | None, *, same_seeds: bool = False
 ) -> NDArray[np.float64] | None:
     """Variance of the mean difference of cubes with the same random numbers, cube by cube.
 
-    The cubes have the same random numbers where their deviations from their means are alike.
+    The cubes have the same random numbers where the user says so, or where their deviations from their means are alike.
 
     Parameters
     ----------
     baseline, candidate
         (b, y, x, w) independent cubes of each side, in the order of their seeds; None without several.
+    same_seeds
+        Whether the user says so.
 
     Returns
     -------
@@ -346,6 +351,8 @@ def paired_variance(
     """
     if baseline is None or candidate is None or baseline.shape != candidate.shape:
         return None
+    if same_seeds:
+        return _of_pairs(baseline, candidate)
     off = [cubes.sum(axis=-1) - cubes.sum(axis=-1).mean(axis=0) for cubes in (baseline, candidate)]
     # one firefly would rule the correlation
     limits = [_CORRELATION_CLIP * np.sqrt(np.median(each**2)) for each in off]
@@ -355,6 +362,11 @@ def paired_variance(
     alike = float((first * second).sum()) / float(np.sqrt((first**2).sum() * (second**2).sum()))
     if alike < _PAIRED_CORRELATION:
         return None
+    return _of_pairs(baseline, candidate)
+
+
+def _of_pairs(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(y, x, w) variance of the mean difference of pairs of cubes."""
     return np.asarray((candidate - baseline).var(axis=0, ddof=1) / len(baseline))
 
 
@@ -462,12 +474,14 @@ def _clustering(
     ratio = _of_blocks(clipped, smooth)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
-    by_filter = _of_filter(clipped, smooth) if estimated else None
-    if by_filter is not None:
+    by_filter = _of_filter(clipped, smooth)
+    if by_filter is not None and estimated:
         ratio = max(_of_blocks(clipped, smooth, curved=True), by_filter)
+    elif by_filter is not None and by_filter > _CLEAR_FILTER and not stepped and spread < _MOST_SPREAD:
+        ratio = max(ratio, by_filter)
     elif estimated and apart >= _GROSS:
-        ratio = min(ratio, _WIDEST_FILTER)
-    elif not stepped and apart < _MOST_APART and (estimated or spread < _MOST_SPREAD):
+        ratio = _WIDEST_FILTER
+    elif not stepped and (estimated or (apart < _MOST_APART and spread < _MOST_SPREAD)):
         ratio = max(ratio, _of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
@@ -493,7 +507,7 @@ def _of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved
 
 
 def _of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
-    """Sum of the correlation between pixels of filtered noise; None where differences grow over many pixels.
+    """Sum of the correlation between pixels of filtered noise; None for other differences.
 
     Second differences of filtered noise stop growing at some distance. A smooth difference of the pictures makes them
     grow later, and adds nothing here. Their size at one pixel gives the width of a Gaussian filter.

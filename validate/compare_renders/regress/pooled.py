@@ -45,8 +45,6 @@ __all__ = [
     "cancelling_patterns",
     "difference_of",
     "pooled_means",
-    "quieter_part",
-    "roughness_of",
 ]
 
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
@@ -182,63 +180,11 @@ class Pooling:
         )
 
 
-def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
-    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
-
-    The variances are those of neighbouring pixels inside smooth parts.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x) pictures.
-    smooth
-        (y, x) pixels away from edges.
-
-    Returns
-    -------
-    float
-        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
-    """
-    inner = minimum_filter(smooth, 3)
-    if inner.sum() < _MIN_PIXELS:
-        return 0.5
-    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
-    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
-    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
-
-
-def roughness_of(
-    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Variance of each pixel relative to other pixels, from the variances that two sides state.
-
-    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
-    the mean. The two sides are weighted so that these biases of their difference cancel.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x, w) variances.
-    body
-        (y, x) pixels but those of the lamp.
-
-    Returns
-    -------
-    NDArray
-        (y, x) relative variance, about 1 on average.
-    """
-    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
-    first, second = sums[0] ** 2, sums[1] ** 2
-    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
-    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
-    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])
-
-
 def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
     """Tests of all pools.
 
-    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, edges,
-    border and lamp, a grid of blocks and their spread, and patterns.
+    The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, and patterns.
+    There are pools of edges, border and lamp, too, and a grid of blocks with their spread.
 
     Parameters
     ----------

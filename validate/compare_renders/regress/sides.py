@@ -23,10 +23,12 @@ from cboxlab.rendering.files import (
     window_of,
     xyz_weights,
 )
+from cboxlab.rendering.image import high_pass
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from ..scene_pictures import AS_STORED, GUIDES, read_scene_picture
 
@@ -38,12 +40,18 @@ __all__ = [
     "cut_side",
     "in_common_quantity",
     "on_common_pixels",
+    "quieter_part",
     "read_side",
+    "roughness_of",
     "side_of",
 ]
 
 #: Batches assumed behind a standard error whose cube does not state them: few, for cautious tests.
 _ASSUMED_BATCHES = 4
+#: Fewest pixels away from edges whose neighbours give a variance.
+_MIN_SMOOTH_PIXELS = 12
+#: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
+_SQUARE_CUT = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +107,8 @@ class Side(FrozenMappings):
     guides: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     #: Name of the primaries of R, G, B as stored; empty where not stated.
     colour_space: str = ""
+    #: Whether the user says that the other side's cubes have the same random numbers, in the same order.
+    same_seeds: bool = False
 
     @property
     def as_stored(self) -> bool:
@@ -467,3 +477,55 @@ def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
     if surface.attrs.get("lamp") == "unknown":
         return SurfaceMap(index, names, None, bool(surface.attrs.get("of_objects", 0)))
     return SurfaceMap(index, names, index == int(surface.attrs.get("lamp", -1)))
+
+
+def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
+    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
+
+    The variances are those of neighbouring pixels inside smooth parts.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x) pictures.
+    smooth
+        (y, x) pixels away from edges.
+
+    Returns
+    -------
+    float
+        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
+    """
+    inner = minimum_filter(smooth, 3)
+    if inner.sum() < _MIN_SMOOTH_PIXELS:
+        return 0.5
+    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
+    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
+    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
+
+
+def roughness_of(
+    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Variance of each pixel relative to other pixels, from the variances that two sides state.
+
+    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
+    the mean. The two sides are weighted so that these biases of their difference cancel.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x, w) variances.
+    body
+        (y, x) pixels but those of the lamp.
+
+    Returns
+    -------
+    NDArray
+        (y, x) relative variance, about 1 on average.
+    """
+    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
+    first, second = sums[0] ** 2, sums[1] ** 2
+    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
+    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
+    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])

@@ -21,10 +21,8 @@ from .pooled import (
     cancelling_patterns,
     difference_of,
     pooled_means,
-    quieter_part,
-    roughness_of,
 )
-from .sides import Side, SurfaceMap
+from .sides import Side, SurfaceMap, quieter_part, roughness_of
 from .strata import Strata, strata_of
 
 __all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
@@ -39,6 +37,8 @@ _SHORTEST_SIDE_PX = 3
 _NOTED_RATIO = 1.5
 #: Part of the body below which few pixels are smooth: edges are then looked for in the other picture, too.
 _MIN_SMOOTH_PART = 0.4
+#: Part of the picture that lies inside smooth parts, from which single pictures' noise is estimated there.
+_MIN_QUIET_PART = 0.05
 #: Factor by which the other picture has to have more smooth pixels.
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
@@ -111,11 +111,12 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     shared: NDArray[np.float64] | None = None
     if coarse:
         rounding, shared = np.sum([part**2 for part in coarse], axis=0)
-    together = paired_variance(b.batches, a.batches)
+    together = paired_variance(b.batches, a.batches, same_seeds=a.same_seeds and b.same_seeds)
     errors = (a.variance, b.variance), (a.degrees, b.degrees), rounding
     if together is not None and b.batches is not None:
         errors = (together, np.zeros_like(together)), (len(b.batches) - 1.0, 0.0), rounding
-    variance = variance_of(difference, b.radiance, strata.smooth, *errors)
+    quiet = _quiet(strata, estimated=a.variance is None or b.variance is None)
+    variance = variance_of(difference, b.radiance, quiet, *errors)
     cut = trimmed(difference, b.radiance, *variance, strata.lamp)
     del difference
     computed = None if cut.outlier.any() else variance
@@ -124,9 +125,7 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     steps = tile_steps(Difference(*sums, None, strata.smooth, {}))
     stepped = steps is not None and steps.probability < _STEPPED
     paired = together is not None
-    noise = noise_of(
-        cut.difference, cut.level, strata.smooth, *errors, stepped=stepped, paired=paired, variance=computed
-    )
+    noise = noise_of(cut.difference, cut.level, quiet, *errors, stepped=stepped, paired=paired, variance=computed)
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)
@@ -138,6 +137,16 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     common_part = None if shared is None else np.sqrt(shared)
     pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part, paired)
     return Comparison(common, strata, noise, cut, pooling)
+
+
+def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
+    """(y, x) pixels from whose neighbours noise is estimated.
+
+    They are the smooth ones, or all but the lamp where few are smooth, as among leaves or hair: most of the structure
+    cancels in a difference.
+    """
+    enough = minimum_filter(strata.smooth, 3).mean() >= _MIN_QUIET_PART
+    return strata.smooth if enough or not estimated else strata.body
 
 
 def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
@@ -261,7 +270,7 @@ def _remarks(comparison: Comparison) -> list[str]:
 
 def _typical_noise(comparison: Comparison) -> float:
     """Median over the smooth pixels of the difference's standard deviation over the light."""
-    used = comparison.strata.smooth if comparison.strata.smooth.any() else comparison.strata.used
+    used = _quiet(comparison.strata, estimated=True)
     if not used.any():
         return 0.0
     level = comparison.trimmed.level.sum(axis=-1)[used]
@@ -269,7 +278,10 @@ def _typical_noise(comparison: Comparison) -> float:
 
 
 def _changed_guides(comparison: Comparison) -> list[str]:
-    """Notes on albedo, normals and depth that differ away from edges: paints, geometry or camera changed."""
+    """Notes on albedo, normals and depth that differ away from edges.
+
+    Paints, geometry or the camera have then changed.
+    """
     baseline, candidate = _sides(comparison)
     inside = comparison.strata.smooth
     notes = []

@@ -1,4 +1,4 @@
-"""Pictures of any scene: colours as a renderer stored them, and what their layers say about surfaces."""
+"""Pictures of any scene: colours as a renderer stored them, and surfaces of their layers."""
 
 from __future__ import annotations
 

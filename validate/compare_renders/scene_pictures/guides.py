@@ -1,4 +1,4 @@
-"""Guides: albedo, normals, depth and indices of a picture, and the map of surfaces that they give."""
+"""Guides of a picture, such as albedo and depth, and their map of surfaces."""
 
 from __future__ import annotations
 
@@ -133,16 +133,16 @@ def _numbered(
     least = max(_MIN_REGION_PX, _MIN_REGION_PART * number.size)
     order = [int(v) for v, count in sorted(zip(values, counts, strict=True), key=lambda p: -p[1]) if count >= least]
     large = order[:_MAX_REGIONS]
-    found = []
+    labels: list[str] = []
     for value in large:
-        index[pure & (number == value)] = len(found)
+        index[pure & (number == value)] = len(labels)
         name = names.get(value, "background" if value == 0 and names else f"{kind} {value}")
-        found.append(re.sub(r"[,\s]+", " ", name))
+        labels.append(re.sub(r"[,\s]+", " ", name))
     rest = pure & (index < 0)
     if rest.any():
-        index[rest] = len(found)
-        found.append(_SMALL)
-    return Regions(index, tuple(found), source, True)
+        index[rest] = len(labels)
+        labels.append(_SMALL)
+    return Regions(index, tuple(labels), source, True)
 
 
 def _of_steps(guides: Mapping[str, NDArray[np.float64]]) -> Regions | None:
@@ -162,7 +162,7 @@ def _of_steps(guides: Mapping[str, NDArray[np.float64]]) -> Regions | None:
     least = max(_MIN_REGION_PX, _MIN_REGION_PART * edges.size)
     large = [int(i) + 1 for i in np.argsort(-sizes, kind="stable") if sizes[i] >= least][:_MAX_REGIONS]
     index = np.full(shape, -1)
-    names = []
+    names: list[str] = []
     for number in large:
         inside = parts == number
         y, x = (int(np.median(axis)) for axis in np.nonzero(inside))

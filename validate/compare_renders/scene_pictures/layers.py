@@ -1,4 +1,4 @@
-"""Layers of a renderer's file by their names: the picture, and channels that describe surfaces.
+"""Layers of a renderer's file: the picture, and channels that describe surfaces.
 
 The names are those of Cycles' passes, Mitsuba's AOVs, pbrt's G-buffers, and outputs of LuxCore, Arnold and V-Ray.
 """
@@ -115,7 +115,7 @@ def _kind(layer: str, channels: set[str]) -> str | None:
     for kind, (expression, allowed) in _KINDS.items():
         if word and re.fullmatch(expression, word) and any(channels - {"A"} == three for three in allowed):
             return kind
-    # Mitsuba's AOVs bear a user's name, and a channel of their own for each kind; numbers of triangles are too fine
+    # Mitsuba's AOVs bear a user's name, and a channel by kind; numbers of triangles are too fine
     if word.startswith("prim"):
         return None
     return {frozenset("T"): "depth", frozenset("I"): "object"}.get(frozenset(channels))

@@ -1,4 +1,4 @@
-"""Pictures of any scene from files: R, G, B as stored, errors and a map of surfaces where there are layers for them.
+"""Pictures of any scene from files: R, G, B as stored, errors, map of surfaces.
 
 R, G, B as stored have no unit and no wavelengths, and their primaries need not be stated. Two such pictures can be
 compared all the same, since both are in the same numbers.
@@ -73,8 +73,8 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
         return read_picture(path, declared)
     dot = f"{layer}." if layer else ""
     planes = {name: channels.planes[dot + name] for name in AS_STORED}
-    stated = {"chromaticities", "whiteLuminance"} <= set(channels.header)
-    if declared.given() & _CONVERTING or stated:
+    complete = {"chromaticities", "whiteLuminance"} <= set(channels.header)
+    if declared.given() & _CONVERTING or complete:
         picture = picture_of_colours(path, replace(channels, planes=planes), replace(declared, layer=None))
         if declared.layer is not None:
             picture = with_declarations(picture, declared, ("layer",))

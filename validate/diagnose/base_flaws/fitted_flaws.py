@@ -43,6 +43,9 @@ _MAX_PIXEL_ERROR = 0.005
 #: Rounds of the widths' fit.
 _ROUNDS = 12
 
+#: Samples whose products are computed at once, to bound the memory.
+_SAMPLES_PER_BLOCK = 2**15
+
 #: Side of the blocks of pixels that are held out in turn, px.
 _HELDOUT_BLOCK_PX = 8
 
@@ -80,6 +83,11 @@ class Flaw:
     width: float
     #: Gain in pixels held out from its fit, over that in the fitted ones.
     heldout: float
+
+    @property
+    def of_single_pixels(self) -> bool:
+        """Whether single pixels deviate, which no effect of the catalogue imitates."""
+        return self.kind == _PIXELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,18 +345,22 @@ class FlawModel(Generic[W]):
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
         members, count = self._of_kind(kind), self.model.count
         rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
-        columns = self.columns[:count, members]
         v, u = np.indices(self.model.used.shape[1:])
-        board = (v // _HELDOUT_BLOCK_PX + u // _HELDOUT_BLOCK_PX) % 2 == 1
-        white = np.broadcast_to(board, self.model.used.shape)[self.model.used]
+        board = (v // _HELDOUT_BLOCK_PX + u // _HELDOUT_BLOCK_PX) % 2
+        colour, number = np.broadcast_to(board, self.model.used.shape)[self.model.used], int(members.sum())
+        products, aims = np.zeros((2, number, number)), np.zeros((2, number))
+        for start in range(0, count, _SAMPLES_PER_BLOCK):
+            rows = slice(start, min(start + _SAMPLES_PER_BLOCK, count))
+            for part in (0, 1):
+                some = self.columns[rows][:, members][colour[rows] == part]
+                products[part] += some.T @ some
+                aims[part] += some.T @ rest[rows][colour[rows] == part]
+        ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)
         gains = np.zeros(2)
-        for inside in (white, ~white):
-            fitted_rows = np.where(inside[:, None], columns, np.float32(0))
-            ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)
-            products = (fitted_rows.T @ fitted_rows).astype(float)
-            change = columns @ np.linalg.solve(products + ridge, fitted_rows.T @ rest)
-            for index, part in enumerate((inside, ~inside)):
-                gains[index] += float(2 * change[part] @ rest[part] - change[part] @ change[part])
+        for inside in (0, 1):
+            amount = np.linalg.solve(products[inside] + ridge, aims[inside])
+            for index, part in enumerate((inside, 1 - inside)):
+                gains[index] += float(2 * amount @ aims[part] - amount @ products[part] @ amount)
         return float(gains[1] / max(gains[0], 1e-30))
 
 
@@ -423,7 +435,10 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
 def _pixel_errors(
     model: Whitening, signal: NDArray[np.float64], error: float, columns: Iterable[NDArray] = (), count: int = 0
 ) -> PictureErrors:
-    """Deviations of single pixels as a covariance, with ``count`` further errors (n,) over sigma."""
+    """Deviations of single pixels as a covariance, with further errors.
+
+    columns : ``count`` of them, (n,) over sigma.
+    """
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
     weight = min(error, _MAX_PIXEL_ERROR) * signal[model.used] / model.sigma
     return cells_and_columns(cell, weight, columns, count)

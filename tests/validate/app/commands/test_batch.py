@@ -46,17 +46,17 @@ def test_a_batch_ends_with_a_summary_and_goes_on_where_it_stopped(captures, tmp_
 
 
 def test_results_are_current_while_command_inputs_and_results_are(captures, tmp_path, monkeypatch):
-    place = tmp_path / "out"
-    place.mkdir()
-    (place / "calibration.json").write_text("{}")
+    path = tmp_path / "out"
+    path.mkdir()
+    (path / "calibration.json").write_text("{}")
     monkeypatch.setattr("sys.argv", ["cbox", "calibrate", "sound"])
-    write_manifest(place, [place / "calibration.json"], [captures / "sound"])
-    assert is_current(place, "cbox calibrate sound")
-    assert not is_current(place, "cbox calibrate sound --model other.toml")
+    write_manifest(path, [path / "calibration.json"], [captures / "sound"])
+    assert is_current(path, "cbox calibrate sound")
+    assert not is_current(path, "cbox calibrate sound --model other.toml")
     assert not is_current(tmp_path, "cbox calibrate sound")
     with (captures / "sound" / "capture.toml").open("a") as file:
         file.write("# changed\n")
-    assert not is_current(place, "cbox calibrate sound")
+    assert not is_current(path, "cbox calibrate sound")
 
 
 def test_a_folder_without_captures_is_refused(tmp_path, cbox):

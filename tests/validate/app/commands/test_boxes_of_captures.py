@@ -24,14 +24,14 @@ def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsy
     model, captures = console.load_inputs(model if given else None, [DEMO_CAPTURE, capture])
     assert model.scene.origin.reference == "cornell-box"
     assert [loaded.folder for loaded in captures] == [DEMO_CAPTURE, capture]
-    told = capsys.readouterr().err
+    err = capsys.readouterr().err
     expected = f'{manifest}: scene is "my-box", but the model is "cornell-box". Give the box with --model.\n'
-    assert told == ("" if given else expected)
+    assert err == ("" if given else expected)
 
 
 @pytest.fixture
 def own_capture(tmp_path):
-    """The bundled capture with a scene file of its own: the published box, its short block 3 mm higher."""
+    """The bundled capture with another scene file: the published box, its short block 3 mm higher."""
     capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "own")
     data = Path(scenes.__file__).parent / "data"
     for table in data.glob("*.csv"):

@@ -122,7 +122,7 @@ def test_a_missing_folder(command, tmp_path, cbox):
 
 
 def test_the_program_itself_ends_without_a_traceback(tmp_path):
-    """In a process of its own, as a user runs it."""
+    """In a separate process, as a user runs it."""
     program = [sys.executable, "-c", "from cboxlab.validation.app.commands.cli import main; main()"]
     done = subprocess.run([*program, "validate", str(tmp_path / "x")], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2
@@ -279,11 +279,11 @@ def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
     assert name in ("ghost", "smear") and 0 < values["fraction"] < 0.05
     code, out, _ = cbox("reveal", folder)
     assert code == 0 and name in out
-    found = {
+    results = {
         "ranking": [{"effect": name, "parameters": {"fraction": 1.5 * values["fraction"]}}],
         "selected": [name],
     }
-    (tmp_path / "diagnosis.json").write_text(json.dumps(found))
+    (tmp_path / "diagnosis.json").write_text(json.dumps(results))
     code, out, _ = cbox("reveal", folder, "--diagnosis", tmp_path / "diagnosis.json")
     assert code == 0 and "First of the ranking: right. Selection: right." in out and "+50.0%" in out
 

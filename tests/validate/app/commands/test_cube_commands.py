@@ -86,7 +86,7 @@ def test_a_simulation_names_the_faulty_cube_and_tells_saturation(cubes, tmp_path
 
 
 def test_cubes_frames_and_verdicts_are_verified(cubes, tmp_path, cbox):
-    """Each has a manifest beside it, or, being a folder, in it; a result or an input that changed is named."""
+    """Each has a manifest next to it, or, being a folder, in it; a result or an input that changed is named."""
     one, envi, frame, folder = (tmp_path / name for name in ("1.nc", "cube.hdr", "frame.tif", "capture"))
     one.write_bytes((cubes / "1.nc").read_bytes())
     assert cbox("render", "cornell-box", "--size", 8, "--wavelengths", "500,600", "--samples", 4, "--out", envi)[0] == 0
@@ -234,9 +234,9 @@ def test_luminances_are_told_with_the_cube(tmp_path, cbox):
         ),
     ]:
         expected = xyz(mean)
-        whole = row is light["picture"]
-        assert row["luminance_cd_m2"] == pytest.approx(expected[1], rel=2e-4 if whole else 0.1)
-        assert row["x"] == pytest.approx(expected[0] / expected.sum(), abs=1e-4 if whole else 0.005)
+        mask = row is light["picture"]
+        assert row["luminance_cd_m2"] == pytest.approx(expected[1], rel=2e-4 if mask else 0.1)
+        assert row["x"] == pytest.approx(expected[0] / expected.sum(), abs=1e-4 if mask else 0.005)
     ceiling = names.index("ceiling")
     naive = xyz(radiance[cube["surface"].values == ceiling].mean(axis=0))[1]
     assert naive > 1.2 * light["surfaces"]["ceiling"]["luminance_cd_m2"]

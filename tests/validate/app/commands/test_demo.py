@@ -21,8 +21,8 @@ def test_the_bundled_capture_is_the_one_that_was_sealed():
     """The seal covers every file; its hash stands in the README."""
     answer = open_seal(DEMO_CAPTURE)
     assert answer.effects == (("veiling-glare", {"fraction": 0.004}),)
-    stated = json.loads((DEMO_CAPTURE / "sealed.json").read_text())["sha256_of_salt_and_answer"]
-    assert stated in README.read_text()
+    content = json.loads((DEMO_CAPTURE / "sealed.json").read_text())["sha256_of_salt_and_answer"]
+    assert content in README.read_text()
 
 
 def test_the_bundled_capture_is_small():

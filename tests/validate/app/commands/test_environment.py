@@ -33,18 +33,18 @@ def test_a_capture_is_calibrated_in_a_bare_environment(tmp_path):
     folder = tmp_path / "Мера и свет 光 ñ"
     folder.mkdir()
     (folder / "capture 1").symlink_to(DEMO_CAPTURE)
-    made = cbox(folder, "calibrate", "capture 1", "--out", "out 1", "--json", "-")
-    assert made.returncode == 0 and b"Traceback" not in made.stderr, made.stderr
-    assert b"CIEDE2000" in made.stderr and b"?" not in made.stderr
-    found = json.loads(made.stdout.decode("ascii"))
+    result = cbox(folder, "calibrate", "capture 1", "--out", "out 1", "--json", "-")
+    assert result.returncode == 0 and b"Traceback" not in result.stderr, result.stderr
+    assert b"CIEDE2000" in result.stderr and b"?" not in result.stderr
+    content = json.loads(result.stdout.decode("ascii"))
     stored = json.loads((folder / "out 1" / "calibration.json").read_text(encoding="utf-8"))
-    assert found["suspicions"] == stored["suspicions"] == []
+    assert content["suspicions"] == stored["suspicions"] == []
 
 
 def test_names_that_the_locale_cannot_read_are_refused(tmp_path):
-    made = cbox(tmp_path, "render", "cornell-box", "--out", "куб.exr")
-    assert made.returncode == 2
-    message = made.stderr.decode("ascii").splitlines()[-1]
+    result = cbox(tmp_path, "render", "cornell-box", "--out", "куб.exr")
+    assert result.returncode == 2
+    message = result.stderr.decode("ascii").splitlines()[-1]
     assert message.startswith("error: ????") and "encoding, ascii" in message and "LC_ALL=C.UTF-8" in message
 
 
@@ -54,7 +54,7 @@ def test_other_scripts_in_names_and_results(tmp_path):
     (where / "куб").mkdir(parents=True)
     for name in ("куб/é ñ.exr", "куб/é ñ.nc"):
         options = ("--size", "8", "--noise", "20%", "--wavelengths", "500,600")
-        made = cbox(where, "render", "cornell-box", "--out", name, *options, LC_ALL="C.UTF-8", PYTHONUTF8="1")
-        assert made.returncode == 0, made.stderr
-        assert name in made.stdout.decode()
+        result = cbox(where, "render", "cornell-box", "--out", name, *options, LC_ALL="C.UTF-8", PYTHONUTF8="1")
+        assert result.returncode == 0, result.stderr
+        assert name in result.stdout.decode()
         assert read_cube(where / name)["radiance"].shape == (8, 8, 2)

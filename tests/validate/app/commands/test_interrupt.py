@@ -35,10 +35,10 @@ def test_ctrl_c_in_the_terminal_cancels_and_the_second_interrupts(capsys):
 
 def test_a_stopped_command_says_so_and_leaves_nothing(tmp_path, monkeypatch, capsys):
     """As if Ctrl-C was pressed while the first pass is rendered."""
-    shown = stages.ProgressBar.update
+    update = stages.ProgressBar.update
 
     def pressed(*arguments, **keywords):
-        shown(*arguments, **keywords)
+        update(*arguments, **keywords)
         if keywords["completed"] > 0.1:
             signal.raise_signal(signal.SIGINT)
 

@@ -97,6 +97,8 @@ def test_names_that_leave_the_folder_are_refused(client, places):
             ("step/add", {"effect": name}),
             ("job/save", {"folder": name}),
             ("points/picture", {"capture": name}),
+            ("first/draft", {"folder": name}),
+            ("first/write", {"folder": name}),
             ("points/write", {"capture": name, "points": [{"id": "c02", "u": 1, "v": 1}]}),
         ]:
             assert answered(client, path, body), (path, name)
@@ -143,6 +145,7 @@ def test_other_types_of_json_are_refused_in_a_line(client):
         "step/change": ["which", "values", "commit"],
         "step/remove": ["which"],
         "step/show": ["capture", "refit"],
+        "first/write": ["folder", "entries"],
         "points/locate": ["capture", "points"],
         "points/write": ["capture", "points"],
     }

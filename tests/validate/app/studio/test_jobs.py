@@ -1,4 +1,4 @@
-"""Computations of the workbench: what listeners are told while one runs."""
+"""Computations of the workbench: what listeners hear while one runs."""
 
 import asyncio
 import threading

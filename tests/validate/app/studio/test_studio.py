@@ -93,9 +93,11 @@ def test_only_this_machines_pages_with_the_token_are_answered(client):
         assert client.get(f"/secret/{path}").status_code == 404
 
 
-@pytest.mark.parametrize(
-    "name", ["", "index.html", "studio.js", "controls.js", "studio.css", "viewer.js", "viewer.css"]
-)
+PAGES = ["", "index.html", "first.html", "points.html"]
+SCRIPTS = ["studio.js", "controls.js", "first.js", "points.js", "arrays.js", "viewer.js", "studio.css", "viewer.css"]
+
+
+@pytest.mark.parametrize("name", [*PAGES, *SCRIPTS])
 def test_the_pages_files_are_its_own(client, name):
     answer = client.get(f"/secret/{name}")
     assert answer.status_code == 200 and answer.headers["cache-control"] == "no-store"
@@ -292,7 +294,7 @@ def test_the_page_tells_a_mistake_and_goes_on(page):
     )
     page.until("document.getElementById('mistake').textContent.includes('from 0 to 0.5')")
     assert page.run("document.querySelector('#effects input[type=text]').value") == "0"
-    page.errors.clear()  # the browser tells the refused request, too
+    page.errors.clear()  # the browser reports the refused request, too
     press(page, "undo")
     page.until("page.controls.length === 0 && document.getElementById('mistake').textContent === ''")
 
@@ -338,8 +340,8 @@ def test_effects_are_grouped_and_searched(page):
 
 
 def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
-    tried = stepwise.hypotheses
-    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in tried(*a) if h.effect.id in TRIED])
+    hypotheses = stepwise.hypotheses
+    monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in TRIED])
     page.run(
         "for (const id of ['stage', 'times']) {const e = document.getElementById(id), all = new Set();"
         "globalThis[id + '_seen'] = all;"

@@ -18,7 +18,7 @@ from cboxlab.validation.app.terminal.stages import Stages
 
 
 class Clock:
-    """Seconds that pass only when told to."""
+    """Seconds that pass only on command."""
 
     def __init__(self):
         self.now = 100.0

@@ -99,10 +99,10 @@ def test_compare_tells_the_same_notes_and_takes_the_steps_as_errors(tmp_path):
     write_cube(tmp_path / "a.nc", cube(radiance))
     radiance_file(tmp_path, radiance)
     stacks = read_stack(tmp_path / "a.nc"), read_stack(tmp_path / "a.hdr", DECLARED)
-    found = compare_stacks(*stacks)
-    assert any("compared in X, Y, Z over 380 to 730 nm" in note for note in found.notes)
-    assert any("one exponent for all three" in note for note in found.notes)
-    for row in found.rows:
+    comparison = compare_stacks(*stacks)
+    assert any("compared in X, Y, Z over 380 to 730 nm" in note for note in comparison.notes)
+    assert any("one exponent for all three" in note for note in comparison.notes)
+    for row in comparison.rows:
         assert row.chi2_per_pixel < 1.5
-    for mean in found.means:
+    for mean in comparison.means:
         assert abs(mean.difference) < 4 * mean.sigma

@@ -120,7 +120,7 @@ def test_bin_edges_taken_for_points_are_told():
 
 @pytest.mark.parametrize("depth", [3, 7])
 def test_light_after_too_many_reflections_is_missed(depth):
-    """Depth rendered anew: none of the explanation's own rays are in the picture."""
+    """Depth rendered again: none of the explanation's own rays are in the picture."""
     picture, _ = rendered(depth)
     _, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
     first = named_changes(found, variants())[0]
@@ -180,7 +180,7 @@ def test_a_coat_is_sized():
 
 
 def test_half_a_pixel_is_named_shift():
-    """Rendered anew through a moved camera: no pixel is interpolated."""
+    """Rendered again through a moved camera: no pixel is interpolated."""
     camera = cornell_camera(SIZE)
     half = replace(camera, principal_point_px=camera.principal_point_px + np.array([0.5, 0.0]))
     image = render(RenderJob(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6))
@@ -221,7 +221,7 @@ def through(camera, seed):
     ids=["magnification", "turn", "distortion"],
 )
 def test_another_camera_is_named(altered, pattern, change, expected):
-    """Rendered anew through it: no pixel is interpolated. pattern : the clearest one, and whether it is positive."""
+    """Rendered again through it: no pixel is interpolated. pattern : the clearest one, and whether it is positive."""
     camera = cornell_camera(96)
     assert camera.focal_length_px == pytest.approx(134.4)
     if "rotation" in altered:

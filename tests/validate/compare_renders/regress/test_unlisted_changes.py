@@ -26,7 +26,7 @@ def variants():
 
 
 def order(reflections):
-    """(c, y, x) light after so many reflections."""
+    """(c, y, x) light after a number of reflections."""
     last, before = (variants().light.change(max_bounces=k).picture() for k in (reflections, reflections - 1))
     return last - before
 
@@ -109,14 +109,14 @@ def test_a_change_that_is_not_in_the_list_is_unknown(change):
     outcome, found = regress_sides(noisy(1, noise=0.02), noisy(2, UNLISTED[change](), noise=0.02))
     if outcome.same:
         pytest.skip("not seen: nothing is named")
-    named = named_changes(found, variants())
-    assert named[0].change == UNKNOWN, named[:3]
-    best = next((one for one in named if one.change != UNKNOWN), None)
+    changes = named_changes(found, variants())
+    assert changes[0].change == UNKNOWN, changes[:3]
+    best = next((one for one in changes if one.change != UNKNOWN), None)
     if best is None:
         assert found.removed
         return
     assert best.probability < 0.5
-    outcome = replace(outcome, named=named)
+    outcome = replace(outcome, named=changes)
     assert "unknown" in name_line(outcome)
     record = outcome.to_dict()
     assert record["left_chi2_per_number"] == pytest.approx(best.chi2)

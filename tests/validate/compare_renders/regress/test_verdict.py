@@ -1,4 +1,4 @@
-"""The verdict: false alarms at most as stated, power, and what is said beside it.
+"""The verdict: false alarms at most as stated, power, and what is said next to it.
 
 Rates: a verdict on equal pictures is wrong in at most 0.1 % of pairs. 60 pairs have three or more false alarms with a
 probability below 4e-5; none is seen with these seeds.
@@ -64,8 +64,8 @@ def test_a_stated_detectable_difference_is_found_in_nine_of_ten():
     """20 runs at exactly that size: fewer than 13 found with probability 2e-3 (binomial, 0.9)."""
     clean, _ = rendered()
     size = verdict(noisy(0), noisy(1)).whole.detectable
-    found = [not verdict(noisy(2 * s), noisy(2 * s + 1, clean * (1 + size))).same for s in range(20)]
-    assert sum(found) >= 13
+    results = [not verdict(noisy(2 * s), noisy(2 * s + 1, clean * (1 + size))).same for s in range(20)]
+    assert sum(results) >= 13
 
 
 def test_the_mean_difference_is_a_ratio_of_means_within_its_sigma():
@@ -233,7 +233,7 @@ def cube(side):
 
 
 def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
-    """X, Y, Z of one side by an integral of its own, trapezoidal over the CIE's functions; the other is a cube."""
+    """X, Y, Z of one side by a separate integral, trapezoidal over the CIE's functions; the other is a cube."""
     from cboxlab.calibration.instrument import colour_matching_functions
     from cboxlab.rendering.files.colour_pictures import as_xyz_picture
     from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -256,9 +256,9 @@ def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
 def test_patterns_of_equal_pictures_scatter_as_stated():
     """80 pairs, seeds fixed: the standard deviation of a statistic is 1 +- 0.08, its mean 0 +- 0.11. Noise of the mean
     light, which all edges share, is in none of them."""
-    found = [regress_sides(noisy(2 * k), noisy(2 * k + 1))[0].of_kind("pattern") for k in range(80)]
+    results = [regress_sides(noisy(2 * k), noisy(2 * k + 1))[0].of_kind("pattern") for k in range(80)]
     statistics = {
-        name: [p.statistic for row in found for p in row if p.name == name] for name in ("magnification", "turn")
+        name: [p.statistic for row in results for p in row if p.name == name] for name in ("magnification", "turn")
     }
     for values in statistics.values():
         assert len(values) > 40

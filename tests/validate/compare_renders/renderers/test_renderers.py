@@ -21,7 +21,7 @@ from helpers.boxes import box_with_lamp, camera_inside, quad, square
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
-RENDERERS = ["mitsuba", "radiance", "raysect", "luxcore", "pbrt"]
+RENDERERS = ["mitsuba", "radiance", "raysect", "luxcore", "pbrt", "cycles"]
 SIZE = 24
 
 
@@ -89,7 +89,7 @@ def reflecting_box():
     return exported, *means
 
 
-@pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "luxcore", "pbrt"])
+@pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "luxcore", "pbrt", "cycles"])
 def test_the_lamp_reflects_as_ours(reflecting_box, renderer, tmp_path):
     """In a closed box of reflectance 0.8, where a black lamp takes several per cent of the light."""
     if lacking := missing(renderer):
@@ -102,7 +102,7 @@ def test_the_lamp_reflects_as_ours(reflecting_box, renderer, tmp_path):
     assert theirs - black > 8 * error
 
 
-@pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "radiance", "luxcore", "pbrt"])
+@pytest.mark.parametrize("renderer", ["mitsuba", "raysect", "radiance", "luxcore", "pbrt", "cycles"])
 def test_two_lamps_have_their_own_spectra(renderer, tmp_path):
     """A second lamp on the back wall, bright where the first is dark; means at both wavelengths."""
     if lacking := missing(renderer):

@@ -106,7 +106,11 @@ def test_a_reference_of_the_earlier_format_is_compared_by_its_means(tmp_path):
         del record["means"][name], record["sigma"][name]
     del record["shapes"], record["shape_sigma"]
     (tmp_path / "a.json").write_text(json.dumps({**record, "format": "light-reference/1"}))
-    require_same_light(read_reference(tmp_path / "a.json"), reference(4))
+    stored = read_reference(tmp_path / "a.json")
+    require_same_light(stored, reference(4))
+    other = reference(4, clean=1.05 * CLEAN)
+    with pytest.raises(AssertionError):
+        require_same_light(stored, other)
 
 
 def test_a_reference_comes_back_from_its_file(tmp_path):
@@ -169,11 +173,11 @@ def test_the_plugin_goes_from_no_reference_to_green_and_red(suite):
     assert "--update-light-references" in printed
     assert not (suite / "references").exists()
     assert run_suite(suite, "--update-light-references")[0] == 0
-    kept = (suite / "references" / "box.json").read_bytes()
+    content = (suite / "references" / "box.json").read_bytes()
     rendered(suite / "box.nc", 3, 0.997 * CLEAN)
     rendered(suite / "hall.nc", 2)
     code, printed = run_suite(suite)
     assert code == 1
     assert "1 failed, 1 passed" in printed
     assert re.search(r"whole picture: -0\.[23]", printed)
-    assert (suite / "references" / "box.json").read_bytes() == kept
+    assert (suite / "references" / "box.json").read_bytes() == content

@@ -1,4 +1,4 @@
-"""Flaws of a base: their evidence and an effect's amplitude beside them are those of the whole covariance."""
+"""Flaws of a base: their evidence and an effect's amplitude next to them are those of the whole covariance."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def covariance(model: FlawModel, width):
 
 def test_scores_are_those_of_the_whole_covariance():
     draw = np.random.default_rng(5)
-    given = columns(draw)
-    residual = draw.standard_normal(SIGNAL.size) + 0.5 * given.change[0] + 0.3 * given.change[1]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    column_values = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + 0.5 * column_values.change[0] + 0.3 * column_values.change[1]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
     whole = covariance(model, fitted.width)
@@ -74,10 +74,10 @@ def test_scores_are_those_of_the_whole_covariance():
 
 def test_an_amplitude_beside_flaws_is_that_of_generalised_least_squares():
     draw = np.random.default_rng(6)
-    given = columns(draw)
-    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + given.change[2][:, None]
+    column_values = columns(draw)
+    shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + column_values.change[2][:, None]
     residual = draw.standard_normal(SIGNAL.size) + 2 * shape[:, 0]
-    model = build_flaw_model(Plain(), given, SIGNAL, draw.standard_normal(SIGNAL.size))
+    model = build_flaw_model(Plain(), column_values, SIGNAL, draw.standard_normal(SIGNAL.size))
     fitted = model.fit(model.whitened(residual - 2 * shape[:, 0]))
     expected = np.linalg.solve(covariance(model, fitted.width), shape)
     assert model.weighted(fitted, shape) == pytest.approx(expected, abs=1e-4)
@@ -96,24 +96,24 @@ def test_deviations_of_single_pixels_are_those_that_bands_have_in_common(error):
 
 def test_a_flaw_that_is_everywhere_is_seen_where_it_was_not_fitted():
     draw = np.random.default_rng(8)
-    given = columns(draw)
-    residual = draw.standard_normal(SIGNAL.size) + given.change[0]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    column_values = columns(draw)
+    residual = draw.standard_normal(SIGNAL.size) + column_values.change[0]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     first, *_ = (flaw for flaw in model.flaws(model.fit(whitened), whitened) if flaw.kind != "pixels")
     assert first.kind == "shading" and first.heldout > 0.7
-    assert first.chi2_per_dof == pytest.approx(np.mean(given.change[0] ** 2), rel=0.2)
+    assert first.chi2_per_dof == pytest.approx(np.mean(column_values.change[0] ** 2), rel=0.2)
 
 
 def test_single_pixels_count_as_evidence_and_are_taken_off_as_likely_as_they_are():
     """Against the covariance by noise, columns and pixels, written out."""
     draw = np.random.default_rng(9)
-    given = columns(draw)
+    column_values = columns(draw)
     alike = np.broadcast_to(0.4 * draw.standard_normal((SIDE, SIDE)), SIGNAL.shape).ravel()
-    residual = draw.standard_normal(SIGNAL.size) + alike + given.change[1]
-    model = build_flaw_model(Plain(), given, SIGNAL, residual)
+    residual = draw.standard_normal(SIGNAL.size) + alike + column_values.change[1]
+    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     fitted = model.fit(model.whitened(residual))
-    prior, change = np.array([fitted.width[str(kind)] for kind in model.kind]), np.array(given.change)
+    prior, change = np.array([fitted.width[str(kind)] for kind in model.kind]), np.array(column_values.change)
     smallest, flaws = ((change.T * width**2) @ change for width in (np.full(6, 0.01), prior))
     pixel = np.tile(np.arange(SIDE**2), BANDS)
     flaws += (100 * model.pixel_error) ** 2 * (pixel[:, None] == pixel)

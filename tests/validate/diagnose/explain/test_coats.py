@@ -25,8 +25,8 @@ def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
         (cosine - 1.5 * inside) / (cosine + 1.5 * inside),
         (1.5 * cosine - inside) / (1.5 * cosine + inside),
     )
-    wanted = (across**2 + along**2) / 2
-    ratio = seen.ravel()[pixels] / wanted
+    expected = (across**2 + along**2) / 2
+    ratio = seen.ravel()[pixels] / expected
     assert len(pixels) > 50
     assert np.median(ratio) == pytest.approx(1, abs=0.005) and np.mean(abs(ratio - 1) < 0.02) > 0.8
 

@@ -1,4 +1,4 @@
-"""Which family explains a residual: causes with formulas of their own, far above noise."""
+"""Which family explains a residual: causes with separate formulas, far above noise."""
 
 import json
 import time
@@ -54,20 +54,20 @@ CAUSES = {
 
 @pytest.mark.parametrize("family", CAUSES)
 def test_a_cause_is_given_its_family(family):
-    found = explain(small_excess(CAUSES[family]))
-    assert found.family == family
-    assert found.share > 0.7
-    assert found.rivals[0].family == family
-    assert found.runner_up != family
+    explanation = explain(small_excess(CAUSES[family]))
+    assert explanation.family == family
+    assert explanation.share > 0.7
+    assert explanation.rivals[0].family == family
+    assert explanation.runner_up != family
 
 
 def test_a_cancelled_explanation_ends_on_both_threads(monkeypatch):
     """At the next form of the thread that is not told: not after all of its thousand."""
-    made = []
+    calls = []
 
     def slow(excess):
         for number in range(1000):
-            made.append(number)
+            calls.append(number)
             time.sleep(0.01)
             yield None
 
@@ -77,7 +77,7 @@ def test_a_cancelled_explanation_ends_on_both_threads(monkeypatch):
     monkeypatch.setattr(competition, "families", lambda: {**families(), "blur": blur})
     with pytest.raises(Cancelled):
         explain(small_excess(CAUSES["blur"]), stopping)
-    assert len(made) < 1000
+    assert len(calls) < 1000
 
 
 def _of_one_paint(change):
@@ -90,17 +90,17 @@ def _of_one_paint(change):
     "lobe", [0.1 * np.log(VIEW) + 0.08 * np.log(INCIDENCE), 0.2 * (1 - VIEW) ** 3, 0.16 * INCIDENCE**2]
 )
 def test_a_paint_that_is_matte_but_not_as_lamberts_is_a_lobe_on_all_of_its_surfaces(lobe):
-    found = explain(_of_one_paint(500.0 * np.broadcast_to(lobe, SIGNAL.shape)))
-    assert (found.family, found.field.acts) == ("reflection-lobe", "radiance")
-    assert found.rivals[0].surface is None
-    assert found.rivals[0].form == "the paint grey, not Lambertian"
-    assert found.share > 0.8
-    assert {one.surface for one in found.field.surfaces} == {"floor", "wall"}
+    explanation = explain(_of_one_paint(500.0 * np.broadcast_to(lobe, SIGNAL.shape)))
+    assert (explanation.family, explanation.field.acts) == ("reflection-lobe", "radiance")
+    assert explanation.rivals[0].surface is None
+    assert explanation.rivals[0].form == "the paint grey, not Lambertian"
+    assert explanation.share > 0.8
+    assert {one.surface for one in explanation.field.surfaces} == {"floor", "wall"}
 
 
 def test_a_pattern_that_does_not_follow_the_angles_is_no_lobe():
-    found = explain(_of_one_paint(SIGNAL * FLOOR * 0.03 * np.cos(np.pi * COLUMNS / 48)))
-    assert found.family == "reflectance-map"
+    explanation = explain(_of_one_paint(SIGNAL * FLOOR * 0.03 * np.cos(np.pi * COLUMNS / 48)))
+    assert explanation.family == "reflectance-map"
 
 
 @pytest.mark.parametrize(
@@ -113,60 +113,65 @@ def test_a_pattern_that_does_not_follow_the_angles_is_no_lobe():
 def test_offsets_and_gains_by_the_time_of_exposure(family, change, words):
     """Rows that glow while a frame is exposed, and a slit that opens unevenly before photographs and flats."""
     rows = np.random.default_rng(5).normal(0, 1.0, (1, SIZE, 1))
-    found = explain(small_excess(5 * rows * change))
-    assert found.family == family and words in found.form and found.told_apart and found.share > 0.9
+    explanation = explain(small_excess(5 * rows * change))
+    assert (
+        explanation.family == family
+        and words in explanation.form
+        and explanation.told_apart
+        and explanation.share > 0.9
+    )
 
 
 @pytest.mark.parametrize("where", [abs(COLUMNS - 36) + abs(ROWS - 36) < 7, FLOOR], ids=["film", "sheen"])
 def test_what_a_surface_mirrors_is_told_by_the_colours_that_it_mirrors(where):
-    found = explain(small_excess(np.where(where, 0.6 * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
-    assert found.family == "reflection-lobe" and "roughness 0.1" in found.form
-    assert found.surface == "floor" and found.share > 0.7
-    field = found.field
+    explanation = explain(small_excess(np.where(where, 0.6 * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
+    assert explanation.family == "reflection-lobe" and "roughness 0.1" in explanation.form
+    assert explanation.surface == "floor" and explanation.share > 0.7
+    field = explanation.field
     assert field.surfaces[0].surface == "floor"
-    mean = found.change[:, where].mean(axis=1)
+    mean = explanation.change[:, where].mean(axis=1)
     np.testing.assert_allclose(field.spectrum, mean / mean[np.argmax(np.abs(field.spectrum))], rtol=0.05, atol=0.02)
 
 
 @pytest.mark.parametrize("factor", [-0.6, 5.0])
 def test_no_film_mirrors_less_than_nothing_or_more_than_two_faces(factor):
     film = abs(COLUMNS - 36) + abs(ROWS - 36) < 7
-    found = explain(small_excess(np.where(film, factor * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
-    assert found.family != "reflection-lobe"
+    explanation = explain(small_excess(np.where(film, factor * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
+    assert explanation.family != "reflection-lobe"
 
 
 def test_an_explanation_is_told_in_words_and_in_json():
-    found = explain(small_excess(CAUSES["object"]))
-    record = json.loads(json.dumps(explanation_record(found), allow_nan=False))
-    assert (record["family"], record["runner_up"]) == ("object", found.runner_up)
+    explanation = explain(small_excess(CAUSES["object"]))
+    record = json.loads(json.dumps(explanation_record(explanation), allow_nan=False))
+    assert (record["family"], record["runner_up"]) == ("object", explanation.runner_up)
     assert set(record["bands"]) <= set(record["relative_change"])
-    words = explanation_sentence(found)
+    words = explanation_sentence(explanation)
     assert "object" in words and "about pixel (34, 36)" in words
     assert set(record) == described("docs/reference/files.md", "explanation")
     assert explanation_record(None)["family"] == NONE
 
 
 def test_noise_is_given_no_family():
-    found = explain(small_excess(np.zeros(SIGNAL.shape)))
-    assert (found.family, found.share, found.bands) == (NONE, 0.0, ())
+    explanation = explain(small_excess(np.zeros(SIGNAL.shape)))
+    assert (explanation.family, explanation.share, explanation.bands) == (NONE, 0.0, ())
 
 
 def test_a_stain_has_surface_place_and_spectrum():
     depth = np.array([0.12, 0.08, 0.03, 0.0])[:, None, None]
-    found = explain(small_excess(-SIGNAL * depth * _spot(33, 38, 4) * FLOOR))
-    assert (found.family, found.surface) == ("reflectance-map", "floor")
-    assert np.hypot(found.centre_px[0] - 33, found.centre_px[1] - 38) < 1.5
-    assert found.bands[:2] == ("b0", "b1")
-    assert found.spectrum[0] < found.spectrum[1] < found.spectrum[2] < 0.01
+    explanation = explain(small_excess(-SIGNAL * depth * _spot(33, 38, 4) * FLOOR))
+    assert (explanation.family, explanation.surface) == ("reflectance-map", "floor")
+    assert np.hypot(explanation.centre_px[0] - 33, explanation.centre_px[1] - 38) < 1.5
+    assert explanation.bands[:2] == ("b0", "b1")
+    assert explanation.spectrum[0] < explanation.spectrum[1] < explanation.spectrum[2] < 0.01
 
 
 def test_bands_that_only_the_lamps_fit_changes_do_not_show_the_cause():
     """The lamp's scale takes up a quarter of what one band gains, and with it changes all others."""
     change = np.zeros(SIGNAL.shape)
     change[1] = 0.05 * SIGNAL[1] * (1 + (COLUMNS % 3 == 0))
-    found = explain(small_excess(change))
-    assert found.family == "sensor-gain"
-    assert found.bands == ("b1",)
+    explanation = explain(small_excess(change))
+    assert explanation.family == "sensor-gain"
+    assert explanation.bands == ("b1",)
 
 
 def test_streaks_of_a_wiped_lens_are_a_blur_along_their_line():
@@ -176,17 +181,17 @@ def test_streaks_of_a_wiped_lens_are_a_blur_along_their_line():
     angle = np.deg2rad(30)
     moved = [shift(SIGNAL, (0, s * np.sin(angle), s * np.cos(angle)), order=1, mode="nearest") for s in steps]
     streaked = np.tensordot(parts / parts.sum(), moved, 1)
-    found = explain(small_excess(0.06 * (streaked - SIGNAL)))
-    assert found.family == "blur" and "streaks at 30 degrees" in found.form and found.share > 0.8
-    assert found.field.acts == "streak" and found.field.angle_deg == 30
+    explanation = explain(small_excess(0.06 * (streaked - SIGNAL)))
+    assert explanation.family == "blur" and "streaks at 30 degrees" in explanation.form and explanation.share > 0.8
+    assert explanation.field.acts == "streak" and explanation.field.angle_deg == 30
 
 
 def test_a_shift_of_one_band_is_a_displacement_in_that_band():
     change = np.zeros(SIGNAL.shape)
     change[2] = _moved(0.2)[2]
-    found = explain(small_excess(change))
-    assert found.family == "displacement"
-    assert found.bands == ("b2",)
+    explanation = explain(small_excess(change))
+    assert explanation.family == "displacement"
+    assert explanation.bands == ("b2",)
 
 
 def test_levels_that_step_in_time_are_a_matter_of_order_and_those_of_a_line_are_not():
@@ -209,20 +214,20 @@ def test_what_stays_of_the_frame_before_is_a_matter_of_order():
     pictures = np.array([np.rot90(picture, turns) for turns, picture in enumerate(SIGNAL)])
     mean = pictures / 2
     mean[[2, 0, 3]] += pictures[[1, 2, 0]] / 2
-    found = explain(replace(small_excess(0.04 * mean), signal=pictures))
-    assert (found.family, found.form) == ("time-order", "a part of each frame stays in the next")
-    assert found.field.acts == "previous" and not found.levels
+    explanation = explain(replace(small_excess(0.04 * mean), signal=pictures))
+    assert (explanation.family, explanation.form) == ("time-order", "a part of each frame stays in the next")
+    assert explanation.field.acts == "previous" and not explanation.levels
     taken = np.diag([0.02] * 4)
     taken[[2, 0, 3], [1, 2, 0]] = 0.02
-    np.testing.assert_allclose(found.field.coefficients, taken, atol=0.002)
+    np.testing.assert_allclose(explanation.field.coefficients, taken, atol=0.002)
 
 
 def test_a_fringe_in_one_band_is_a_gain_of_that_band():
     change = np.zeros(SIGNAL.shape)
     change[1] = 0.02 * SIGNAL[1] * np.sin(0.9 * COLUMNS + 0.3 * ROWS)
-    found = explain(small_excess(change))
-    assert found.family in ("sensor-gain", "sensor-offset")
-    assert found.bands == ("b1",)
+    explanation = explain(small_excess(change))
+    assert explanation.family in ("sensor-gain", "sensor-offset")
+    assert explanation.bands == ("b1",)
 
 
 @pytest.mark.parametrize("centre", [(-30.0, 10.0), (35.0, 20.0)])
@@ -231,10 +236,10 @@ def test_rings_in_one_band_are_found_about_any_centre(centre):
     square = (COLUMNS - centre[0]) ** 2 + (ROWS - centre[1]) ** 2
     change = np.zeros(SIGNAL.shape)
     change[1] = 0.02 * SIGNAL[1] * np.cos(0.012 * square + 0.4)
-    found = explain(small_excess(change))
-    assert found.family in ("sensor-gain", "sensor-offset")
-    assert found.form.startswith("rings") and found.bands == ("b1",)
-    assert found.share > 0.7
+    explanation = explain(small_excess(change))
+    assert explanation.family in ("sensor-gain", "sensor-offset")
+    assert explanation.form.startswith("rings") and explanation.bands == ("b1",)
+    assert explanation.share > 0.7
 
 
 def test_rings_in_all_bands_go_by_the_wavelength():
@@ -242,16 +247,16 @@ def test_rings_in_all_bands_go_by_the_wavelength():
     square = (COLUMNS - 35.0) ** 2 + (ROWS - 20.0) ** 2
     nm = small_excess(0 * SIGNAL).nm[:, None, None]
     phase = 0.012 * square * nm.min() / nm
-    found = explain(small_excess(0.02 * SIGNAL * np.cos(phase) * np.exp(-((phase / 20) ** 2))))
-    assert found.family == "sensor-gain" and found.form.startswith("rings by the wavelength")
-    assert found.share > 0.8 and len(found.bands) == BANDS
+    explanation = explain(small_excess(0.02 * SIGNAL * np.cos(phase) * np.exp(-((phase / 20) ** 2))))
+    assert explanation.family == "sensor-gain" and explanation.form.startswith("rings by the wavelength")
+    assert explanation.share > 0.8 and len(explanation.bands) == BANDS
 
 
 def test_a_glow_with_wide_flanks_has_its_place_in_the_corner():
     away = np.hypot(ROWS - (SIZE - 1), COLUMNS)
-    found = explain(small_excess(np.broadcast_to(40.0 / (1 + (away / 5) ** 2), SIGNAL.shape)))
-    assert found.family == "sensor-offset"
-    assert np.hypot(found.centre_px[0], found.centre_px[1] - (SIZE - 1)) < 0.1 * SIZE
+    explanation = explain(small_excess(np.broadcast_to(40.0 / (1 + (away / 5) ** 2), SIGNAL.shape)))
+    assert explanation.family == "sensor-offset"
+    assert np.hypot(explanation.centre_px[0], explanation.centre_px[1] - (SIZE - 1)) < 0.1 * SIZE
 
 
 def test_a_sensor_takes_no_counts_away_in_one_place():
@@ -263,22 +268,22 @@ def test_a_sensor_takes_no_counts_away_in_one_place():
 def test_colours_of_one_place_are_told_apart_by_two_hundredths():
     """All forms in one place have the same bells, and so the same errors of its outline."""
     added = 120.0 * np.reshape((1.15, 0.85, 1.15, 0.85), (BANDS, 1, 1))
-    found = explain(small_excess(added * np.exp(-((COLUMNS - 20) ** 2 + (ROWS - 20) ** 2) / 18)))
-    gains = {rival.family: rival.share for rival in found.rivals}
-    assert gains["reflection-lobe"] == pytest.approx(gains[found.family], rel=0.04)
-    assert found.family == "reflectance-map"
+    explanation = explain(small_excess(added * np.exp(-((COLUMNS - 20) ** 2 + (ROWS - 20) ** 2) / 18)))
+    gains = {rival.family: rival.share for rival in explanation.rivals}
+    assert gains["reflection-lobe"] == pytest.approx(gains[explanation.family], rel=0.04)
+    assert explanation.family == "reflectance-map"
 
 
 def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     """Relative changes have no meaning there, and a gain changes nothing."""
-    seen = (COLUMNS < 20) | (COLUMNS > 60)
+    mask = (COLUMNS < 20) | (COLUMNS > 60)
     light = 60.0 * _spot(40, 30, 4) * np.array([1.0, 0.9, 0.3, 0.1])[:, None, None]
     excess = small_excess(light)
-    transport = replace(excess.transport, picture=seen * excess.transport.picture)
+    transport = replace(excess.transport, picture=mask * excess.transport.picture)
     with np.errstate(divide="raise", invalid="raise"):
-        found = explain(replace(excess, signal=seen * SIGNAL, transport=transport))
-    assert found.family in ("extra-light", "sensor-offset", "object")
-    assert np.hypot(found.centre_px[0] - 40, found.centre_px[1] - 30) < 3
+        explanation = explain(replace(excess, signal=mask * SIGNAL, transport=transport))
+    assert explanation.family in ("extra-light", "sensor-offset", "object")
+    assert np.hypot(explanation.centre_px[0] - 40, explanation.centre_px[1] - 30) < 3
 
 
 def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhere():
@@ -287,10 +292,10 @@ def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhe
     hair = np.zeros(SIGNAL.shape)
     hair[2] = -0.04 * SIGNAL[2] * np.clip(1.5 - abs(COLUMNS - bend), 0, 1) * (abs(ROWS - 14) < 10)
     flaw = SIGNAL * (0.08 * _spot(5, 42, 1.0) - 0.08 * _spot(9, 42, 1.0))
-    found = explain(small_excess(hair + flaw))
-    assert (found.family, found.bands) == ("sensor-gain", ("b2",))
-    assert found.form.startswith("a spot in one band")
-    assert np.hypot(found.centre_px[0] - 31, found.centre_px[1] - 14) < 4
+    explanation = explain(small_excess(hair + flaw))
+    assert (explanation.family, explanation.bands) == ("sensor-gain", ("b2",))
+    assert explanation.form.startswith("a spot in one band")
+    assert np.hypot(explanation.centre_px[0] - 31, explanation.centre_px[1] - 14) < 4
     densest = [np.sum((change / SIGMA) ** 2, axis=0).max() for change in (flaw, hair)]
     assert densest[0] > 2 * densest[1]
 
@@ -308,22 +313,22 @@ def test_a_bright_place_without_outline_is_light_and_one_with_an_outline_a_thing
 
 def test_a_dark_place_without_outline_is_no_light():
     """A third of the light is taken away, as by a thing out of focus; light only adds."""
-    found = explain(small_excess(-0.35 * SIGNAL * _spot(34, 14, 3) * ~FLOOR))
-    assert found.family == "object"
+    explanation = explain(small_excess(-0.35 * SIGNAL * _spot(34, 14, 3) * ~FLOOR))
+    assert explanation.family == "object"
 
 
 def test_a_lamp_at_another_level_for_a_while_is_a_matter_of_order():
     """Taken as b1, b2, b0, b3; b2 and b0 are no neighbours in wavelength."""
-    found = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
-    assert found.family == "time-order" and "for a while" in found.form
+    explanation = explain(small_excess(SIGNAL * np.array([0.02, 0, 0.02, 0])[:, None, None]))
+    assert explanation.family == "time-order" and "for a while" in explanation.form
 
 
 def test_the_explained_change_is_the_cause():
     """The sign too: what is left is noise."""
     cause = SIGNAL * 0.03 * FLOOR * np.cos(COLUMNS / 15)
-    found = explain(small_excess(cause + 0.0))
-    assert np.corrcoef(found.change.ravel(), cause.ravel())[0, 1] > 0.95
-    assert np.nanstd(found.remaining) < 1.1
+    explanation = explain(small_excess(cause + 0.0))
+    assert np.corrcoef(explanation.change.ravel(), cause.ravel())[0, 1] > 0.95
+    assert np.nanstd(explanation.remaining) < 1.1
 
 
 def test_blurs_by_a_lens_are_blurs():

@@ -96,22 +96,22 @@ def _line(x_of_row, depth, end=44):
 )
 def test_a_thin_straight_line_is_a_thing_in_the_scene_but_for_a_column_up_to_a_side(x_of_row, end, family):
     line = _line(x_of_row, 0.12, end)
-    found = explain(small_excess(line * (100.0 - SIGNAL)))
-    assert found.family == family
-    assert found.share > 0.8
+    explanation = explain(small_excess(line * (100.0 - SIGNAL)))
+    assert explanation.family == family
+    assert explanation.share > 0.8
 
 
 def test_a_bump_that_is_lit_on_one_side_is_no_light():
     bulge = _spot(22, 15, 3) - 0.8 * _spot(22, 22, 3)
-    found = explain(small_excess(0.06 * bulge * SIGNAL))
-    assert (found.family, found.surface) == ("reflectance-map", "wall")
-    assert "bump" in found.form
+    explanation = explain(small_excess(0.06 * bulge * SIGNAL))
+    assert (explanation.family, explanation.surface) == ("reflectance-map", "wall")
+    assert "bump" in explanation.form
 
 
 def test_a_thin_straight_line_in_one_band_alone_is_on_that_bands_filter():
     line = _line(lambda y: 30 - 0.08 * y, 0.22)
-    found = explain(small_excess(-line * SIGNAL * np.eye(BANDS)[2][:, None, None]))
-    assert (found.family, found.bands) == ("sensor-gain", ("b2",))
+    explanation = explain(small_excess(-line * SIGNAL * np.eye(BANDS)[2][:, None, None]))
+    assert (explanation.family, explanation.bands) == ("sensor-gain", ("b2",))
 
 
 def test_a_primer_that_shows_through_paint_is_no_light():
@@ -120,9 +120,13 @@ def test_a_primer_that_shows_through_paint_is_no_light():
     red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
     transport = replace(excess.transport, reflectance=np.array([red, white]))
     shown = 0.3 * _spot(33, 38, 3) * FLOOR * (white / red - 1)[:, None, None]
-    found = explain(replace(small_excess(SIGNAL * shown), transport=transport))
-    assert (found.family, found.form, found.surface) == ("reflectance-map", "the paint pale shows", "floor")
-    assert found.field.spectrum[3] == pytest.approx((0.7 / 0.6 - 1) / (0.7 / 0.05 - 1), rel=1e-3)
+    explanation = explain(replace(small_excess(SIGNAL * shown), transport=transport))
+    assert (explanation.family, explanation.form, explanation.surface) == (
+        "reflectance-map",
+        "the paint pale shows",
+        "floor",
+    )
+    assert explanation.field.spectrum[3] == pytest.approx((0.7 / 0.6 - 1) / (0.7 / 0.05 - 1), rel=1e-3)
 
 
 def test_a_dark_rod_is_no_coat_however_strong_it_is():
@@ -144,8 +148,8 @@ def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(f
     daylight = 0.5 * (excess.nm / 550) ** -3
     grey = 0.7 * 0.8 / red - 1
     more = {"extra-light": daylight, "object": np.minimum(grey, 4.0)}[family]
-    found = explain(replace(small_excess(SIGNAL * place * more[:, None, None]), transport=transport))
-    assert found.family == family
+    explanation = explain(replace(small_excess(SIGNAL * place * more[:, None, None]), transport=transport))
+    assert explanation.family == family
 
 
 @pytest.mark.parametrize(("part", "family"), [(0.5, "object"), (2.5, "extra-light")])
@@ -160,8 +164,8 @@ def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
     """Brighter in all bands it may be lit, and paint is the runner-up."""
     place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
     change = np.array([blue, blue, 0.1, 0.1])
-    found = explain(small_excess(SIGNAL * place * change[:, None, None]))
-    assert found.family == family
+    explanation = explain(small_excess(SIGNAL * place * change[:, None, None]))
+    assert explanation.family == family
 
 
 @pytest.mark.parametrize("spectrum", [np.full(BANDS, 0.2), np.array([0.4, 0.2, 0.1, 0.05])])
@@ -175,11 +179,11 @@ def test_a_stain_has_a_spectrum_only_where_it_shows_one(spectrum):
 
 
 def test_light_through_a_seam_that_shows_on_one_wall_alone_is_no_stain():
-    """Beside a corner the place that is searched has a part of the floor, too, whose numbers light need not pay for."""
+    """Next to a corner the searched place has a part of the floor, too, whose numbers light need not pay for."""
     line = np.exp(-np.abs(ROWS - 29.0)) * ~FLOOR * (np.abs(COLUMNS - 30) < 9)
-    found = explain(small_excess(SIGNAL * line * np.array([0.5, 0.2, 0.1, 0.06])[:, None, None]))
-    assert (found.family, found.surface) == ("extra-light", "wall")
-    assert found.runner_up == "reflectance-map" and not found.told_apart
+    explanation = explain(small_excess(SIGNAL * line * np.array([0.5, 0.2, 0.1, 0.06])[:, None, None]))
+    assert (explanation.family, explanation.surface) == ("extra-light", "wall")
+    assert explanation.runner_up == "reflectance-map" and not explanation.told_apart
 
 
 @pytest.mark.parametrize(

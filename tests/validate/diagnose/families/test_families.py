@@ -60,7 +60,7 @@ def _families_named(source):
 
 
 def test_no_module_but_its_own_names_a_family():
-    named = {
+    members = {
         (path.relative_to(ROOT).as_posix(), name)
         for room in ("render", "validate")
         for path in (ROOT / room).rglob("*.py")
@@ -69,7 +69,7 @@ def test_no_module_but_its_own_names_a_family():
     }
     modules = {family.id: sys.modules[family.generate.__module__].__file__ for family in families().values()}
     own = {(file.removeprefix(f"{ROOT}/"), name) for name, file in modules.items()}
-    assert named == own | OTHER_MEANINGS
+    assert members == own | OTHER_MEANINGS
 
 
 @pytest.mark.parametrize("line", ['x = "blur"', 'if y == "sensor-gain": pass', 'x = ["a sensor-gain of rows"]'])

@@ -34,11 +34,11 @@ def _moved(picture, down, right):
     ids=["pane", "mirror", "ghost"],
 )
 def test_a_copy_of_the_picture_is_light_astray(copy, words):
-    found = explain(small_excess(0.03 * copy))
-    assert found.family == "blur" and found.form.startswith(words)
-    assert found.share > 0.9
-    again = field_of_record(json.loads(json.dumps(field_record(found.field))), "field.toml")
-    assert again.picture_copy == found.field.picture_copy
+    explanation = explain(small_excess(0.03 * copy))
+    assert explanation.family == "blur" and explanation.form.startswith(words)
+    assert explanation.share > 0.9
+    again = field_of_record(json.loads(json.dumps(field_record(explanation.field))), "field.toml")
+    assert again.picture_copy == explanation.field.picture_copy
     assert field_effect("copy", again, "", "").stage == "optics"
 
 
@@ -63,8 +63,8 @@ def test_trails_keep_the_charge_and_their_way(angle, words):
     for column in range(1, SIZE):
         late[:, :, column] = 0.6 * late[:, :, column - 1] + 0.4 * turned[:, :, column - 1]
     change = 0.1 * np.rot90(late - turned, -(angle // 90), axes=(1, 2))
-    found = explain(small_excess(change))
-    assert (found.family, found.form) == ("blur", f"trails {words}")
+    explanation = explain(small_excess(change))
+    assert (explanation.family, explanation.form) == ("blur", f"trails {words}")
 
 
 @pytest.mark.parametrize(
@@ -80,12 +80,12 @@ def test_trails_keep_the_charge_and_their_way(angle, words):
     ids=["old flats", "hot pixels"],
 )
 def test_single_pixels_that_bands_share_are_the_sensors(change, family, words):
-    found = explain(small_excess(change))
-    assert (found.family, found.form) == (family, words)
-    assert found.heldout > 0.3
-    assert found.sharp == (family == "sensor-offset")  # a rendering's own noise is alike in all bands
-    assert np.corrcoef(found.change.ravel(), change.ravel())[0, 1] > 0.9
-    assert found.registration.in_pixels > 0.2 or family == "sensor-offset"
+    explanation = explain(small_excess(change))
+    assert (explanation.family, explanation.form) == (family, words)
+    assert explanation.heldout > 0.3
+    assert explanation.sharp == (family == "sensor-offset")  # a rendering's own noise is alike in all bands
+    assert np.corrcoef(explanation.change.ravel(), change.ravel())[0, 1] > 0.9
+    assert explanation.registration.in_pixels > 0.2 or family == "sensor-offset"
 
 
 def test_pixels_of_single_bands_have_no_family():
@@ -100,16 +100,16 @@ def test_light_of_another_band_is_a_filters():
     signal = SIGNAL.copy()
     signal[3] = signal[3] * rosy
     excess = replace(small_excess(np.eye(BANDS)[0][:, None, None] * 0.05 * signal[3]), signal=signal)
-    found = explain(excess)
-    assert (found.family, found.bands) == ("filter-curve", ("b0",))
-    assert found.form in ("light of b3 in b0", "other light in b0")
+    explanation = explain(excess)
+    assert (explanation.family, explanation.bands) == ("filter-curve", ("b0",))
+    assert explanation.form in ("light of b3 in b0", "other light in b0")
 
 
 def test_a_lamp_whose_lobe_has_a_colour_is_the_lamps():
     colour = np.array([-0.06, -0.02, 0.02, 0.06])[:, None, None]
-    found = explain(small_excess(500 * colour * (EMISSION - EMISSION.mean())))
-    assert (found.family, found.form) == ("lamp-spectrum", "by the angle at which light leaves it")
-    assert not found.levels
+    explanation = explain(small_excess(500 * colour * (EMISSION - EMISSION.mean())))
+    assert (explanation.family, explanation.form) == ("lamp-spectrum", "by the angle at which light leaves it")
+    assert not explanation.levels
 
 
 @pytest.mark.parametrize(
@@ -131,9 +131,9 @@ def test_every_form_has_words_for_the_laboratory():
 
 
 def test_what_no_family_explains_has_an_experiment_too():
-    found = explain(small_excess((DRAW.random(SIGNAL.shape) < 0.02) * 8 * SIGMA))
-    assert "noise" in advice(found).experiment
-    assert any("cosmic rays" in sentence for sentence in laboratory_sentences(found))
+    explanation = explain(small_excess((DRAW.random(SIGNAL.shape) < 0.02) * 8 * SIGMA))
+    assert "noise" in advice(explanation).experiment
+    assert any("cosmic rays" in sentence for sentence in laboratory_sentences(explanation))
 
 
 def test_probabilities_are_no_constants():

@@ -1,4 +1,4 @@
-"""Fields beside others, against least squares with all columns written out."""
+"""Fields next to others, against least squares with all columns written out."""
 
 import numpy as np
 from cboxlab.validation.diagnose.field_fit import NormalEquations, beside_common, fixed_spectrum
@@ -22,12 +22,12 @@ def test_a_field_of_one_band_beside_one_of_all_is_that_of_least_squares():
 
     a, b = columns.swapaxes(1, 2) @ columns, np.einsum("bpk,bp->bk", columns, per_band)
     n = NormalEquations(a, b, nuisances.swapaxes(1, 2) @ columns, a, b)
-    found = fixed_spectrum(beside_common(n), np.eye(BANDS)[1])
+    spectrum_fit = fixed_spectrum(beside_common(n), np.eye(BANDS)[1])
 
     common, both = (_fitted(residual, [known, *parts]) for parts in ([everywhere], [everywhere, alone]))
-    assert_allclose(found.coefficients[[0, 2]], 0)
-    assert_allclose(found.coefficients[1], both[0][-NUMBERS:], rtol=1e-3)
-    assert_allclose(found.gain, both[1] - common[1], rtol=1e-4)
+    assert_allclose(spectrum_fit.coefficients[[0, 2]], 0)
+    assert_allclose(spectrum_fit.coefficients[1], both[0][-NUMBERS:], rtol=1e-3)
+    assert_allclose(spectrum_fit.gain, both[1] - common[1], rtol=1e-4)
 
 
 def test_a_change_that_nuisances_imitate_may_round_to_less_than_nothing():
@@ -36,8 +36,8 @@ def test_a_change_that_nuisances_imitate_may_round_to_less_than_nothing():
     a = np.broadcast_to(np.diag([1e6, 100.0]), (2, 2, 2))
     imitated = np.sqrt(2e6) * (1 + 1e-6) / 2
     n = NormalEquations(a, np.array([[0.0, 300.0], [0.0, 0.0]]), np.array([[[imitated, 0.0]]] * 2), a, np.zeros((2, 2)))
-    found = fixed_spectrum(beside_common(n), np.eye(2)[0])
-    assert_allclose(found.coefficients, [[0, 3], [0, 0]], atol=0.1)
+    spectrum_fit = fixed_spectrum(beside_common(n), np.eye(2)[0])
+    assert_allclose(spectrum_fit.coefficients, [[0, 3], [0, 0]], atol=0.1)
 
 
 def _fitted(residual, columns):
@@ -51,5 +51,5 @@ def test_a_field_that_nuisances_imitate_and_a_trial_sees_in_part_is_none():
     """Two numbers that do the same, as camera and lamp do."""
     a = np.ones((1, 2, 2))
     n = NormalEquations(a, np.zeros((1, 2)), np.array([[[1.0, 1.0]]]), a, np.array([[3.0, 3.0]]))
-    found = fixed_spectrum(n, np.ones(1))
-    assert found.gain == 0 and np.isfinite(found.heldout)
+    spectrum_fit = fixed_spectrum(n, np.ones(1))
+    assert spectrum_fit.gain == 0 and np.isfinite(spectrum_fit.heldout)

@@ -1,4 +1,4 @@
-"""What maps on surfaces change, against the radiosity solved anew with the reflectance or the light changed."""
+"""What maps on surfaces change, against the radiosity solved again with the reflectance or the light changed."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def test_maps_change_the_picture_as_a_new_solution_does(excess):
     some = [0, 1, len(maps.waves) - 2]
     dn = lamp_dn(excess, band)
     seen = maps.visible(some)
-    found = {"reflectance": maps.reflectance(band, some), "light": maps.light(band, some)}
+    results = {"reflectance": maps.reflectance(band, some), "light": maps.light(band, some)}
     for row, k in enumerate(some):
         on_fragments = np.where(t.surface == maps.surface[k], maps.waves[k].at(t.position), 0.0)
         on_patches = np.where(t.patch_surface == maps.surface[k], maps.waves[k].at(t.patch_position), 0.0)
@@ -53,7 +53,7 @@ def test_maps_change_the_picture_as_a_new_solution_does(excess):
         }
         for what, (more, less) in both.items():
             exact = dn * (more - less) / (2 * STEP)
-            np.testing.assert_allclose(found[what][row], exact, rtol=1e-4, atol=1e-4 * np.abs(exact).max())
+            np.testing.assert_allclose(results[what][row], exact, rtol=1e-4, atol=1e-4 * np.abs(exact).max())
 
 
 def test_normal_equations_are_the_same_from_blocks_of_pixels(excess, monkeypatch):

@@ -151,7 +151,7 @@ def test_a_link_keeps_the_view_and_a_wrong_one_harms_nothing(page):
     assert page.run("v.state") == state
     wrong = "#view&mode=dance&c=nothing&band=77&zoom=1e9&x=NaN&pixel=900,1&region=polygon:1,2;x,3&__proto__=1"
     shown(page, wrong + "&scale=own")
-    found = page.run("v.state")
+    outcome = page.run("v.state")
     untouched = {"mode": "slider", "c": "residual", "band": -1, "pixel": None, "region": None}
-    assert {key: found[key] for key in untouched} == untouched
-    assert found["zoom"] == 12 and found["scale"] == "own"
+    assert {key: outcome[key] for key in untouched} == untouched
+    assert outcome["zoom"] == 12 and outcome["scale"] == "own"

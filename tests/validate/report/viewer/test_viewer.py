@@ -87,9 +87,9 @@ def _layer(page, name, band=-1):
 
 def test_a_click_shows_the_numbers_of_the_comparison(page, comparison):
     x, y = 30, 12
-    page.run("globalThis.told = null; addEventListener('cbox-pixel', (e) => { told = e.detail; })")
+    page.run("globalThis.received = null; addEventListener('cbox-pixel', (e) => { received = e.detail; })")
     page.click(*_at(page, 0, x, y))
-    record = page.run("told")
+    record = page.run("received")
     maps = comparison.maps
     assert (record["x"], record["y"]) == (x, y)
     assert record["surface"] == SURFACES[int(maps["surface"].values[y, x])]
@@ -106,7 +106,7 @@ def test_a_click_shows_the_numbers_of_the_comparison(page, comparison):
     assert f"{maps['measured'].values[ORDER[0], y, x]:.5g}" in panel
     page.run("document.querySelector('canvas').focus()")
     page.key("Escape")
-    assert page.run("document.querySelector('.cbv-pixel').hidden && told === null")
+    assert page.run("document.querySelector('.cbv-pixel').hidden && received === null")
 
 
 def test_a_pixel_shows_its_spectrum_the_filters_and_its_light(page):
@@ -260,12 +260,12 @@ def test_axes_number_the_pixels_at_their_centres(page, zoom):
     page.run(f"v.set({{mode: 'side', zoom: {zoom}, x: 24, y: 28}})")
     centres = (24, 24 if zoom == 1 else 28)
     for axis, marks in enumerate(("across", "down")):
-        found = page.run(
+        outcome = page.run(
             f"[...document.querySelectorAll('.cbv-{marks} span')].map("
             "e => [parseInt(e.textContent), parseFloat(e.style.left || e.style.top)])"
         )
-        assert len(found) >= 3 * 2
-        for number, percent in found:
+        assert len(outcome) >= 3 * 2
+        for number, percent in outcome:
             assert percent == pytest.approx(50 + 100 * zoom * (number + 0.5 - centres[axis]) / 48, abs=0.1)
 
 

@@ -1,0 +1,54 @@
+"""The black level of raw files from the pixels under the sensor's mask."""
+
+import numpy as np
+import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.capture.first_manifest import write_first_manifest
+from cboxlab.calibration.frame_readers import frame_header
+from helpers.frame_files import write_dng
+
+MASKED = 16
+BLACK_DN = 128.0
+
+
+def sensor(seed, scene=1000.0, masked=BLACK_DN):
+    """Counts of 64 x 96 pixels in the light beside 16 masked columns, read noise 2 DN."""
+    generator = np.random.default_rng(seed)
+    light = np.tile(np.linspace(0.2, 1.8, 96) * scene, (64, 1))
+    counts = np.hstack([np.zeros((64, MASKED)), generator.poisson(light)]) + BLACK_DN
+    counts[:, :MASKED] += masked - BLACK_DN
+    return np.rint(counts + 2.0 * generator.standard_normal(counts.shape)).astype(np.uint16)
+
+
+def level(path, image, **keys):
+    write_dng(path, image, **keys)
+    return frame_header(path).facts.black_level
+
+
+def test_masked_pixels_give_the_black_level(tmp_path):
+    """The mean of 8 x 64 pixels in four channels is known to 0.2 DN."""
+    found = level(tmp_path / "a.dng", sensor(1), masked_columns=MASKED)
+    assert set(found) <= {"R", "G", "G2", "B"}
+    assert found == {channel: pytest.approx(BLACK_DN, abs=0.8) for channel in found}
+
+
+@pytest.mark.parametrize(
+    ("image", "columns"),
+    [
+        (sensor(1), 0),
+        (sensor(1), 12),
+        (sensor(1, masked=1500.0), MASKED),
+        (sensor(1)[:, ::-1].copy(), MASKED),
+    ],
+    ids=["no mask", "too narrow", "brighter than the scene", "a border in the light"],
+)
+def test_columns_that_are_no_mask_give_none(image, columns, tmp_path):
+    assert set(level(tmp_path / "a.dng", image, masked_columns=columns).values()) == {0.0}
+
+
+def test_a_capture_without_darks_takes_the_mean_over_its_files(tmp_path):
+    for number in range(2):
+        write_dng(tmp_path / f"f{450 + 100 * number}-0.dng", sensor(number), masked_columns=MASKED)
+    write_first_manifest(tmp_path)
+    stated = load_capture(tmp_path).manifest.camera.black_level_dn
+    assert all(value == pytest.approx(BLACK_DN, abs=0.6) for value in stated.values())

@@ -1,0 +1,102 @@
+"""Files that version 0.1 wrote are opened by this version, with what they held.
+
+They lie in ``version_0_1`` and never change. A format that can no longer be read names the command that converts it.
+"""
+
+import shutil
+
+import cboxlab
+import numpy as np
+import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import measure_noise, read_darks
+from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.files import read_cube
+from cboxlab.rendering.fitted_fields import load_effect_file
+from cboxlab.rendering.model import load_model
+from cboxlab.scenes.scene_file import load_scene
+from cboxlab.validation.api import verify
+from cboxlab.validation.compare_renders.stored_references import read_reference, require_same_light
+from cboxlab.validation.study import read_study
+from cboxlab.validation.synthetic.blind import read_diagnosis
+from helpers.places import ROOT
+
+OLD = ROOT / "tests" / "version_0_1"
+
+
+def test_a_capture():
+    capture = load_capture(OLD / "capture")
+    assert [band.id for band in capture.manifest.band] == ["f550", "f650"]
+    assert capture.frames(capture.manifest.band[0]).shape == (2, 32, 32)
+    noise = measure_noise(capture, read_darks(capture))
+    assert noise.gain_e_per_dn == pytest.approx(12.0, abs=4 * noise.gain_sigma)
+    assert noise.read_noise_e == pytest.approx(10.0, abs=4 * noise.read_noise_sigma)
+
+
+def test_a_model_and_a_scene():
+    model = load_model(OLD / "model.toml")
+    assert (model.name, model.render.noise, model.render.seed) == ("glossy box", 0.5, 3)
+    values = {effect.id: dict(effect.values) for effect in model.effects}
+    assert values["veiling-glare"] == {"fraction": 0.004}
+    assert values["gloss"]["material"] == "white" and values["gloss"]["roughness"] == 0.2
+    assert load_scene(OLD / "scene.toml").material("white").reflectance.at([450.0, 700.0]) == pytest.approx(0.7)
+
+
+def test_a_study_with_its_history():
+    study = read_study(OLD / "study.json")
+    assert study.captures == ((OLD / "capture").resolve(),)
+    assert [len(state.effects) for state in study.history.states] == [0, 2] and study.history.at == 1
+    assert [effect.id for effect in study.model.effects] == ["veiling-glare", "gloss"]
+
+
+def test_a_diagnosis():
+    diagnosis = read_diagnosis(OLD / "diagnosis.json")
+    assert diagnosis["ranking"][0]["effect"] == "veiling-glare"
+    assert diagnosis["ranking"][0]["parameters"]["fraction"] == pytest.approx(0.00407, abs=1e-5)
+
+
+def test_an_effect_file_acts():
+    effect = load_effect_file(OLD / "gradient.toml")
+    applied = apply_checked(effect, {"amplitude": 1.0}, "model")
+    assert effect.id == "gradient" and effect.title == "a gradient"
+    assert applied.stage in ("optics", "counts") and applied.values["amplitude"] == 1.0
+
+
+def test_a_stored_reference_is_compared_with():
+    reference = read_reference(OLD / "reference.json")
+    assert reference.means["band: 450"] == pytest.approx(0.02272715763872724)
+    assert reference.versions["cboxlab"] == "0.1.0" and len(reference.shapes) > 3
+    require_same_light(reference, reference)
+
+
+def test_cubes_of_every_format_hold_the_same():
+    cube = read_cube(OLD / "cube.nc")
+    assert cube["wavelength"].values.tolist() == [450.0, 650.0] and cube.sizes["x"] == 16
+    for name in ("cube.exr", "cube.hdr"):
+        np.testing.assert_allclose(read_cube(OLD / name)["radiance"].values, cube["radiance"].values, rtol=1e-6)
+
+
+def test_results_are_verified_by_their_manifest():
+    assert verify(OLD / "cube.nc").sound
+
+
+def test_a_data_set():
+    pictures = cboxlab.open_dataset(OLD / "dataset")
+    assert len(pictures) == 1 and pictures.index[0]["part"] == "train"
+    picture = pictures[0]
+    assert picture["radiance"].sizes["x"] == 8 and "depth" in picture
+    assert np.isfinite(picture["depth"].values[:, 1:7]).all()
+    assert len(pictures.model(0).scene.surfaces) > 5
+
+
+def test_a_version_that_comes_later_is_named(tmp_path):
+    """A file of a format that does not exist yet: which formats this version reads."""
+    shutil.copytree(OLD / "capture", tmp_path / "capture")
+    path = tmp_path / "capture" / "capture.toml"
+    path.write_text(path.read_text().replace("capture/1", "capture/9"))
+    with pytest.raises(cboxlab.InputError, match="capture/1"):
+        load_capture(tmp_path / "capture")
+    model = tmp_path / "model.toml"
+    model.write_text((OLD / "model.toml").read_text().replace("model/1", "model/9"))
+    with pytest.raises(cboxlab.InputError, match="model/1"):
+        load_model(model)

@@ -1,0 +1,122 @@
+"""First capture.toml of a folder of frames, with what the user enters in the page."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from cboxlab.calibration.capture import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import inputs_below
+
+from .places import path_of_name
+
+__all__ = ["first_draft", "write_first"]
+
+#: Most characters of a value.
+_MAX_LENGTH = 300
+
+#: Texts of an entry: where, key and value.
+_PARTS = 3
+
+#: Keys that differ from band to band; the others have one value for all bands.
+_OF_EACH_BAND = ("transmittance", "start_s")
+
+
+def first_draft(root: Path, folder: str, entries: Sequence[Any]) -> dict[str, Any]:
+    """Recognised frames of a folder, missing keys, and faults with the entries so far.
+
+    Parameters
+    ----------
+    root
+        Folder below which the page may open folders.
+    folder
+        Name of the folder of frames.
+    entries
+        Records with ``where``, ``key`` and ``value``.
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+
+    Raises
+    ------
+    InputError
+        If the folder is outside the root folder, has no frames, or has a capture.toml; for faulty entries.
+    """
+    path = path_of_name(root, folder, "folder")
+    with inputs_below(root):
+        text, first, faults = draft_manifest(path, _entries(entries))
+    tables = tomllib.loads(text)
+    recognised = [
+        {"kind": kind, "name": str(table.get("id", table.get("band", ""))), "frames": table["frames"]}
+        for kind in first.tables
+        for table in tables.get(kind, [])
+    ]
+    return {
+        "folder": str(path),
+        "text": text,
+        "recognised": recognised,
+        "missing": _fields(first, tables),
+        "left_out": [{"file": item.file, "why": item.why} for item in first.left_out],
+        "faults": faults,
+    }
+
+
+def write_first(root: Path, folder: str, entries: Sequence[Any]) -> dict[str, Any]:
+    """Write capture.toml of a folder of frames with the entries; an existing file stays.
+
+    Parameters
+    ----------
+    root, folder, entries
+        As of ``first_draft``.
+
+    Returns
+    -------
+    dict
+        Path of the file.
+
+    Raises
+    ------
+    InputError
+        As of ``first_draft``.
+    """
+    path = path_of_name(root, folder, "folder")
+    with inputs_below(root):
+        return {"path": str(write_first_manifest(path, _entries(entries)).path)}
+
+
+def _entries(records: Sequence[Any]) -> list[ManifestEntry]:
+    """Entries of the page; those without a value are left out."""
+    entries = []
+    for record in records:
+        values = [record.get(key) for key in ("where", "key", "value")] if isinstance(record, Mapping) else []
+        texts = [text for text in values if isinstance(text, str) and len(text) <= _MAX_LENGTH]
+        if len(texts) != _PARTS:
+            raise InputError("entries", repr(record)[:80], "records with where, key and value")
+        if texts[2].strip():
+            entries.append(ManifestEntry(*texts))
+    return entries
+
+
+def _fields(first: FirstManifest, tables: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Missing keys as fields of the form, those of each band once a band; notes have no key."""
+    fields = []
+    for key in first.missing:
+        tables_lacking = [key.where]
+        if key.where == "every [[band]]" and key.key in _OF_EACH_BAND:
+            tables_lacking = [f"[[band]] of {band['frames'][0]}" for band in tables["band"] if key.key not in band]
+        fields += [
+            {
+                "where": where,
+                "key": key.key,
+                "example": key.example.partition(" = ")[2],
+                "why": key.why,
+                "required": key.required,
+            }
+            for where in tables_lacking
+        ]
+    return fields

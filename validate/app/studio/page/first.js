@@ -1,0 +1,80 @@
+/* The page that makes a capture.toml of a folder of frames: a field for each missing key, checked after each entry. */
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+
+const page = { entries: new Map(), asking: 0 };
+
+async function ask(name) {
+  const entries = [...page.entries.values()];
+  const answer = await fetch("api/first/" + name, {
+    method: "POST", headers: { "Content-Type": "application/json" },
+    body: JSON.stringify({ folder: $("folder").value, entries }),
+  });
+  const record = await answer.json();
+  if (!answer.ok) throw new Error(record.error);
+  return record;
+}
+
+async function attempt(step) {
+  $("mistake").textContent = $("saved").textContent = "";
+  document.body.dataset.busy = "true";
+  try {
+    await step();
+  } catch (error) {
+    $("mistake").textContent = error.message;
+  }
+  document.body.dataset.busy = "false";
+}
+
+/** A field for a missing key; its entry is checked when it is left. */
+function fieldOf({ where, key, example, why }, number) {
+  const input = make("input", { id: `field-${number}`, placeholder: example, autocomplete: "off", "data-key": key });
+  const name = `${where} ${key}`;
+  input.value = page.entries.has(name) ? page.entries.get(name).value : "";
+  input.addEventListener("change", () => {
+    page.entries.set(name, { where, key, value: input.value });
+    attempt(check);
+  });
+  return make("label", { class: "field" }, [make("span", {}, `${name}, such as ${example}: ${why}`), input]);
+}
+
+/** Faults and text with the entries so far; an entry that is no value is marked. */
+async function check() {
+  const number = ++page.asking;
+  const found = await ask("draft");
+  if (number !== page.asking) return;
+  $("faults").replaceChildren(...(found.faults.length ? found.faults : ["nothing"]).map((text) => make("li", {}, text)));
+  $("text").textContent = found.text;
+  for (const input of document.querySelectorAll("input[data-key]"))
+    input.setAttribute("aria-invalid", String(Boolean(input.value) && found.faults.some((text) => text.split(":")[0].includes(input.dataset.key))));
+  return found;
+}
+
+const look = () => attempt(async () => {
+  page.entries.clear();
+  const found = await check();
+  const fields = (list) => list.map((key) => fieldOf(key, found.missing.indexOf(key)));
+  $("required").replaceChildren(...fields(found.missing.filter((key) => key.key && key.required)));
+  $("optional").replaceChildren(...fields(found.missing.filter((key) => key.key && !key.required)));
+  $("notes").replaceChildren(...found.missing.filter((key) => !key.key).map((key) => make("li", {}, `${key.where}: ${key.why}`)));
+  $("recognised").replaceChildren(...found.recognised.map(({ kind, name, frames }) =>
+    make("li", {}, `${kind} ${name}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`)));
+  $("left-out").replaceChildren(...(found.left_out.length ? found.left_out.map(({ file, why }) => `${file}: ${why}`) : ["nothing"])
+    .map((text) => make("li", {}, text)));
+  $("work").hidden = false;
+});
+
+$("which").addEventListener("submit", (event) => { event.preventDefault(); look(); });
+$("write").addEventListener("click", () => attempt(async () => {
+  const { path } = await ask("write");
+  const folder = encodeURIComponent($("folder").value);
+  $("saved").replaceChildren(`Written: ${path}. Next: `,
+    make("a", { href: `points.html?capture=${folder}` }, "mark corners in its photograph"), ", or ",
+    make("a", { href: "./" }, "open it in the workbench"), ".");
+}));
+const asked = new URLSearchParams(location.search).get("folder");
+if (asked !== null) {
+  $("folder").value = asked;
+  look();
+}
