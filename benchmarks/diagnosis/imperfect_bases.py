@@ -78,9 +78,16 @@ class Case:
     def key(self) -> str:
         return f"{self.kind}:{'+'.join(self.names)}:{self.flaw}:{self.seed}"
 
+    @classmethod
+    def of_key(cls, key: str) -> Case:
+        kind, names, flaw, seed = key.split(":")
+        return cls(kind, tuple(name for name in names.split("+") if name), flaw, int(seed))
+
 
 def cases(options: argparse.Namespace) -> list[Case]:
-    """The set in an order by chance; flaws take turns."""
+    """The set in an order by chance, flaws taking turns; or the cases that are named."""
+    if options.cases:
+        return [Case.of_key(key) for key in options.cases.read_text().split()]
     flaws = [f for f in FLAWS if f != "none" and (f in KEPT_BACK) == options.kept_back]
     flaws = options.flaws.split(",") if options.flaws else flaws
     able = [name for name, effect in catalogue().items() if effect.stage != "settings"]
@@ -175,11 +182,11 @@ def _reflectance(image: RenderedImage) -> tuple[NDArray[np.float64], NDArray[np.
     return np.einsum("yxf,fb->byx", image.coverage, of_face), (image.coverage @ walls) > 0.999
 
 
-def run(case: Case, size: int) -> Row | None:
+def run(case: Case, size: int, laboratories: int, draws: int) -> Row | None:
     """Make one capture, diagnose it, and note the answer; None where the effect cannot be so strong."""
-    laboratory = 8800 + case.seed % 2
+    laboratory = 8800 + case.seed % laboratories
     camera, settings = _laboratory(laboratory, size)
-    flaw, excess = _flaw(case.flaw, laboratory, size, 100 + case.seed % 4)
+    flaw, excess = _flaw(case.flaw, laboratory, size, 100 + case.seed % draws)
     draw, effects = np.random.default_rng([case.seed, 7]), []
     strength = _WEAK if case.kind == "weak" else STRENGTHS["medium"]
     for name in case.names:
@@ -290,6 +297,9 @@ def main() -> None:
     for kind, count in (("nones", 12), ("singles", 30), ("pairs", 12), ("weak", 10)):
         parser.add_argument(f"--{kind}", type=int, default=count)
     parser.add_argument("--flaws", default="")
+    parser.add_argument("--laboratories", type=int, default=2)
+    parser.add_argument("--draws", type=int, default=4, help="pictures of each flaw; few are faster")
+    parser.add_argument("--cases", type=Path, help="file of cases by key, as in --results, in place of a draw")
     parser.add_argument("--kept-back", action="store_true")
     parser.add_argument("--score", action="store_true")
     options = parser.parse_args()
@@ -298,7 +308,7 @@ def main() -> None:
     for case in () if options.score else cases(options):
         if case.key in finished:
             continue
-        row = run(case, options.size)
+        row = run(case, options.size, options.laboratories, options.draws)
         if row is not None:
             rows.append(row)
             with options.results.open("a") as file:

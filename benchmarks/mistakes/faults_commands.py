@@ -29,6 +29,14 @@ rows = SIGMA * np.random.default_rng(2).normal(0, 1.5, (1, SIZE, 1)) * np.ones((
 record = {{"selected": ["unknown"], "explanation": explanation_record(explain(small_excess(rows)))}}
 open("unknown.json", "w").write(json.dumps(record))
 """
+#: A data set of two boxes.
+RECIPE = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).resolve().parents[2] / "tests")!r})
+from pathlib import Path
+from helpers.recipes import write_recipe
+write_recipe(Path("."))
+"""
 
 
 @dataclass(frozen=True)
@@ -78,6 +86,7 @@ COMMANDS = {
     "picture": _cbox("effects", "veiling-glare", "--picture", "out/effect.png"),
     "new": _cbox("effects", "--new", "out/rows", "--from", "@unknown.json"),
     "study": Command(("-c", STUDY)),
+    "dataset": _cbox("dataset", "@recipe.toml", "--out", "out/boxes", "--json", "out/made.json"),
     "demo": _cbox("demo", "--out", "out"),
 }
 #: What they read, by what makes it, in order, in the folder of inputs.
@@ -88,4 +97,5 @@ MADE = {
     "model.toml": ("add", "model.toml", "veiling-glare", "fraction=0.004"),
     "rendered": ("renderers", *BOX, "--out", "rendered"),
     "unknown.json": ("-c", UNKNOWN),
+    "recipe.toml": ("-c", RECIPE),
 }

@@ -35,8 +35,12 @@ from planted_faults import ROOMS, ROOT
 PHYSICS = (
     "render/effects",
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
+    *(f"calibration/{name}" for name in ("instrument", "quality")),
     *(f"render/{name}" for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")),
-    *(f"validate/{name}" for name in ("compare", "diagnose")),
+    *(f"render/{name}" for name in ("fitted_fields", "image", "photometry", "dataset")),
+    *(f"validate/{name}" for name in ("compare", "diagnose", "predict", "capture_checks")),
+    *(f"validate/diagnose/{name}" for name in ("base_flaws", "explain", "field_fit", "linear_model", "hypotheses")),
+    "validate/compare_renders/regress",
 )
 _SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 _DARKS = {"dark_scene": "dark_flat", "dark_flat": "dark_reference", "dark_reference": "dark_scene"}
@@ -253,7 +257,8 @@ def verdict_of(mutant: Mutant, limit_s: float, unsound: dict[str, bool]) -> str:
     """
     source = (ROOT / mutant.file).read_text(encoding="utf-8")
     mutated = source[: mutant.start] + mutant.mutated + source[mutant.start + len(mutant.text) :]
-    module = "cboxlab." + mutant.file.removesuffix(".py").replace("/", ".")
+    room, _, rest = mutant.file.removesuffix(".py").partition("/")
+    module = f"cboxlab.{ROOMS[room]}.{rest.replace('/', '.')}"
     left = limit_s
     try:
         for stage in tests_of(mutant.file):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from cboxlab.scenes import Camera, Scene, Spectrum
 
-__all__ = ["BANDS", "GATHER_FACTOR", "MANY_BANDS", "MONO_BANDS", "REFERENCE_BANDS", "contender"]
+__all__ = ["BANDS", "GATHER_FACTOR", "MANY_BANDS", "MONO_BANDS", "REFERENCE_BANDS", "contender", "specfilm"]
 
 BANDS = np.linspace(400.0, 700.0, 31)
 MANY_BANDS = np.linspace(400.0, 700.0, 76)
@@ -34,7 +34,7 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
 
     white = scene.with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2), "zero"))
     if name == "specfilm":
-        return _specfilm(white, camera, samples)
+        return specfilm(white, camera, samples, BANDS)
     if name == "mono":
         return _mono(white, camera, samples)
     wavelengths = MANY_BANDS if name.endswith("-76") else BANDS
@@ -49,8 +49,11 @@ def contender(name: str, scene: Scene, camera: Camera, samples: int) -> Render:
     return run
 
 
-def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
-    """Each band 10 nm wide with (nearly) upright edges: together they use every sampled wavelength once."""
+def specfilm(scene: Scene, camera: Camera, samples: int, bands_nm: np.ndarray) -> Render:
+    """Stock spectral renderings under a lamp of radiance 1.
+
+    Each band as wide as their distance, with (nearly) upright edges: together they use every sampled wavelength once.
+    """
     from cboxlab.rendering.device import mi
     from cboxlab.rendering.integrators.stock import scene_dict
 
@@ -59,10 +62,11 @@ def _specfilm(scene: Scene, camera: Camera, samples: int) -> Render:
     paints = {name: _irregular(grid, m.reflectance.at(grid)) for name, m in scene.materials.items()}
     lamp = [_irregular(grid, scene.lamp.reflectance.at(grid))], [{"type": "uniform", "value": 1.0}]
     loaded = mi.load_dict(scene_dict(scene, paints, *lamp), optimize=False)
-    edges = np.array([-5.0, -4.99, 4.99, 5.0])
-    bands = {f"band_{i:02d}": _irregular(b + edges, [0, 1, 1, 0]) for i, b in enumerate(BANDS)}
+    step = float(bands_nm[1] - bands_nm[0])
+    edges = np.array([-step / 2, 0.01 - step / 2, step / 2 - 0.01, step / 2])
+    bands = {f"band_{i:02d}": _irregular(b + edges, [0, 1, 1, 0]) for i, b in enumerate(bands_nm)}
     run = _stock(loaded, camera, {"type": "specfilm", **bands}, samples)
-    return lambda seed: run(seed) / 9.99
+    return lambda seed: run(seed) / (step - 0.01)
 
 
 def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
@@ -94,7 +98,9 @@ def _stock(loaded: Any, camera: Camera, film: dict[str, Any], samples: int) -> R
     return run
 
 
-def _irregular(wavelengths: Any, values: Any) -> dict[str, str]:
+def _irregular(wavelengths: Any, values: Any) -> dict[str, Any]:
+    if not np.any(values):
+        return {"type": "uniform", "value": 0.0}  # Mitsuba refuses a table of zeros
     return {
         "type": "irregular",
         "wavelengths": ",".join(f"{w:.8g}" for w in wavelengths),

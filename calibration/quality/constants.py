@@ -370,9 +370,9 @@ def power_law(wavelength_nm: NDArray[np.float64], ratios: NDArray[np.float64]) -
     if np.count_nonzero(usable) < 4 or np.ptp(wavelength_nm[usable]) == 0:
         return None
     x, y = np.log(wavelength_nm[usable]), np.log(ratios[usable])
-    run, rise = x[:, None] - x, y[:, None] - y
-    slope = np.median(rise[run > 0] / run[run > 0])
-    offset = np.median(y) - slope * np.median(x)
+    from scipy.stats import theilslopes  # slow to import, rarely needed
+
+    slope, offset, *_ = theilslopes(y, x)
     residual = np.abs(y - slope * x - offset)
     near = abs(abs(slope) - 1) < POWER_TOLERANCE and np.quantile(residual, STRAIGHT_SHARE) < STRAIGHT
     return int(np.sign(slope)) if near else None

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_quantile
 from numpy.typing import NDArray
 
 from ..capture import Capture
@@ -59,6 +60,10 @@ FEWEST_TABLE_PIXELS = 2000
 #: Variance of the means of rows or columns over that of independent pixels, in the median of all pairs. With 40 rows
 #: chance exceeds it in one pair of 5700.
 LARGEST_LINE_VARIANCE = 2.0
+
+#: Chance by which fewer rows or columns exceed their larger limit: that of 40 rows. Behind a mosaic a channel's pixels
+#: may lie in every fourth row.
+LINE_CHANCE = 1 / 5700
 
 #: Fewest pixels of a comparison: the variance then has an error of 10 %.
 FEWEST_PIXELS = 200
@@ -316,8 +321,10 @@ def _check_lines(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:
     """Noise that the pixels of a row or of a column have in common."""
     for kind in dict.fromkeys(pair.stack.kind for pair in pairs):
         variances = [pair.lines for pair in pairs if pair.stack.kind == kind]
-        for name, middle in zip(("row", "column"), np.median(variances, axis=0), strict=True):
-            if middle > LARGEST_LINE_VARIANCE:
+        fewest = np.min([pair.stack.counts.shape[1:] for pair in pairs if pair.stack.kind == kind], axis=0)
+        limits = np.maximum(LARGEST_LINE_VARIANCE, chi2_quantile(LINE_CHANCE, fewest) / fewest)
+        for name, middle, limit in zip(("row", "column"), np.median(variances, axis=0), limits, strict=True):
+            if middle > limit:
                 yield Suspicion(
                     f"the pixels of a {name} share a common noise (readout or interference)",
                     f"{kind}.frames",

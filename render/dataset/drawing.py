@@ -27,7 +27,7 @@ from ..model import Model, checked_effects
 from .distributions import Choice, numbers
 from .paints import light_source, planck_light, reflectance_source
 from .recipe import WALLS, CameraTable, Recipe
-from .solids import Solid, any_meet, blocked_share
+from .solids import Solid, any_meet, blocked_share, closed_mesh
 
 __all__ = ["Box", "draw_box", "part_of"]
 
@@ -152,7 +152,7 @@ def draw_box(recipe: Recipe, number: int, folder: Path) -> Box:
         If every draw is rejected, or an effect does not fit its box.
     """
     index, variant = divmod(number, recipe.boxes_per_geometry)
-    geometry, rejected = _accepted(recipe, index)
+    geometry, rejected = _accepted(recipe, index, folder)
     generator = _generator(recipe, index, _SPECTRA, variant)
     materials, paints = _materials(recipe, geometry, generator, folder)
     lamps, lights = _lamps(recipe, geometry, generator, folder)
@@ -171,7 +171,7 @@ def draw_box(recipe: Recipe, number: int, folder: Path) -> Box:
         "walls": geometry.walls,
         "blocks": [
             {
-                "shape": "sphere" if solid.ball else "box",
+                "shape": "sphere" if solid.ball else "box" if solid.shape is None else "mesh",
                 "center_mm": solid.centre_mm.tolist(),
                 "size_mm": (2 * solid.half_mm).tolist(),
                 "yaw_deg": solid.yaw_deg,
@@ -189,12 +189,12 @@ def draw_box(recipe: Recipe, number: int, folder: Path) -> Box:
     return Box(number, model, geometry.cameras, seed, record["part"], record)
 
 
-def _accepted(recipe: Recipe, index: int) -> tuple[_Geometry, Counter[str]]:
+def _accepted(recipe: Recipe, index: int, folder: Path) -> tuple[_Geometry, Counter[str]]:
     """First draw of a geometry that is not rejected, and how often others were by reason."""
     generator, rejected = _generator(recipe, index, _GEOMETRY), Counter[str]()
     for _ in range(ATTEMPTS):
         try:
-            return _geometry(recipe, generator), rejected
+            return _geometry(recipe, generator, folder), rejected
         except _Rejected as reason:
             rejected[str(reason)] += 1
     reasons = ", ".join(f"{count} times {reason}" for reason, count in rejected.most_common())
@@ -206,7 +206,7 @@ def _accepted(recipe: Recipe, index: int) -> tuple[_Geometry, Counter[str]]:
     )
 
 
-def _geometry(recipe: Recipe, generator: np.random.Generator) -> _Geometry:
+def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _Geometry:
     """One draw. Raises _Rejected for one that does not fit."""
     sizes = recipe.room
     room = np.array([d.draw(generator) for d in (sizes.width_mm, sizes.height_mm, sizes.depth_mm)])
@@ -214,13 +214,17 @@ def _geometry(recipe: Recipe, generator: np.random.Generator) -> _Geometry:
     solids = []
     for table in recipe.block:
         for _ in range(int(table.count.draw(generator))):
+            shape = None
             if table.shape == "sphere":
                 half = np.full(3, table.radius_mm.draw(generator))
+            elif table.mesh is not None:
+                shape = closed_mesh(table.mesh, folder, "recipe: block.mesh")
+                half = np.ptp(shape[0], axis=0) * table.height_mm.draw(generator) / 2
             else:
                 edges = (table.width_mm, table.height_mm, table.depth_mm)
                 half = np.array([d.draw(generator) for d in edges]) / 2
-            yaw = table.yaw_deg.draw(generator) if table.shape == "box" else 0.0
-            solid = Solid(np.array([0.0, half[1], 0.0]), half, yaw, table.shape == "sphere")
+            yaw = table.yaw_deg.draw(generator) if table.shape != "sphere" else 0.0
+            solid = Solid(np.array([0.0, half[1], 0.0]), half, yaw, table.shape == "sphere", shape)
             low = solid.reach_mm + recipe.gap_mm
             free = room[[0, 2]] - 2 * low
             if free.min() < 0 or 2 * half[1] > room[1] - recipe.gap_mm:
@@ -310,9 +314,14 @@ def _lamp_quad(rectangle: _Rectangle, height: float) -> NDArray[np.float64]:
 def _blocks(geometry: _Geometry) -> list[Surface]:
     """Blocks and spheres, numbered from 1."""
     return [
-        Surface(f"{index}-{'ball' if solid.ball else 'block'}", paint, *solid.mesh, ball=solid.ball)
+        Surface(f"{index}-{_kind(solid)}", paint, *solid.mesh, ball=solid.ball)
         for index, (solid, paint) in enumerate(geometry.solids, start=1)
     ]
+
+
+def _kind(solid: Solid) -> str:
+    """Word for a solid in the name of its surface."""
+    return "ball" if solid.ball else "block" if solid.shape is None else "mesh"
 
 
 def _materials(

@@ -19,6 +19,7 @@ from ..effects import apply_checked
 from ..model import named_effect
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
 from .paints import light_source, reflectance_source
+from .solids import closed_mesh
 
 __all__ = [
     "TRUTHS",
@@ -89,7 +90,9 @@ class BlockTable(_Table):
     """Blocks of one shape, which stand on the floor."""
 
     count: WholeNumbers(0, 20) = _constant(1)  # type: ignore[valid-type]
-    shape: Literal["box", "sphere"] = "box"
+    shape: Literal["box", "sphere", "mesh"] = "box"
+    #: File of a closed mesh with y upwards, scaled to the height; None for other shapes.
+    mesh: str | None = None
     width_mm: Within(1, 10000) = _constant(165.0)  # type: ignore[valid-type]
     depth_mm: Within(1, 10000) = _constant(165.0)  # type: ignore[valid-type]
     height_mm: Within(1, 10000) = _constant(165.0)  # type: ignore[valid-type]
@@ -252,8 +255,9 @@ class Recipe(_Table):
         names = [source for paint in self.paint.values() for source in paint.reflectance.names]
         names += [source for lamp in self.lamp for source in lamp.spectrum.names]
         tables = [name[: name.index(".csv") + 4] for name in names if ".csv" in name]
+        meshes = [block.mesh for block in self.block if block.mesh is not None]
         others = [*(entry.id for entry in self.effect), *(sensor.camera for sensor in self.sensor)]
-        return sorted({*tables, *(name for name in others if name.endswith(".toml"))})
+        return sorted({*tables, *meshes, *(name for name in others if name.endswith(".toml"))})
 
 
 def load_recipe(path: Path) -> Recipe:
@@ -289,6 +293,8 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
         faults.append(InputError(f"{path}: walls", f"no {', no '.join(missing)}", f"all of {', '.join(WALLS)}"))
     users = [(f"walls.{wall}", choice) for wall, choice in recipe.walls.items()]
     users += [(f"block[{index}].paint", block.paint) for index, block in enumerate(recipe.block)]
+    for index, block in enumerate(recipe.block):
+        faults += _mesh_faults(f"{path}: block[{index}]", block, path.parent)
     for key, choice in users:
         for name in choice.names:
             if name not in recipe.paint:
@@ -313,6 +319,19 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
     for index, entry in enumerate(recipe.effect):
         faults += _effect_faults(f"{path}: effect[{index}]", entry, path.parent)
     return faults
+
+
+def _mesh_faults(where: str, block: BlockTable, folder: Path) -> list[InputError]:
+    """Faults of the mesh of a block."""
+    if (block.shape == "mesh") != (block.mesh is not None):
+        excess = "without a mesh" if block.mesh is None else "with a mesh"
+        return [InputError(where, f"the shape '{block.shape}' {excess}", "mesh = FILE for the shape 'mesh' alone")]
+    if block.mesh is not None:
+        try:
+            closed_mesh(block.mesh, folder, f"{where}.mesh")
+        except InputError as fault:
+            return [fault]
+    return []
 
 
 def _effect_faults(where: str, entry: EffectTable, folder: Path) -> list[InputError]:

@@ -1,16 +1,20 @@
-"""Blocks and spheres on a floor: whether they meet, and the light that they catch first."""
+"""Blocks, spheres and meshes on a floor: their meshes, distances, and shadows on lamps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
-from cboxlab.scenes.shapes import Mesh, box_mesh, sphere_mesh
+from cboxlab.scenes.shapes import Mesh, box_mesh, file_mesh, sphere_mesh
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import path_inside
 from numpy.typing import NDArray
 
-__all__ = ["Solid", "any_meet", "blocked_share"]
+__all__ = ["Solid", "any_meet", "blocked_share", "closed_mesh"]
 
 #: Rays by which the blocked share of a lamp's light is estimated; its standard error is at most 1.6 %.
 _RAYS = 1024
@@ -19,9 +23,43 @@ _RAYS = 1024
 _SEED = 5
 
 
+@lru_cache(maxsize=64)
+def closed_mesh(name: str, folder: Path, where: str) -> Mesh:
+    """Mesh of a file, of height 1 about the centre of its bounds.
+
+    Parameters
+    ----------
+    name
+        OBJ, PLY or STL file, y upwards.
+    folder
+        Folder of the recipe.
+    where
+        File and key for errors.
+
+    Returns
+    -------
+    Mesh
+        Vertices (n, 3) and faces (m, 3), lit from outside.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or the mesh is not closed.
+    """
+    import trimesh  # slow to import
+
+    vertices, faces = file_mesh(path_inside(folder, name, where), 1.0)
+    merged = trimesh.Trimesh(vertices, faces)
+    if not (merged.is_watertight and merged.is_winding_consistent and merged.volume > 0):
+        expected = "a closed mesh whose triangles run counter-clockwise as seen from outside"
+        raise InputError(where, f"a mesh with holes or turned triangles in {name}", expected)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return (vertices - (low + high) / 2) / (high[1] - low[1]), faces
+
+
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """An upright block, or a sphere, on the floor."""
+    """An upright block, a sphere, or a mesh within an upright block, on the floor."""
 
     #: (3,) centre, mm.
     centre_mm: NDArray[np.float64]
@@ -31,6 +69,8 @@ class Solid:
     yaw_deg: float = 0.0
     #: Whether it is a sphere.
     ball: bool = False
+    #: Mesh of height 1 about its centre, in the block's place; None for a block or sphere.
+    shape: Mesh | None = None
 
     @property
     def reach_mm(self) -> NDArray[np.float64]:
@@ -45,6 +85,9 @@ class Solid:
         """Triangles, lit from outside."""
         if self.ball:
             return sphere_mesh(self.centre_mm, float(self.half_mm[0]))
+        if self.shape is not None:
+            vertices, faces = self.shape
+            return 2 * self.half_mm[1] * vertices @ self.axes + self.centre_mm, faces
         return box_mesh(self.centre_mm, 2 * self.half_mm, self.yaw_deg)
 
     def inside(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -279,12 +279,14 @@ def _explained(
         explained = explained_part(start, residual)
         # an imitation of another cause explains a part of it
         unknown = best.cause_probability * (1 - max(explained, 0.0))
-        hold = holds_beside_remainder(answer.assessed, explained)
+        # no effect imitates single pixels
+        hold = holds_beside_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
         selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        if selected == (UNKNOWN,) or family_beats_effects(alone, start, effects, model, residual, explanation):
+        beaten = family_beats_effects(alone, start, effects, model, residual, explanation)
+        if selected == (UNKNOWN,) or (beaten and not alone.single_pixels):
             explanation, selected = alone, (UNKNOWN,)
     if explanation is not None:
         explanation = explanation.named_if_likely()

@@ -14,6 +14,7 @@ from .diagnosis import (
 from .figures import FIGURES, comparison_figure
 from .metrics import PathStep
 from .plots import STYLE, picture_row
+from .trend import TrendResult, read_trend_result, trend_record, write_trend
 from .verdict import chi2_by_place, verdict
 from .write import validation_record, write_validation
 
@@ -22,6 +23,7 @@ __all__ = [
     "STYLE",
     "PathStep",
     "ReportSection",
+    "TrendResult",
     "calibration_rows",
     "chi2_by_place",
     "colour_rows",
@@ -33,9 +35,12 @@ __all__ = [
     "path_steps",
     "picture_row",
     "ranked_values",
+    "read_trend_result",
     "step_name",
+    "trend_record",
     "validation_record",
     "verdict",
     "write_diagnosis",
+    "write_trend",
     "write_validation",
 ]

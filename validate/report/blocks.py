@@ -54,7 +54,7 @@ class Table:
     header: Sequence[str]
     #: Rows, each with its heading first.
     rows: Sequence[Sequence[str | Cell]]
-    #: Caption above the table; none if empty.
+    #: Caption below the table; none if empty.
     caption: str = ""
 
 

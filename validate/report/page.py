@@ -28,7 +28,7 @@ from .table_sections import camera_section, masks_section, tables_section, where
 from .verdict import verdict, warnings
 from .viewer import picture_data, viewer_fragment
 
-__all__ = ["ReportInputs", "build_report"]
+__all__ = ["ReportInputs", "build_report", "report_environment"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,25 @@ def _provenance_section(rows: Sequence[tuple[str, str]]) -> ReportSection:
     return ReportSection("Command, date, versions, seeds", (), (table,))
 
 
+def report_environment() -> Environment:
+    """Templates of the pages.
+
+    Returns
+    -------
+    Environment
+        Jinja's environment, which escapes text.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["kind"] = _block_kind
+    return environment
+
+
 def build_report(path: Path, inputs: ReportInputs) -> None:
     """Write the report; an incomplete file is removed.
 
@@ -121,25 +140,21 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
         folded.append(weights_section(inputs.weights, responses))
     if inputs.provenance:
         folded.append(_provenance_section(inputs.provenance))
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals["kind"] = _block_kind
-    page = environment.get_template("report.html.j2").render(
-        run=run,
-        headline=story.headline,
-        level=verdict(c).level,
-        figures=_figures(c),
-        warnings=[*warnings(c, run), *inputs.further_warnings],
-        suspicions=inputs.suspicions,
-        viewer=viewer_fragment(data, "viewer", {"link": True}),
-        chapters=[chapter for chapter in chapters if chapter is not None],
-        folded=folded,
-        provenance=dict(inputs.provenance),
+    page = (
+        report_environment()
+        .get_template("report.html.j2")
+        .render(
+            run=run,
+            headline=story.headline,
+            level=verdict(c).level,
+            figures=_figures(c),
+            warnings=[*warnings(c, run), *inputs.further_warnings],
+            suspicions=inputs.suspicions,
+            viewer=viewer_fragment(data, "viewer", {"link": True}),
+            chapters=[chapter for chapter in chapters if chapter is not None],
+            folded=folded,
+            provenance=dict(inputs.provenance),
+        )
     )
     with replacing(path) as temporary:
         temporary.write_text(page, encoding="utf-8")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from cboxlab.rendering.model import model_text
-from cboxlab.utils.files import origin
+from cboxlab.utils.files import origin, this_command
 
 from ..compare import Failure, Validation, failures, write_maps
 from ..diagnose import Diagnosis
@@ -17,12 +19,22 @@ from .blocks import ReportSection
 from .diagnosis import path_steps
 from .metrics import PathStep, Run, metrics, write_metrics
 from .page import ReportInputs, build_report
-from .provenance import provenance
 from .story import signature_layers, story
 from .table_sections import parts_section
 from .viewer import viewer_data
 
 __all__ = ["validation_record", "write_validation"]
+
+#: Packages whose versions can change a figure.
+_PACKAGES = (
+    "cboxlab",
+    "mitsuba",
+    "drjit",
+    "numpy",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "colour-science",
+)
 
 
 def _assumptions(result: Validation) -> list[str]:
@@ -93,6 +105,24 @@ def _another_box(result: Validation) -> list[str]:
     return [f"The capture states the scene '{scene}', but the model has '{origin.reference}'."]
 
 
+def _provenance(result: Validation) -> list[tuple[str, str]]:
+    """Command, date, versions and seeds of a validation, (name, value)."""
+    manifest = result.prepared.calibration.capture
+    settings = result.model.render
+    return [
+        ("command", this_command()),
+        ("date", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"),
+        ("capture", manifest.manifest.name or manifest.folder.name),
+        ("model", f"{result.model.name}; effects {', '.join(e.id for e in result.model.effects) or 'none'}"),
+        ("rendering seed", str(settings.seed)),
+        ("seed of the noise in expected ΔE", "0"),
+        ("requested rendering noise", f"{settings.noise:g} of the sensor's"),
+        ("time of the validation", f"{result.seconds:.0f} s"),
+        ("versions", ", ".join(f"{package} {version(package)}" for package in _PACKAGES)),
+        ("Python and machine", f"{platform.python_version()}, {platform.system()} {platform.machine()}"),
+    ]
+
+
 def validation_record(result: Validation) -> dict[str, Any]:
     """Content of metrics.json.
 
@@ -139,6 +169,7 @@ def write_validation(
     run = _run(result, failed, [] if diagnosis is None else path_steps(diagnosis))
     report, figures, maps = folder / "report.html", folder / "metrics.json", folder / "maps"
     settings = result.model.render
+    remarks = ReportSection("Remarks of the calibration", steps=calibration.notes)
     write_maps(maps, c, origin(capture=run.capture, model=model_text(result.model), seed=str(settings.seed)))
     write_metrics(figures, c, run)
     build_report(
@@ -151,10 +182,10 @@ def write_validation(
             responses=prepared.responses,
             story=None if diagnosis is None else story(diagnosis, named_bands(c.bands, prepared.responses)),
             viewer=viewer_data(result, [] if diagnosis is None else signature_layers(diagnosis)),
-            sections=(parts_section(c, subsets), *sections),
-            further_warnings=[*_another_box(result), *calibration.notes],
+            sections=(parts_section(c, subsets), *sections, remarks),
+            further_warnings=_another_box(result),
             suspicions=calibration.suspicions,
-            provenance=provenance(result),
+            provenance=_provenance(result),
         ),
     )
     return report, figures, maps

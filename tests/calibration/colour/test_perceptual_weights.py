@@ -66,3 +66,12 @@ def test_enough_bands_are_exact(responses):
     training = training_radiances(LAMPS, None, 300)
     weights = perceptual_weights(exact, training, training_whites(LAMPS, 300), 0.0).weights
     np.testing.assert_allclose(weights, np.eye(3), atol=1e-3)
+
+
+def test_weights_do_not_depend_on_the_unit_of_the_light(responses):
+    """Noise is relative to a signal's rms: light of 1e-20 to 1, signals of 1e-4 to 1e16 e-, have the same weights."""
+    training, whites = training_radiances(LAMPS, None, 300), training_whites(LAMPS, 300)
+    plain = perceptual_weights(responses, training, whites, 0.05).weights
+    for unit in (1e-20, 1e-18, 1e-16, 1e-12):
+        weights = perceptual_weights(responses, unit * training, unit * whites, 0.05).weights
+        np.testing.assert_allclose(weights, plain, rtol=1e-6)

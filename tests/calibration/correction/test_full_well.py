@@ -5,6 +5,7 @@ import pytest
 import tifffile
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import with_full_well
+from cboxlab.calibration.correction.full_well import _saturated_count
 from cboxlab.calibration.instrument import Mask
 from cboxlab.calibration.result.calibrate import calibrate
 from helpers.fakes.capture import BIAS, DEPTH, F_NUMBER, GAIN, READ_NOISE, FakeCapture
@@ -98,3 +99,13 @@ def test_saturation_of_the_converter_is_no_full_well(tmp_path):
     fake.gains["f550"] = 2.0**DEPTH / float(np.median(fake.expected("f550") * fake.flat))
     capture = with_full_well(load_capture(fake.write()))
     assert capture.saturation_dn == capture.full_scale_dn == 2**DEPTH - 1
+
+
+def test_the_full_count_lies_four_read_noises_below_the_full_pixels():
+    """Pairs of frames with a read noise of 3 DN, half of the pixels full at 2000 DN."""
+    rng = np.random.default_rng(9)
+    light = np.concatenate([rng.uniform(200, 1600, 4000), np.full(4000, 2000.0)])
+    shot = np.where(light < 2000, np.sqrt(light / 2), 0.0)
+    stack = np.rint(light + np.hypot(shot, 3.0) * rng.standard_normal((2, light.size))).astype(np.uint16)
+    count = _saturated_count(stack[:, None], 4095)
+    assert count == pytest.approx(2000 - 1.645 * 3 / np.sqrt(2) - 4 * 3, abs=0.5)

@@ -106,3 +106,12 @@ def test_a_levels_error_is_its_frames_and_pixels_share_of_the_noise():
     floor = 4.0 + 1 / 12
     expected = [(floor + 1.0 * 2.0 / 3.0) / (5 * 1200), (floor + 1.0 * 8.0 / 3.0) / (2 * 1200)]
     np.testing.assert_allclose(dark_level_sigma(dark, noise), np.sqrt(expected))
+
+
+def test_a_fall_is_judged_by_the_noise_of_both_levels():
+    """Levels of unequal repeats: a fall by 0.5 DN after a level known to 0.2 DN is none, to 0.02 DN it is."""
+    time, level = np.array([1.0, 2.0, 4.0, 8.0]), np.array([10.0, 10.5, 10.0, 10.6])
+    loud, quiet = np.full(4, 0.02), np.full(4, 0.02)
+    loud[1] = 0.2
+    assert fit_dark(time, level, loud).monotonic
+    assert not fit_dark(time, level, quiet).monotonic

@@ -1,8 +1,11 @@
 """One frame in several bands behind a mosaic, and frames that are copied all the same."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.calibration.quality.content import check_frame_content
+from cboxlab.calibration.quality.repeats import _check_lines
 from cboxlab.calibration.quality.schedule import check_schedule
 from cboxlab.calibration.quality.stacks import Stack
 
@@ -30,3 +33,16 @@ def test_the_same_content_in_two_bands(second, suspected):
 def test_channels_of_a_frame_begin_at_the_same_time():
     assert not list(check_schedule([stack("r", "R"), stack("g", "G"), stack("b", "B")]))
     assert list(check_schedule([stack("r", "R"), stack("g", "G", "frames/other.tif")]))
+
+
+@pytest.mark.parametrize("lines", [12, 40])
+def test_few_rows_of_a_channel_vary_more_by_chance(lines):
+    """The variance of 12 means exceeds 2 by chance once in 50, that of 40 means once in 5700."""
+    of_chance = np.random.default_rng(lines).chisquare(lines, (4000, 2)) / lines
+
+    def suspected(rows, columns):
+        stack = SimpleNamespace(kind="band", counts=np.zeros((2, lines, lines)))
+        return len([*_check_lines([SimpleNamespace(stack=stack, lines=(rows, columns))])])
+
+    assert sum(suspected(*pair) for pair in of_chance) <= 6
+    assert suspected(6.0, 1.0) == 1

@@ -7,7 +7,7 @@ from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
 from cboxlab.calibration.instrument.band_response import sensor_matrix
-from cboxlab.calibration.radiometry.radiometry import measure_constant
+from cboxlab.calibration.radiometry.radiometry import BandConstant, join_constants, measure_constant
 from cboxlab.calibration.radiometry.sensor_equation import (
     band_responses,
     capture_factors,
@@ -150,3 +150,18 @@ def test_responses_on_a_wider_grid_are_those_of_the_integral(tmp_path):
     for own, stated in zip(wide.responses(), band_responses(capture, CONSTANT), strict=True):
         assert own.band == stated.band
         np.testing.assert_array_equal(own.weights, stated.weights)
+
+
+def test_bands_weigh_by_noise_and_scatter_together():
+    """Three bands that differ by more than their noise: the constant and its sigma by hand."""
+    bands = [BandConstant(n, c, s, 9) for n, c, s in (("a", 100.0, 0.1), ("b", 104.0, 0.4), ("c", 97.0, 2.0))]
+    joined = join_constants(bands, None)
+    noise, values = np.array([0.1, 0.4, 2.0]), np.array([100.0, 104.0, 97.0])
+    first = np.sum(values / noise**2) / np.sum(noise**-2)
+    variance = noise**2 + (joined.scatter * first) ** 2
+    assert joined.scatter > 0.01
+    np.testing.assert_allclose(joined.weights, (1 / variance) / np.sum(1 / variance), rtol=1e-9)
+    assert joined.constant == pytest.approx(np.sum(values / variance) / np.sum(1 / variance), rel=1e-9)
+    # the scatter is relative to the constant, which is now the joined one
+    variance = noise**2 + (joined.scatter * joined.constant) ** 2
+    assert joined.sigma == pytest.approx(np.sqrt(np.sum(joined.weights**2 * variance)), rel=1e-9)

@@ -94,6 +94,33 @@ def test_boxes_of_one_geometry_differ_in_spectra_alone_and_share_a_part(tmp_path
     assert boxes[0].seed != boxes[3].seed
 
 
+def test_a_mesh_stands_on_the_floor_in_its_height(tmp_path):
+    """A cone of a file, scaled and turned: bounds and volume as drawn; one with a hole is refused."""
+    cone = trimesh.creation.cone(radius=0.5, height=2.0, sections=12)
+    cone.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))  # y upwards
+    cone.export(tmp_path / "cone.stl")
+    mesh = (
+        'height_mm = [80, 300]\npaint = "light"',
+        'shape = "mesh"\nmesh = "cone.stl"\nheight_mm = 120\npaint = "light"',
+    )
+    path = write_recipe(tmp_path, mesh)
+    recipe = load_recipe(path)
+    assert recipe.files == ["cone.stl"]
+    box = draw_box(recipe, 0, tmp_path)
+    surface = next(s for s in box.model.scene.surfaces if s.name.endswith("mesh"))
+    drawn_mesh = trimesh.Trimesh(surface.vertices_mm, surface.faces)
+    assert drawn_mesh.is_watertight and drawn_mesh.bounds[0, 1] == pytest.approx(0, abs=1e-6)
+    assert np.ptp(drawn_mesh.bounds[:, 1]) == pytest.approx(120)
+    assert drawn_mesh.volume == pytest.approx(cone.volume * 60**3, rel=1e-5)
+    assert box.record["blocks"][0]["shape"] == "mesh"
+    cone.update_faces(np.arange(len(cone.faces)) > 0)
+    cone.export(tmp_path / "cone.obj")
+    with pytest.raises(InputError, match="holes"):
+        load_recipe(write_recipe(tmp_path, (mesh[0], mesh[1].replace("stl", "obj"))))
+    with pytest.raises(InputError, match="without a mesh"):
+        load_recipe(write_recipe(tmp_path, (mesh[0], mesh[1].replace('mesh = "cone.stl"', ""))))
+
+
 def test_the_published_camera_is_drawn_from_its_figures(tmp_path):
     """Axes as those of REFERENCE_ROTATION for a camera that looks along the room; a point off its axis to the left."""
     recipe = load_recipe(

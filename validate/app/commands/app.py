@@ -32,6 +32,7 @@ from .renderers import renderers
 from .reveal import reveal
 from .simulate import simulate
 from .studio import studio
+from .trend import trend
 from .validate import validate
 from .verify import verify
 
@@ -61,6 +62,7 @@ app = command_line(
         batch,
         diagnose,
         studio,
+        trend,
         regress,
         export,
         renderers,

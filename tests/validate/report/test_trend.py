@@ -1,0 +1,64 @@
+"""Several results side by side: the numbers of their files, on a page without faults."""
+
+import json
+
+import pytest
+from cboxlab.utils.errors import InputError
+from cboxlab.validation.report import read_trend_result, trend_record, write_trend
+from cboxlab.validation.report.metrics import metrics
+from helpers.browser import open_browser
+from helpers.fakes.box import FakeBox, fake_run
+from helpers.page_faults import FAULTS
+
+BOX = FakeBox(size=32)
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """A result before and after a change, the second one with a diagnosis."""
+    for name, factor in (("before", 1.03), ("after", 1.0)):
+        (tmp_path / name).mkdir()
+        record = metrics(BOX.compare(seed=1, factor=factor), fake_run())
+        (tmp_path / name / "metrics.json").write_text(json.dumps(record))
+    diagnosis = {
+        "selected": ["veiling-glare"],
+        "selected_parameters": [{"fraction": 0.004}],
+        "ranking": [{"effect": "veiling-glare", "sigma": {"fraction": 0.0001}}],
+        "final_chi2_per_dof": 1.01,
+    }
+    (tmp_path / "after" / "diagnosis.json").write_text(json.dumps(diagnosis))
+    return tmp_path / "before", tmp_path / "after"
+
+
+def test_every_number_stands_in_the_table_and_on_the_page(folders, tmp_path):
+    results = [read_trend_result(folder) for folder in folders]
+    record = trend_record(results)
+    written = [json.loads((folder / "metrics.json").read_text()) for folder in folders]
+    assert record["results"] == ["before", "after"]
+    assert record["numbers"]["χ² per degree of freedom"]["value"] == [each["chi2_per_dof"] for each in written]
+    assert record["numbers"]["lamp scale"]["value"] == [each["lamp_scale"]["value"] for each in written]
+    assert record["numbers"]["veiling-glare, fraction"] == {"value": [None, 0.004], "sigma": [None, 0.0001]}
+    write_trend(tmp_path / "trend.html", results)
+    with open_browser() as page:
+        page.open(tmp_path / "trend.html")
+        assert page.run("document.querySelectorAll('tbody tr').length") == len(record["numbers"])
+        assert page.run("document.querySelectorAll('.drawing svg').length") == len(record["numbers"])
+        text = page.run("document.querySelector('table').innerText")
+        assert "0.00400 ± 0.00010" in text and "–" in text
+        for width in (1280, 400):
+            page.size(width)
+            assert page.run("document.documentElement.scrollWidth") <= width
+            # text of plots is scaled with them
+            assert [fault for fault in page.run(FAULTS) if not fault.startswith("small: <text")] == []
+            sizes = "[...document.querySelectorAll('svg text')].map((e) => 10 * e.getScreenCTM().a)"
+            assert min(page.run(sizes)) > 11
+        assert page.errors == []
+
+
+def test_what_is_no_result_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"metrics\.json"):
+        read_trend_result(tmp_path)
+    for content in ("[]", "{}", '{"chi2_per_dof": 1, "bands": 3}', '{"chi2_per_dof": 1, "camera_refitted": 7}'):
+        (tmp_path / "metrics.json").write_text(content)
+        with pytest.raises(InputError):
+            read_trend_result(tmp_path)

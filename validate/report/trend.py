@@ -1,0 +1,189 @@
+"""Comparison of several results by their figures and fitted numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import read_json
+
+from .blocks import ReportSection, Table, with_error
+from .page import report_environment
+from .plots import INK, LINE, STYLE, Drawing, drawing, new_figure
+
+__all__ = ["TrendResult", "read_trend_result", "trend_record", "write_trend"]
+
+#: Figures of metrics.json by the keys that lead to them: name, value, standard deviation or None.
+_FIGURES: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
+    ("χ² per degree of freedom", ("chi2_per_dof",), ("chi2_per_dof_sigma",)),
+    ("mean ΔE*ab", ("delta_e_ab", "mean"), None),
+    ("mean CIEDE2000", ("delta_e_2000", "mean"), None),
+    ("rms luminance difference", ("luminance", "rms_relative_difference"), None),
+    ("lamp scale", ("lamp_scale", "value"), ("lamp_scale", "sigma")),
+    ("camera, focal length, px", ("camera_refitted", "focal_length_px"), None),
+    ("camera, k1", ("camera_refitted", "k1"), None),
+)
+
+#: Plots in a row: their text is then large enough.
+_PLOTS_IN_A_ROW = 3
+
+#: Axes of the camera's position.
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class TrendResult:
+    """Figures and fitted numbers of one result."""
+
+    #: Name, of its folder.
+    name: str
+    #: Capture that it belongs to.
+    capture: str
+    #: By name, value and standard deviation; NaN where it is not known.
+    numbers: Mapping[str, tuple[float, float]]
+
+
+def _at(record: Any, keys: Sequence[str]) -> float:
+    """Number at nested keys; NaN where it is missing."""
+    for key in keys:
+        record = record.get(key) if isinstance(record, Mapping) else None
+    return float(record) if isinstance(record, int | float) and not isinstance(record, bool) else math.nan
+
+
+def _numbers(metrics: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Name, and value with standard deviation, of every number."""
+    for name, keys, sigma in _FIGURES:
+        yield name, (_at(metrics, keys), math.nan if sigma is None else _at(metrics, sigma))
+    position = (metrics.get("camera_refitted") or {}).get("position_mm") or ()
+    for axis, value in zip(_AXES, position, strict=False):
+        yield f"camera, {axis}, mm", (_at({"value": value}, ("value",)), math.nan)
+    for band in metrics.get("bands", {}):
+        yield (
+            f"χ² per degree of freedom, {band}",
+            (_at(metrics, ("bands", band, "chi2_per_dof")), _at(metrics, ("bands", band, "chi2_per_dof_sigma"))),
+        )
+    if path := [step for step in metrics.get("path", ()) if step["effects"]]:
+        yield "χ² per degree of freedom, with the effects found", (_at(path[-1], ("chi2_per_dof",)), math.nan)
+    sigmas = {entry["effect"]: entry["sigma"] for entry in diagnosis.get("ranking", ())}
+    effects = [effect for effect in diagnosis.get("selected", ()) if effect != "unknown"]
+    for effect, values in zip(effects, diagnosis.get("selected_parameters", ()), strict=False):
+        for key, value in values.items():
+            if isinstance(value, int | float):
+                yield f"{effect}, {key}", (float(value), _at(sigmas.get(effect, {}), (key,)))
+
+
+def read_trend_result(folder: Path) -> TrendResult:
+    """Figures of a folder that ``cbox validate`` or ``cbox diagnose`` wrote.
+
+    Parameters
+    ----------
+    folder
+        Folder with metrics.json, and diagnosis.json after a diagnosis.
+
+    Returns
+    -------
+    TrendResult
+        Its figures.
+
+    Raises
+    ------
+    InputError
+        For a folder without metrics.json, and for files of another content.
+    """
+    metrics = read_json(folder / "metrics.json", "the figures of a result of `cbox validate` or `cbox diagnose`")
+    path = folder / "diagnosis.json"
+    diagnosis = read_json(path, "a diagnosis") if path.exists() else {}
+    if not isinstance(metrics, dict) or "chi2_per_dof" not in metrics:
+        raise InputError(folder / "metrics.json", "no chi2_per_dof", "the figures of a validation")
+    try:
+        numbers = dict(_numbers(metrics, diagnosis))
+    except (AttributeError, KeyError, TypeError):
+        raise InputError(folder, "figures of another form", "results as cbox writes them") from None
+    return TrendResult(folder.resolve().name, str(metrics.get("capture", "")), numbers)
+
+
+def trend_record(results: Sequence[TrendResult]) -> dict[str, Any]:
+    """Every number of the results, ready for JSON.
+
+    Parameters
+    ----------
+    results
+        The results in their order.
+
+    Returns
+    -------
+    dict
+        ``results`` (names), ``captures``, and by number ``value`` and ``sigma``, None where a result lacks it.
+    """
+    columns = {name: [result.numbers.get(name, (math.nan, math.nan)) for result in results] for name in _names(results)}
+    return {
+        "results": [result.name for result in results],
+        "captures": [result.capture for result in results],
+        "numbers": {
+            name: {
+                "value": [None if math.isnan(value) else value for value, _ in column],
+                "sigma": [None if math.isnan(sigma) else sigma for _, sigma in column],
+            }
+            for name, column in columns.items()
+        },
+    }
+
+
+def _names(results: Sequence[TrendResult]) -> list[str]:
+    """Names of the numbers that any result has, in the order of the first that has them."""
+    names = dict.fromkeys(name for result in results for name in result.numbers)
+    return [name for name in names if any(math.isfinite(r.numbers.get(name, (math.nan, 0))[0]) for r in results)]
+
+
+@matplotlib.rc_context(STYLE)
+def _curves(results: Sequence[TrendResult]) -> list[Drawing]:
+    """One plot for each number, over the results in their order; a few plots to a row."""
+    figures = []
+    order = np.arange(len(results))
+    for name in _names(results):
+        pairs = np.array([result.numbers.get(name, (np.nan, np.nan)) for result in results])
+        figure, axes = new_figure(2.4)
+        axes.errorbar(order, pairs[:, 0], np.nan_to_num(pairs[:, 1]), fmt="-o", color=LINE, markersize=4, capsize=2)
+        axes.set_title(name)
+        axes.set_xticks(order, [result.name[:14] for result in results], rotation=20 if len(results) > 3 else 0)
+        axes.margins(x=0.12, y=0.2)
+        if name.startswith("χ²"):
+            axes.axhline(1, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+        figures.append(figure)
+    return [drawing(*figures[k : k + _PLOTS_IN_A_ROW]) for k in range(0, len(figures), _PLOTS_IN_A_ROW)]
+
+
+def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
+    """Write the page that compares results; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    results
+        The results in their order.
+    """
+    rows = [
+        (name, *(with_error(*result.numbers[name]) if name in result.numbers else "–" for result in results))
+        for name in _names(results)
+    ]
+    captures = ", ".join(dict.fromkeys(result.capture for result in results))
+    sections = [
+        ReportSection("Every number", blocks=(Table(("number", *(result.name for result in results)), rows),)),
+        ReportSection(
+            "Trends",
+            ("Bars are one standard deviation where it is known. The dashed line is noise alone.",),
+            _curves(results),
+        ),
+    ]
+    title = f"{len(results)} results of {captures}"
+    page = report_environment().get_template("trend.html.j2").render(title=title, sections=sections)
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
