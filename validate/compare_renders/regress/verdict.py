@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from .grids import Common, common_wavelengths
-from .noise import Noise, noise_of, paired_variance, smooth_variance, variance_of
+from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
 from .patterns import Difference, periodic, tile_steps, without_period
@@ -39,6 +39,8 @@ _NOTED_RATIO = 1.5
 _MIN_SMOOTH_PART = 0.4
 #: Part of the picture that lies inside smooth parts, from which single pictures' noise is estimated there.
 _MIN_QUIET_PART = 0.05
+#: Factor on the correlation of pixels in batches, above which that of the difference is a change of the picture.
+_BATCH_MARGIN = 1.5
 #: Factor by which the other picture has to have more smooth pixels.
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
@@ -126,6 +128,9 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
     stepped = steps is not None and steps.probability < _STEPPED
     paired = together is not None
     noise = noise_of(cut.difference, cut.level, quiet, *errors, stepped=stepped, paired=paired, variance=computed)
+    if a.batches is not None and b.batches is not None and not paired:
+        alike = max(batch_clustering(side.batches, sums[0], quiet) for side in (a, b) if side.batches is not None)
+        noise = replace(noise, clustering=min(noise.clustering, _BATCH_MARGIN * alike))
     if cut.outlier.any():
         noise = noise.with_quiet_outliers(cut.level, cut.outlier)
     before = cut.level.sum(axis=-1)

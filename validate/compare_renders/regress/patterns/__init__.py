@@ -1,5 +1,6 @@
 """Patterns of a difference whose means cancel: grids, lines, tiles, textures, black pixels."""
 
+from .correlation import difference_variance, of_blocks, of_filter, of_neighbours
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .lines import odd_lines, odd_tiles, tile_steps
@@ -18,9 +19,13 @@ __all__ = [
     "PooledMean",
     "block_spread",
     "dark_pixels",
+    "difference_variance",
     "fine_structure",
     "odd_lines",
     "odd_tiles",
+    "of_blocks",
+    "of_filter",
+    "of_neighbours",
     "periodic",
     "pool_of_finding",
     "textures",
