@@ -417,7 +417,7 @@ def _clustering(
 
 
 def batch_clustering(batches: NDArray[np.float64], level: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
-    """Correlation of pixels in independent pictures: variance of means over that of independent pixels.
+    """Variance of means over that of independent pixels, from independent pictures.
 
     A change between two sides does not enter, unlike in their difference.
 
