@@ -39,6 +39,8 @@ _NOTED_RATIO = 1.5
 _MIN_SMOOTH_PART = 0.4
 #: Part of the picture that lies inside smooth parts, from which single pictures' noise is estimated there.
 _MIN_QUIET_PART = 0.05
+#: Pixels of a picture too small for an estimate among edges.
+_SMALL_PICTURE_PX = 1500
 #: Factor on the correlation of pixels in batches, above which that of the difference is a change of the picture.
 _BATCH_MARGIN = 1.5
 #: Factor by which the other picture has to have more smooth pixels.
@@ -150,7 +152,7 @@ def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
     They are the smooth ones, or all but the lamp where few are smooth, as among leaves or hair: most of the structure
     cancels in a difference.
     """
-    enough = minimum_filter(strata.smooth, 3).mean() >= _MIN_QUIET_PART
+    enough = minimum_filter(strata.smooth, 3).mean() >= _MIN_QUIET_PART or strata.smooth.size < _SMALL_PICTURE_PX
     return strata.smooth if enough or not estimated else strata.body
 
 
