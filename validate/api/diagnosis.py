@@ -79,6 +79,16 @@ class DiagnosisResult(Result):
         write_diagnosis(diagnosis, self.diagnosis)
         return (diagnosis, model, *files)
 
+    def plot(self) -> Figure:
+        """Figure of the difference over its standard deviation, by band.
+
+        Returns
+        -------
+        Figure
+            ``figure("difference")``, which a notebook shows.
+        """
+        return self.figure("difference")
+
     def figure(self, what: str = "difference") -> Figure:
         """Figure of the comparison with the effects found; the one before is ``validate``'s.
 

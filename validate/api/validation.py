@@ -138,6 +138,16 @@ class ValidationResult(Result):
             {"band": names, "wavelength": ("band", [nm[name] for name in names], {"units": "nm"})},
         )
 
+    def plot(self) -> Figure:
+        """Figure of the difference over its standard deviation, by band.
+
+        Returns
+        -------
+        Figure
+            ``figure("difference")``, which a notebook shows.
+        """
+        return self.figure("difference")
+
     def figure(self, what: str = "difference") -> Figure:
         """Figure for a publication, with units and in colours for all colour vision.
 

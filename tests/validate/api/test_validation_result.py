@@ -65,7 +65,7 @@ def test_every_figure_has_units_and_can_be_saved(what, tmp_path):
 
 def test_the_figure_of_the_difference_holds_the_maps_by_wavelength():
     validation = fake_validation()
-    figure = ValidationResult(validation).figure()
+    figure = ValidationResult(validation).plot()
     maps = validation.comparison.maps["residual_over_sigma"].values
     shown = [axis for axis in figure.axes if axis.images]
     names = [axis.get_title(loc="left") for axis in shown]
