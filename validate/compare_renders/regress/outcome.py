@@ -259,6 +259,7 @@ class Outcome(FrozenMappings):
             "even": {row.name: _record(row) for row in self.of_kind("even")},
             "blocks": {row.name: _record(row) for row in self.of_kind("block")},
             "spread": {row.name: _record(row) for row in self.of_kind("spread")},
+            "order": {row.name: _record(row) for row in self.of_kind("order")},
             "deciding": [f"{row.kind}: {row.name}" for row in self.deciding],
             "false_alarm_rate": self.false_alarms,
             "outliers": {"pixels": self.outliers, "relative_light": self.outlier_share},

@@ -27,6 +27,7 @@ from .patterns import (
     PooledMean,
     block_spread,
     dark_pixels,
+    mirror_order,
     odd_lines,
     odd_tiles,
     periodic,
@@ -184,7 +185,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     """Tests of all pools.
 
     The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, and patterns.
-    There are pools of edges, border and lamp, too, and a grid of blocks with their spread.
+    There are pools of edges, border and lamp, too, and a grid of blocks with their spread and order.
 
     Parameters
     ----------
@@ -213,11 +214,14 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
         blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
     tested = [row for row in blocks if row is not None]
-    spread = block_spread(tested, pooling.noise.clustering)
+    findings = {
+        "spread": block_spread(tested, pooling.noise.clustering),
+        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.level + pooling.trimmed.difference),
+    }
     return (
         *(row for row in pools if row is not None),
         *tested,
-        *([] if spread is None else [pool_of_finding("spread", spread, pooling.false_alarms * SHARES["spread"])]),
+        *(pool_of_finding(k, f, pooling.false_alarms * SHARES[k]) for k, f in findings.items() if f is not None),
         *_even(pooling),
         *_patterns(pooling, strata.edges | strata.lamp, ""),
         *_patterns(pooling, strata.lamp, "lamp "),

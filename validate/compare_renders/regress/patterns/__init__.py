@@ -4,6 +4,7 @@ from .correlation import difference_variance, of_blocks, of_filter, of_neighbour
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .lines import odd_lines, odd_tiles, tile_steps
+from .mirror import mirror_order
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, PooledMean, pool_of_finding
 from .spread import block_spread
@@ -21,6 +22,7 @@ __all__ = [
     "dark_pixels",
     "difference_variance",
     "fine_structure",
+    "mirror_order",
     "odd_lines",
     "odd_tiles",
     "of_blocks",

@@ -18,7 +18,7 @@ SHARES = {
     "band": 0.09,
     "stratum": 0.05,
     "pattern": 0.08,
-    "block": 0.11,
+    "block": 0.10,
     "spread": 0.01,
     "grid": 0.01,
     "line": 0.01,
@@ -26,6 +26,7 @@ SHARES = {
     "steps": 0.01,
     "texture": 0.009,
     "dark": 0.001,
+    "order": 0.01,
 }
 
 #: Kinds of pools that find what means do not show.
