@@ -57,7 +57,7 @@ def mirror_order(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) 
 
 
 def _block_means(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(8, 8, w) means of blocks that are mirror images of each other; rows and columns in excess are left out."""
+    """(8, 8, w) means of blocks that are mirror images of each other."""
     height, width = (size // _BLOCKS for size in picture.shape[:2])
     top, side = ((size - _BLOCKS * block) // 2 for size, block in zip(picture.shape, (height, width), strict=False))
     inner = picture[top : top + _BLOCKS * height, side : side + _BLOCKS * width]
