@@ -48,7 +48,7 @@ _FLAWS = {
     "edges": "edges, as of walls and blocks that lean or differ in size",
     "shading": "whole faces, which are lit or painted unevenly",
     "field": "slow changes over the picture, alike in all bands",
-    "pixels": "single pixels, alike in all bands, as with old flats",
+    "pixels": "single pixels, alike in all bands, as with old flats or a photograph simulated from a noisy rendering",
 }
 
 #: Limits of detection in the sentence of the terminal; diagnosis.json and the report have all of them.
