@@ -78,5 +78,5 @@ def test_a_box_changed_in_memory_is_validated_plotted_and_written(names):
     block = re.search(r"in memory\n\n```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
     assert len(block.splitlines()) < 20
     red = cboxlab.load_scene(names["folder"] / "my-box.toml").materials["red"].reflectance
-    assert red.at(600.0) == 0.3 and (names["folder"] / "residual.png").stat().st_size > 1000
+    assert red.at(600.0) == 0.3 and (names["folder"] / "difference.png").stat().st_size > 1000
     assert names["result"].maps["residual"].dims == ("band", "y", "x")

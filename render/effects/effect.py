@@ -205,6 +205,8 @@ class Effect:
     spectral_step_nm: int = 20
     #: Whether a fit of the lamp's power can do the same. Only the lamp's stated uncertainty then speaks against it.
     imitates_lamp_power: bool = False
+    #: Whether it is a coat, whose mirrored light is separate from the light of the paint below.
+    is_coat: bool = False
     #: Whether it belongs to one capture, so that another capture of the same box has other values.
     own_to_capture: bool = False
     #: Effect file that it was read from; None in the catalogue.

@@ -81,6 +81,7 @@ EFFECT = Effect(
         Parameter("roughness", "1", low=0.03, high=0.8, step=0.02, default=0.25, starts=(0.08, 0.2, 0.45)),
     ),
     apply=_apply,
+    is_coat=True,
     confirm="Look at the paint near grazing incidence, or photograph it through a polariser before and after a turn "
     "by 90 degrees: gloss changes, diffuse reflection does not.",
     sources=("Walter et al., 'Microfacet models for refraction through rough surfaces', EGSR 2007",),

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.stats import rankdata
 
-from ..predict import COAT
-
 __all__ = ["Checks", "check_picture"]
 
 #: Standard errors that a radiance may lie below 0, or above the brightest lamp: one sample in 10^9.
@@ -116,7 +114,7 @@ def _split_faults(cube: xr.Dataset, box: Box, radiance: NDArray, rounding: float
     coats.
     """
     truths = {"albedo", "irradiance", "specular", "reflections", "coverage"}
-    if not truths <= set(cube) or any(e.stage == "transport" and e.id != COAT for e in box.model.effects):
+    if not truths <= set(cube) or any(e.stage == "transport" and not e.effect.is_coat for e in box.model.effects):
         return []
     coverage = cube["coverage"].values
     balls = [index for index, surface in enumerate(box.model.scene.surfaces) if surface.ball]

@@ -8,10 +8,9 @@ from .predictor import Predictor, build_predictor, effects_key
 from .rendering import CONVERGENCE, Picture, render_to_noise
 from .sensing import sensing
 from .traced_picture import traced_picture
-from .transported import COAT, Coated, coated, transported
+from .transported import Coated, coated, transported
 
 __all__ = [
-    "COAT",
     "CONVERGENCE",
     "Coated",
     "ExternalPicture",

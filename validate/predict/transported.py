@@ -19,7 +19,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
-__all__ = ["COAT", "Coated", "coated", "transported"]
+__all__ = ["Coated", "coated", "transported"]
 
 #: Wavelengths computed together.
 _AT_ONCE = 16
@@ -38,9 +38,6 @@ _SAMPLES = 512
 
 #: Rays of each pixel for light that patches do not describe.
 _PICTURE_SAMPLES = 512
-
-#: Effect that adds a coat to a paint.
-COAT = "gloss"
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +115,8 @@ def coated(
     Coated
         The images and the coats' light.
     """
-    coats = [effect for effect in effects if effect.id == COAT]
-    others = [effect for effect in effects if effect.stage == "transport" and effect.id != COAT]
+    coats = [effect for effect in effects if effect.effect.is_coat]
+    others = [effect for effect in effects if effect.stage == "transport" and not effect.effect.is_coat]
     if not coats:
         none = np.zeros((*image.coefficients.shape[1:3], image.wavelength_nm.size))
         return Coated(transported(image, scene, camera, effects, seed, max_bounces), image, none)

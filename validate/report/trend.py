@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 
 from .blocks import ReportSection, Table, with_error
@@ -39,7 +40,7 @@ _AXES = "xyz"
 
 
 @dataclass(frozen=True)
-class TrendResult:
+class TrendResult(FrozenMappings):
     """Figures and fitted numbers of one result."""
 
     #: Name, of its folder.
@@ -97,7 +98,7 @@ def read_trend_result(folder: Path) -> TrendResult:
     InputError
         For a folder without metrics.json, and for files of another content.
     """
-    metrics = read_json(folder / "metrics.json", "the figures of a result of `cbox validate` or `cbox diagnose`")
+    metrics = read_json(folder / "metrics.json", "the figures of a result")
     path = folder / "diagnosis.json"
     diagnosis = read_json(path, "a diagnosis") if path.exists() else {}
     if not isinstance(metrics, dict) or "chi2_per_dof" not in metrics:

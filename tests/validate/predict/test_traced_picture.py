@@ -39,7 +39,7 @@ HAZE = Spectrum(np.array([400.0, 700.0]), np.array([4e-4, 1e-4]))
 
 def picture_of(scene, camera, samples, batches):
     light = solve_light(scene.lambertian, WAVELENGTH_NM)
-    return traced_picture(scene, camera, light, SETTINGS)(samples, batches, NO_PROGRESS)
+    return traced_picture(scene, camera, light, SETTINGS)(samples, 0, batches, NO_PROGRESS)
 
 
 def coated(folder):

@@ -118,7 +118,7 @@ class Picker:
                     "u": float(position[0]),
                     "v": float(position[1]),
                     "by_edges": bool(refined),
-                    "sigma_px": None if math.isnan(sigma) else float(sigma),
+                    "error_px": None if math.isnan(sigma) else float(sigma),
                     "residual_px": residual,
                 }
                 for name, position, refined, sigma, residual in zip(

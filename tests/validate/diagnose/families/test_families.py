@@ -40,7 +40,7 @@ ORDER = [
 OTHER_CATALOGUES = (ROOT / "render" / "effects", ROOT / "validate" / "compare_renders" / "regress")
 
 #: Words that are not the family: the operator of a fitted field, functions of the image, a column of a camera's file,
-#: and a type of JSON.
+#: a type of JSON, and layers of a picture.
 OTHER_MEANINGS = {
     ("render/fitted_fields/acting.py", "displacement"),
     ("render/fitted_fields/fitted_field.py", "displacement"),
@@ -50,6 +50,8 @@ OTHER_MEANINGS = {
     ("render/model/stages.py", "displacement"),
     ("render/sensor/cameras.py", "blur"),
     ("validate/app/commands/calibrate.py", "object"),
+    ("validate/compare_renders/scene_pictures/guides.py", "object"),
+    ("validate/compare_renders/scene_pictures/layers.py", "object"),
 }
 
 

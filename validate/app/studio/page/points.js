@@ -6,7 +6,7 @@ const $ = (id) => document.getElementById(id);
 const page = {
   picture: null, // width, height, corners
   values: null, // the photograph, row by row
-  marks: new Map(), // by id of a corner: {u, v, by_edges, sigma_px, residual_px}
+  marks: new Map(), // by id of a corner: {u, v, by_edges, error_px, residual_px}
   expected: {}, // by id: where the camera sees a corner
   chosen: null, // id
   zoom: 4,
@@ -64,7 +64,7 @@ async function locate(by_edges) {
 function mark(u, v) {
   const { width, height } = page.picture;
   const within = (value, size) => Math.min(Math.max(value, -0.5), size - 0.51);
-  page.marks.set(page.chosen, { u: within(u, width), v: within(v, height), by_edges: false, sigma_px: null, residual_px: [null, null] });
+  page.marks.set(page.chosen, { u: within(u, width), v: within(v, height), by_edges: false, error_px: null, residual_px: [null, null] });
   draw();
   attempt(() => locate(false));
 }
@@ -77,7 +77,7 @@ function list() {
     const at = page.marks.get(corner.id);
     const [du, dv] = at ? at.residual_px : [null, null];
     const residual = du === null ? "" : `; residual ${du.toFixed(2)}, ${dv.toFixed(2)}`;
-    const how = at && at.by_edges ? ` by edges ± ${at.sigma_px.toFixed(2)}` : "";
+    const how = at && at.by_edges ? ` by edges ± ${at.error_px.toFixed(2)}` : "";
     const text = at ? `${at.u.toFixed(2)}, ${at.v.toFixed(2)} px${how}${residual}` : "not marked";
     return make("label", { class: "check" }, [input,
       make("span", {}, `${corner.name} (${corner.position_mm.map(numberText).join(", ")} mm): ${text}`)]);
