@@ -34,6 +34,10 @@ def chromium() -> str:
     return match
 
 
+class PageLeft(AssertionError):
+    """A page that was left while it computed an answer."""
+
+
 class Page:
     """One page. errors : what went wrong in it, as written on its console; a test holds this to be empty."""
 
@@ -57,6 +61,8 @@ class Page:
         while time.monotonic() < end:
             answer = self._message()
             if answer.get("id") == number:
+                if "navigated" in answer.get("error", {}).get("message", ""):
+                    raise PageLeft(method)
                 if "error" in answer:
                     raise AssertionError(f"{method}: {answer['error']}")
                 return answer["result"]
@@ -126,12 +132,18 @@ class Page:
         return answer["result"].get("value")
 
     def until(self, condition: str) -> None:
-        """Wait until an expression is true."""
+        """Wait until an expression is true, in this page or in the one that follows."""
         end = time.monotonic() + _PATIENCE_S
-        while not self.run(condition):
+        while not self._holds(condition):
             if time.monotonic() > end:
                 raise AssertionError(f"never true: {condition}")
             time.sleep(0.02)
+
+    def _holds(self, condition: str) -> bool:
+        try:
+            return bool(self.run(condition))
+        except PageLeft:
+            return False
 
     def click(self, x: float, y: float) -> None:
         """A click of the main button at a point of the window, CSS pixels."""
