@@ -44,11 +44,11 @@ CUBE = as_cube(np.arange(24.0, dtype=np.float32).reshape(3, 4, 2) + 1, [500.0, 6
 
 
 def assert_refused(read, path, *words):
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as refusal:
         read(path)
-    assert str(path.name) in str(told.value)
+    assert str(path.name) in str(refusal.value)
     for word in words:
-        assert word in str(told.value)
+        assert word in str(refusal.value)
 
 
 @pytest.mark.parametrize("kind", TOML)

@@ -215,8 +215,8 @@ def parse_name(stem: str, ignored: int = 0) -> FrameName:
         and not (certain and (kinds[index] is not None or part in _FILLERS))
     )
     # a number alone may count photographs: it is a filter only next to an exposure, a kind or a date
-    beside = bool(exposure_parts) or bool(dates) or (certain and kinds[0] != "dark")
-    bare = beside and not (other_words or ignored or timed or (certain and kinds[0] == "dark"))
+    numbered = bool(exposure_parts) or bool(dates) or (certain and kinds[0] != "dark")
+    bare = numbered and not (other_words or ignored or timed or (certain and kinds[0] == "dark"))
     band, filter_parts = _filter(parts, bare)
     repeat = _repeat(parts, filter_parts, ignored)
     series = (

@@ -1,4 +1,4 @@
-"""Faults of files are told in the program's words, not in those of the library that checks them."""
+"""Faults of files are stated in the program's words, not in those of the library that checks them."""
 
 from typing import Annotated, Literal
 

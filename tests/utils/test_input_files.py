@@ -23,9 +23,9 @@ SLIPS = {
 def test_a_slip_is_told_with_its_line_and_its_mending(tmp_path, text):
     path = tmp_path / "capture.toml"
     path.write_text(f'format = "capture/1"\n{text}\n')
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as refusal:
         read_toml(path, "a capture")
-    assert SLIPS[text] in str(told.value) and "Line " in str(told.value)
+    assert SLIPS[text] in str(refusal.value) and "Line " in str(refusal.value)
 
 
 def test_a_backslash_that_makes_a_control_character_is_told(tmp_path):

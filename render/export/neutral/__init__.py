@@ -11,7 +11,7 @@ from .exported import (
     pixel_means,
     subpixel_rays,
 )
-from .raw_pixels import exr_pixels, npy_pixels, raw_pixels
+from .raw_pixels import exr_pixels, exr_radiance, npy_pixels, raw_pixels
 from .scene_files import holds, mesh_path, rays_path, read_layout, read_surfaces, read_warp, write_neutral
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "channel_groups",
     "exported_scene",
     "exr_pixels",
+    "exr_radiance",
     "holds",
     "mesh_path",
     "npy_pixels",

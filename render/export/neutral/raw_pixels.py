@@ -10,7 +10,9 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
-__all__ = ["exr_pixels", "npy_pixels", "raw_pixels"]
+from .exported import Layout, channel_groups
+
+__all__ = ["exr_pixels", "exr_radiance", "npy_pixels", "raw_pixels"]
 
 _EXPECTED = "a picture that the renderer wrote"
 _HINT = "Run the renderer in its folder first."
@@ -107,3 +109,34 @@ def exr_pixels(path: Path, shape: tuple[int, int], channels: list[str]) -> NDArr
     if pixels.shape[:2] != shape:
         raise InputError(path, f"{pixels.shape[1]} x {pixels.shape[0]} px", f"{shape[1]} x {shape[0]} px")
     return pixels
+
+
+def exr_radiance(folder: Path, layout: Layout, extra_rows: int = 0) -> NDArray[np.float32]:
+    """Radiance of a renderer that writes one R, G, B file for a batch and three wavelengths.
+
+    Parameters
+    ----------
+    folder
+        Folder of the renderer; its files are ``out/batch-B-group-G.exr``.
+    layout
+        Layout of the export.
+    extra_rows
+        Rows above the film, which are left out.
+
+    Returns
+    -------
+    NDArray
+        (batch, film y, film x, w) radiance, W m^-2 sr^-1 nm^-1.
+
+    Raises
+    ------
+    InputError
+        For a missing or faulty file.
+    """
+    shape = layout.film_height_px + extra_rows, layout.film_width_px
+    radiance = np.empty((layout.settings.batches, layout.film_height_px, shape[1], layout.channels), np.float32)
+    for number, group in enumerate(channel_groups(layout.channels, len("RGB"))):
+        for batch, rendering in enumerate(radiance):
+            path = folder / "out" / f"batch-{batch}-group-{number}.exr"
+            rendering[..., group] = exr_pixels(path, shape, list("RGB"))[extra_rows:, :, : len(group)]
+    return radiance

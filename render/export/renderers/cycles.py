@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..neutral import Exported, Layout, channel_groups, exr_pixels, mesh_path
+from ..neutral import Exported, channel_groups, exr_radiance, mesh_path
 from .renderer import PYTHON_SCRIPT, Renderer
 
 __all__ = ["RENDERER"]
@@ -195,15 +195,4 @@ def _group(exported: Exported, group: NDArray[np.int64], reflecting: bool) -> st
     return f"    {(paints, lights)!r},"
 
 
-def _read(folder: Path, layout: Layout) -> NDArray[np.float32]:
-    """(batch, film y, film x, w) radiance; one EXR file for a batch and three wavelengths."""
-    shape = layout.film_height_px, layout.film_width_px
-    radiance = np.empty((layout.settings.batches, *shape, layout.channels), np.float32)
-    for number, group in enumerate(channel_groups(layout.channels, _CHANNELS)):
-        for batch, rendering in enumerate(radiance):
-            path = folder / "out" / f"batch-{batch}-group-{number}.exr"
-            rendering[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[..., : len(group)]
-    return radiance
-
-
-RENDERER = Renderer("cycles", "Blender Cycles", _write, _read, PYTHON_SCRIPT, "film", package="bpy")
+RENDERER = Renderer("cycles", "Blender Cycles", _write, exr_radiance, PYTHON_SCRIPT, "film", package="bpy")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..neutral import Exported, Layout, channel_groups, exr_pixels, mesh_path
+from ..neutral import Exported, Layout, channel_groups, exr_radiance, mesh_path
 from .renderer import PYTHON_SCRIPT, Renderer
 
 __all__ = ["RENDERER"]
@@ -63,14 +63,8 @@ def _write(folder: Path, exported: Exported) -> None:
 
 
 def _read(folder: Path, layout: Layout) -> NDArray[np.float32]:
-    """(batch, film y, film x, w) radiance; one EXR file for a batch and three wavelengths."""
-    shape = layout.film_height_px + 1, layout.film_width_px
-    radiance = np.empty((layout.settings.batches, shape[0] - 1, shape[1], layout.channels), np.float32)
-    for number, group in enumerate(channel_groups(layout.channels, _CHANNELS)):
-        for batch, rendering in enumerate(radiance):
-            path = folder / "out" / f"batch-{batch}-group-{number}.exr"
-            rendering[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[1:, :, : len(group)]
-    return radiance
+    """(batch, film y, film x, w) radiance; LuxCore's film has one row more."""
+    return exr_radiance(folder, layout, extra_rows=1)
 
 
 def _settings(exported: Exported, number: int) -> str:

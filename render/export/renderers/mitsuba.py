@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.scenes.scene import Surface
 from numpy.typing import NDArray
 
-from ..neutral import Exported, Layout, channel_groups, exr_pixels, mesh_path
+from ..neutral import Exported, channel_groups, exr_radiance, mesh_path
 from .renderer import PYTHON_SCRIPT, Renderer
 
 __all__ = ["RENDERER"]
@@ -48,17 +48,6 @@ def _write(folder: Path, exported: Exported) -> None:
         (folder / f"group-{number}.xml").write_text(_scene(exported, np.resize(group, _CHANNELS)), encoding="ascii")
     script = _RUN.format(batches=exported.settings.batches, groups=len(groups))
     (folder / "run.py").write_text(script, encoding="ascii")
-
-
-def _read(folder: Path, layout: Layout) -> NDArray[np.float32]:
-    """(batch, film y, film x, w) radiance; one EXR file for a batch and three wavelengths."""
-    shape = layout.film_height_px, layout.film_width_px
-    radiance = np.empty((layout.settings.batches, *shape, layout.channels), np.float32)
-    for number, group in enumerate(channel_groups(layout.channels, _CHANNELS)):
-        for batch, rendering in enumerate(radiance):
-            path = folder / "out" / f"batch-{batch}-group-{number}.exr"
-            rendering[..., group] = exr_pixels(path, shape, ["R", "G", "B"])[..., : len(group)]
-    return radiance
 
 
 def _scene(exported: Exported, group: NDArray[np.int64]) -> str:
@@ -142,4 +131,6 @@ def _sensor(exported: Exported) -> list[str]:
     ]
 
 
-RENDERER = Renderer("mitsuba", "Mitsuba 3", _write, _read, PYTHON_SCRIPT, "film", package="mitsuba", by_default=True)
+RENDERER = Renderer(
+    "mitsuba", "Mitsuba 3", _write, exr_radiance, PYTHON_SCRIPT, "film", package="mitsuba", by_default=True
+)

@@ -69,11 +69,11 @@ def test_the_first_sentence_is_the_cause_and_its_size():
 def test_a_parameter_has_one_value_and_its_size_in_words():
     """The size is that of the final model wherever it stands, though the effect alone fits a little less."""
     alone = [_cause("veiling-glare", {"fraction": 0.0295}, 0.93, 1.0, 0.0), CAUSES[1]]
-    told = story(_diagnosis(("veiling-glare",), alone), NAMED)
-    everything = repr(told.missing.blocks[-1].rows) + repr([getattr(b, "caption", "") for b in told.missing.blocks])
+    report = story(_diagnosis(("veiling-glare",), alone), NAMED)
+    everything = repr(report.missing.blocks[-1].rows) + repr([getattr(b, "caption", "") for b in report.missing.blocks])
     assert everything.count("fraction 0.0301 ± 0.0012") == 2 and "0.0295" not in everything
-    assert "veiling-glare: 3.01 % of all light spreads evenly over the image." in told.headline.details
-    before_after = told.falling.blocks[0]
+    assert "veiling-glare: 3.01 % of all light spreads evenly over the image." in report.headline.details
+    before_after = report.falling.blocks[0]
     assert before_after.header[1:3] == ("model as given", "with the effects found")
     chi2 = before_after.rows[0]
     assert float(chi2[1]) == pytest.approx(AS_GIVEN.chi2.per_dof, rel=1e-3)
