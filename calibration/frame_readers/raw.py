@@ -66,10 +66,10 @@ def _masked_levels(raw: Any) -> list[float] | None:
 
     None for a sensor without them, and where they may have seen light.
     """
-    top, left = raw.sizes.top_margin, raw.sizes.left_margin
-    rows, columns = (slice(top, None), slice(_BORDER_PX, left - _BORDER_PX))
+    top, left_margin = raw.sizes.top_margin, raw.sizes.left_margin
+    rows, columns = (slice(top, None), slice(_BORDER_PX, left_margin - _BORDER_PX))
     if columns.stop - columns.start < _MASKED_PX:
-        rows, columns = slice(_BORDER_PX, top - _BORDER_PX), slice(left, None)
+        rows, columns = slice(_BORDER_PX, top - _BORDER_PX), slice(left_margin, None)
         if rows.stop - rows.start < _MASKED_PX:
             return None
     counts, channel = raw.raw_image[rows, columns], raw.raw_colors[rows, columns]
