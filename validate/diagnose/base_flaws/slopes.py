@@ -1,8 +1,9 @@
-"""Changes of direct light on faces that lean or bulge.
+"""Changes of direct light on walls that lean or bulge.
 
 A normal n that turns by a small vector t along its face changes the light that a lamp in the direction w brings by
 (t . w) / (n . w), in all bands alike. A face that leans has one t everywhere. Where it bulges, t grows in proportion to
-the distance from the middle of what the picture shows.
+the distance from the middle of what the picture shows. A wall is a surface of one face. A body of several keeps its
+form.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ _MIN_FACE_PX = 20
 #: Smallest share of direct light in a face's light: less shows no slope.
 _MIN_DIRECT = 0.1
 
-#: Turn of a face that leans, radians: a millimetre over the wall of the published box.
+#: Turn of a wall that leans, radians: a millimetre over the wall of the published box.
 _LEAN = 0.002
 
-#: Turn at the border of a face that bulges, radians: by half a millimetre in its middle.
+#: Turn at the border of a wall that bulges, radians: by half a millimetre in its middle.
 _BULGE = 0.004
 
 
@@ -38,7 +39,7 @@ def slopes(
     face: NDArray[np.int64],
     transport: PatchTransport,
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Changes of the used samples by each face's slopes at one standard deviation of their prior.
+    """Changes of the used samples by each wall's slopes at one standard deviation of their prior.
 
     Parameters
     ----------
@@ -64,10 +65,12 @@ def slopes(
     position[pixel], normal[pixel] = transport.position[order], transport.normal[order]
     strength = transport.direct.sum(axis=0)
     lamp = np.average([each.centre for each in transport.light.lamps], axis=0, weights=np.maximum(strength, 1e-12))
+    of_surface = transport.light.tracer.facet_surface
+    is_wall = np.bincount(of_surface)[of_surface] == 1
     for index in np.unique(face[face >= 0]):
         where = (face == index).ravel()
         bright, lit = (float(picture.reshape(len(signal), -1)[:, where].sum()) for picture in (signal, direct))
-        if where.sum() < _MIN_FACE_PX or lit < _MIN_DIRECT * bright:
+        if not is_wall[index] or where.sum() < _MIN_FACE_PX or lit < _MIN_DIRECT * bright:
             continue
         seen = position[where]
         to_lamp = lamp - seen

@@ -1,4 +1,4 @@
-"""Changes of direct light on faces that lean or bulge."""
+"""Changes of direct light on walls that lean or bulge."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ SIZE = 12
 LAMP = np.array([80.0, 300.0, 150.0])
 
 
-def _wall():
+def _wall(facet_surface=(0,)):
     """A wall in the plane z = 0 that a lamp shines on, in two bands; its columns by form."""
     v, u = np.indices((SIZE, SIZE)).reshape(2, -1) / (SIZE - 1)
     position = np.stack([200 * u, 200 * v, np.zeros(SIZE**2)], axis=1)
@@ -19,7 +19,9 @@ def _wall():
         position=position,
         normal=np.tile([0.0, 0.0, 1.0], (SIZE**2, 1)),
         direct=np.ones((SIZE**2, 1)),
-        light=SimpleNamespace(lamps=[SimpleNamespace(centre=LAMP)]),
+        light=SimpleNamespace(
+            lamps=[SimpleNamespace(centre=LAMP)], tracer=SimpleNamespace(facet_surface=np.array(facet_surface))
+        ),
     )
     return position, transport
 
@@ -43,7 +45,7 @@ def test_a_wall_that_leans_changes_direct_light_as_its_turned_normal_does():
         assert np.abs(fitted - change).max() < 2e-3 * np.abs(change).max()
 
 
-def test_a_bulge_turns_both_sides_of_a_wall_apart_and_faces_without_direct_light_not():
+def test_a_bulge_turns_both_sides_of_a_wall_apart_and_neither_faces_of_a_body_nor_without_direct_light():
     position, transport = _wall()
     signal = np.full((1, SIZE, SIZE), 100.0)
     used, face = np.ones(signal.shape, bool), np.zeros((SIZE, SIZE), int)
@@ -57,3 +59,4 @@ def test_a_bulge_turns_both_sides_of_a_wall_apart_and_faces_without_direct_light
         known = np.isfinite(ratio)
         assert np.abs(np.corrcoef(ratio[known], away[known])[0, 1]) > 1 - 1e-9
     assert list(slopes(signal, 0.05 * signal, used, face, transport)) == []
+    assert list(slopes(signal, signal, used, face, _wall((0, 0))[1])) == []
