@@ -39,7 +39,7 @@ def slopes(
     face: NDArray[np.int64],
     transport: PatchTransport,
 ) -> Iterator[tuple[str, NDArray[np.float64]]]:
-    """Changes of the used samples by each wall's slopes at one standard deviation of their prior.
+    """Changes of the used samples by each wall's slopes, one standard deviation each.
 
     Parameters
     ----------
@@ -69,14 +69,14 @@ def slopes(
     is_wall = np.bincount(of_surface)[of_surface] == 1
     for index in np.unique(face[face >= 0]):
         where = (face == index).ravel()
-        bright, lit = (float(picture.reshape(len(signal), -1)[:, where].sum()) for picture in (signal, direct))
-        if not is_wall[index] or where.sum() < _MIN_FACE_PX or lit < _MIN_DIRECT * bright:
+        total, direct_sum = (float(picture.reshape(len(signal), -1)[:, where].sum()) for picture in (signal, direct))
+        if not is_wall[index] or where.sum() < _MIN_FACE_PX or direct_sum < _MIN_DIRECT * total:
             continue
-        seen = position[where]
-        to_lamp = lamp - seen
+        points = position[where]
+        to_lamp = lamp - points
         to_lamp /= np.maximum(np.linalg.norm(to_lamp, axis=1, keepdims=True), 1e-9)
         cosine = np.maximum(np.abs(np.sum(to_lamp * normal[where], axis=1)), _GRAZING)
-        away = seen - (seen.min(axis=0) + seen.max(axis=0)) / 2
+        away = points - (points.min(axis=0) + points.max(axis=0)) / 2
         for along in np.linalg.svd(normal[where].mean(axis=0)[None])[2][1:]:
             turned = to_lamp @ along / cosine
             reach = away @ along / max(float(np.abs(away @ along).max()), 1e-9)
