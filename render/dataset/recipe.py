@@ -19,6 +19,7 @@ from ..effects import apply_checked
 from ..model import named_effect
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
 from .paints import light_source, reflectance_source
+from .patterns import MOST_TILES, image_tiles
 from .solids import closed_mesh
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "EffectTable",
     "LampTable",
     "PaintTable",
+    "PatternTable",
     "PictureTable",
     "Recipe",
     "SensorTable",
@@ -84,6 +86,19 @@ class PaintTable(_Table):
 
     reflectance: Texts
     scale: Within(0, 10) = _constant(1.0)  # type: ignore[valid-type]
+
+
+class PatternTable(_Table):
+    """A wall of rectangular tiles, each of one paint."""
+
+    kind: Literal["checker", "stripes", "random", "image"] = "checker"
+    #: Paints of the tiles, in the order of an image's grey levels.
+    paints: Annotated[list[Name], Field(min_length=2, max_length=MOST_PAINTS)]
+    #: Tiles along the wall's height (a floor's depth) and its width, unless an image has them.
+    rows: WholeNumbers(1, MOST_TILES) = _constant(8)  # type: ignore[valid-type]
+    columns: WholeNumbers(1, MOST_TILES) = _constant(8)  # type: ignore[valid-type]
+    #: Grey image with a pixel for each tile; None for other kinds.
+    image: str | None = None
 
 
 class BlockTable(_Table):
@@ -220,6 +235,8 @@ class Recipe(_Table):
     parts: PartsTable = PartsTable()
     room: RoomTable = RoomTable()
     paint: Annotated[dict[Name, PaintTable], Field(min_length=1, max_length=MOST_PAINTS)]
+    pattern: dict[Name, PatternTable] = {}
+    #: Paint or pattern of each wall; the ceiling, which has holes for the lamps, takes paints alone.
     walls: dict[Literal["floor", "ceiling", "back", "right", "left"], Texts]
     block: list[BlockTable] = []
     lamp: Annotated[list[LampTable], Field(min_length=1)]
@@ -243,6 +260,8 @@ class Recipe(_Table):
             Hexadecimal digits.
         """
         content = self.model_dump(mode="json", exclude={"boxes", "description", "license"})
+        if not self.pattern:
+            del content["pattern"]  # sets that were begun before there were patterns
         content["effect"] = [{**entry.parameters, "id": entry.id, "p": entry.probability} for entry in self.effect]
         result = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
         for name in self.files:
@@ -251,13 +270,14 @@ class Recipe(_Table):
 
     @property
     def files(self) -> list[str]:
-        """Names of the files that it names: tables of spectra, effect files, sensor cameras."""
+        """Names of the files that it names: tables, meshes, images, effect files, sensor cameras."""
         names = [source for paint in self.paint.values() for source in paint.reflectance.names]
         names += [source for lamp in self.lamp for source in lamp.spectrum.names]
         tables = [name[: name.index(".csv") + 4] for name in names if ".csv" in name]
-        meshes = [block.mesh for block in self.block if block.mesh is not None]
+        parts = [block.mesh for block in self.block if block.mesh is not None]
+        parts += [pattern.image for pattern in self.pattern.values() if pattern.image is not None]
         others = [*(entry.id for entry in self.effect), *(sensor.camera for sensor in self.sensor)]
-        return sorted({*tables, *meshes, *(name for name in others if name.endswith(".toml"))})
+        return sorted({*tables, *parts, *(name for name in others if name.endswith(".toml"))})
 
 
 def load_recipe(path: Path) -> Recipe:
@@ -291,15 +311,22 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
     faults = []
     if missing := [wall for wall in WALLS if wall not in recipe.walls]:
         faults.append(InputError(f"{path}: walls", f"no {', no '.join(missing)}", f"all of {', '.join(WALLS)}"))
-    users = [(f"walls.{wall}", choice) for wall, choice in recipe.walls.items()]
-    users += [(f"block[{index}].paint", block.paint) for index, block in enumerate(recipe.block)]
+    paints, patterns = list(recipe.paint), list(recipe.pattern)
+    users = [
+        (f"walls.{wall}", choice.names, paints if wall == "ceiling" else [*paints, *patterns])
+        for wall, choice in recipe.walls.items()
+    ]
+    users += [(f"block[{index}].paint", block.paint.names, paints) for index, block in enumerate(recipe.block)]
+    for name, pattern in recipe.pattern.items():
+        users.append((f"pattern.{name}.paints", tuple(pattern.paints), paints))
+        faults += _pattern_faults(f"{path}: pattern.{name}", name, pattern, recipe, path.parent)
     for index, block in enumerate(recipe.block):
         faults += _mesh_faults(f"{path}: block[{index}]", block, path.parent)
-    for key, choice in users:
-        for name in choice.names:
-            if name not in recipe.paint:
-                expected = f"one of {', '.join(recipe.paint)}"
-                faults.append(InputError(f"{path}: {key}", f"'{name}'", expected, suggestion(name, recipe.paint)))
+    for key, names, allowed in users:
+        for name in names:
+            if name not in allowed:
+                expected = f"one of {', '.join(allowed)}"
+                faults.append(InputError(f"{path}: {key}", f"'{name}'", expected, suggestion(name, allowed)))
     for index, truth in enumerate(recipe.picture.truths):
         if truth not in TRUTHS:
             where = f"{path}: picture.truths[{index}]"
@@ -329,6 +356,23 @@ def _mesh_faults(where: str, block: BlockTable, folder: Path) -> list[InputError
     if block.mesh is not None:
         try:
             closed_mesh(block.mesh, folder, f"{where}.mesh")
+        except InputError as fault:
+            return [fault]
+    return []
+
+
+def _pattern_faults(where: str, name: str, pattern: PatternTable, recipe: Recipe, folder: Path) -> list[InputError]:
+    """Faults of a pattern."""
+    if name in recipe.paint:
+        return [InputError(where, f"'{name}', the name of a paint", "another name")]
+    if len(set(pattern.paints)) < len(pattern.paints):
+        return [InputError(f"{where}.paints", ", ".join(pattern.paints), "each paint once")]
+    if (pattern.kind == "image") != (pattern.image is not None):
+        excess = "without an image" if pattern.image is None else "with an image"
+        return [InputError(where, f"the kind '{pattern.kind}' {excess}", "image = FILE for the kind 'image' alone")]
+    if pattern.image is not None:
+        try:
+            image_tiles(pattern.image, len(pattern.paints), folder, f"{where}.image")
         except InputError as fault:
             return [fault]
     return []
