@@ -27,7 +27,7 @@ from ..model import Model, checked_effects
 from .distributions import Choice, numbers
 from .paints import light_source, planck_light, reflectance_source
 from .patterns import drawn_tiles, image_tiles, tiled_wall
-from .recipe import WALLS, CameraTable, PatternTable, Recipe
+from .recipe import ANY, WALLS, CameraTable, PatternTable, Recipe
 from .solids import Solid, any_meet, blocked_share, closed_mesh
 
 __all__ = ["Box", "draw_box", "part_of"]
@@ -43,9 +43,6 @@ _SPECTRA = 1
 _RENDER = 2
 #: Stream of the part of the data set.
 _PART = 3
-
-#: Name of a material, surface or block in an effect's table that stands for any of its kind.
-ANY = "any"
 
 #: Square metres in a square millimetre.
 _M2_PER_MM2 = 1e-6
@@ -290,7 +287,7 @@ def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random
         for column in range(table.across):
             shift = (column - (table.across - 1) / 2) * right + (row - (table.down - 1) / 2) * down
             alone = table.across == table.down == 1
-            cameras[table.name if alone else f"{table.name}-{row + 1}-{column + 1}"] = Camera(
+            camera = Camera(
                 width_px=table.width_px,
                 height_px=table.height_px,
                 focal_length_px=table.width_px / 2 / float(np.tan(np.radians(field) / 2)),
@@ -299,6 +296,9 @@ def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random
                 rotation=np.array([right, down, forward]),
                 position_mm=position + table.spacing_mm * shift,
             )
+            if np.isnan(camera.directions([0, table.width_px - 1], [0, table.height_px - 1])).any():
+                raise _Rejected("a lens with k1 below 0 has no rays for the corners of its picture")
+            cameras[table.name if alone else f"{table.name}-{row + 1}-{column + 1}"] = camera
     return cameras
 
 

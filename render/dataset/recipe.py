@@ -12,17 +12,20 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, shown, suggestion, validated
 from cboxlab.utils.input_files import read_toml
+from cboxlab.utils.limits import MAX_CUBE_VALUES
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from ..effects import apply_checked
 from ..model import named_effect
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
+from .light_parts import REFLECTIONS
 from .paints import light_source, reflectance_source
 from .patterns import MOST_TILES, image_tiles
 from .solids import closed_mesh
 
 __all__ = [
+    "ANY",
     "TRUTHS",
     "WALLS",
     "BlockTable",
@@ -39,6 +42,9 @@ __all__ = [
 
 #: Most paints of a recipe: memory and time of a picture grow with the cube of their number.
 MOST_PAINTS = 6
+
+#: Name of a material, surface or block in an effect's table that stands for any of its kind.
+ANY = "any"
 
 #: Walls of a box.
 WALLS = ("floor", "ceiling", "back", "right", "left")
@@ -335,6 +341,8 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
     if not 2 <= (p.last_nm - p.first_nm) / p.step_nm + 1 < 2000:
         grid = f"{p.first_nm:g} to {p.last_nm:g} nm by {p.step_nm:g} nm"
         faults.append(InputError(f"{path}: picture", grid, "2 to 2000 wavelengths, ascending"))
+    else:
+        faults += _size_faults(path, recipe)
     total = recipe.parts.train + recipe.parts.validation + recipe.parts.test
     if abs(total - 1) > 1e-9:
         faults.append(InputError(f"{path}: parts", f"shares of sum {total:g}", "shares of sum 1"))
@@ -344,7 +352,20 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
             faults.append(InputError(f"{path}: {kind}", f"names {', '.join(names)}", "each name once"))
     faults += [fault for fault in _source_faults(path, recipe) if fault is not None]
     for index, entry in enumerate(recipe.effect):
-        faults += _effect_faults(f"{path}: effect[{index}]", entry, path.parent)
+        faults += _effect_faults(f"{path}: effect[{index}]", entry, [*recipe.paint, ANY], path.parent)
+    return faults
+
+
+def _size_faults(path: Path, recipe: Recipe) -> list[InputError]:
+    """Faults of pictures whose largest array no reader of cubes accepts."""
+    faults, p = [], recipe.picture
+    parts = len(REFLECTIONS) if "reflections" in p.truths else 1
+    for index, camera in enumerate(recipe.camera):
+        values = camera.width_px * camera.height_px * p.wavelength_nm.size * parts
+        if values > MAX_CUBE_VALUES:
+            size = f"a picture with an array of {values} values"
+            hint = "Make it smaller, or leave 'reflections' out of the truths."
+            faults.append(InputError(f"{path}: camera[{index}]", size, f"at most {MAX_CUBE_VALUES}", hint))
     return faults
 
 
@@ -378,27 +399,29 @@ def _pattern_faults(where: str, name: str, pattern: PatternTable, recipe: Recipe
     return []
 
 
-def _effect_faults(where: str, entry: EffectTable, folder: Path) -> list[InputError]:
-    """Faults of an effect and of the ends of its parameters' distributions.
+def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder: Path) -> list[InputError]:
+    """Faults of an effect, of the ends of its parameters' distributions, and of its names of materials.
 
-    Names are checked in each box.
+    Names of surfaces and blocks are checked in each box.
     """
-    ends: list[dict[str, Any]] = [{}, {}]
+    lists = {name: value if isinstance(value, list) else [value] for name, value in entry.parameters.items()}
+    names = {name: texts for name, texts in lists.items() if texts and all(isinstance(text, str) for text in texts)}
+    ends: list[dict[str, Any]] = [{} for _ in range(max([2, *map(len, names.values())]))]
     for name, value in entry.parameters.items():
-        texts = value if isinstance(value, list) else [value]
-        if texts and all(isinstance(text, str) for text in texts):
-            ends[0][name] = ends[1][name] = texts[0]
+        if name in names:
+            for number, end in enumerate(ends):
+                end[name] = names[name][min(number, len(names[name]) - 1)]
             continue
         try:
             low_and_high = numbers(value).support
         except ValueError as fault:
             return [InputError(f"{where}.{name}", shown(value), str(fault))]
-        for end, number in zip(ends, low_and_high, strict=True):
-            end[name] = number
+        for number, end in enumerate(ends):
+            end[name] = low_and_high[number % 2]
     try:
         effect = named_effect(entry.id, folder)
         for end in ends:
-            apply_checked(effect, end, where)
+            apply_checked(effect, end, where, {"material": materials})
     except InputError as fault:
         return [fault]
     return []
