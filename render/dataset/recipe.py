@@ -328,8 +328,8 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
         faults += _pattern_faults(f"{path}: pattern.{name}", name, pattern, recipe, path.parent)
     for index, block in enumerate(recipe.block):
         faults += _mesh_faults(f"{path}: block[{index}]", block, path.parent)
-    for key, names, allowed in users:
-        for name in names:
+    for key, listed, allowed in users:
+        for name in listed:
             if name not in allowed:
                 expected = f"one of {', '.join(allowed)}"
                 faults.append(InputError(f"{path}: {key}", f"'{name}'", expected, suggestion(name, allowed)))
@@ -400,7 +400,7 @@ def _pattern_faults(where: str, name: str, pattern: PatternTable, recipe: Recipe
 
 
 def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder: Path) -> list[InputError]:
-    """Faults of an effect, of the ends of its parameters' distributions, and of its names of materials.
+    """Faults of an effect, of the ends of its distributions, and of its materials' names.
 
     Names of surfaces and blocks are checked in each box.
     """

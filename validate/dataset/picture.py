@@ -90,9 +90,9 @@ def render_pictures(
     for number, box in enumerate(boxes):
         part = split_image(image, len(boxes), each_nm)[number]
         changes = coated(part, scenes[number], camera, box.model.effects, box.seed, bounces)
-        reached, asked = relative_errors(changes.image, (_MEDIAN,))[0], recipe.picture.noise
-        if reached > asked:  # an effect takes light and leaves its error: the picture needs more rays
-            finer = render_to_precision(job, asked * asked / reached * _RESERVE, pictures=len(boxes))
+        reached, limit = relative_errors(changes.image, (_MEDIAN,))[0], recipe.picture.noise
+        if reached > limit:  # an effect takes light and leaves its error: the picture needs more rays
+            finer = render_to_precision(job, limit * limit / reached * _RESERVE, pictures=len(boxes))
             part = split_image(finer, len(boxes), each_nm)[number]
             changes = coated(part, scenes[number], camera, box.model.effects, box.seed, bounces)
         yield _picture(box, camera_name, recipe, folder, image=part, changes=changes, geometry=geometry)
