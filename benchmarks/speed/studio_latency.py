@@ -1,12 +1,12 @@
 """How fast the workbench follows: from a moved parameter to new figures and pictures, by kind of effect.
 
-    python benchmarks/speed/studio_latency.py [CAPTURE] [--moves 12]
+    python benchmarks/speed/studio_latency.py [CAPTURE] [--moves 12] [--pause 2]
 
 Times what the page waits for, the prediction, its chi-square and the packed pictures, on the bundled capture of
 128 x 128 pixels and 7 bands where none is named. The first move of every effect is distinguished from the later ones,
 and the opening of the capture before them; after them, how long the rendering in the background takes that follows a
-moved block. Next to other work the CPU time of all threads says more than the time that passes: on a machine with
-nothing else to do a move takes no longer than that.
+moved block. The pause between moves is that of a user; caches grow cold in it. Next to other work the CPU time of all
+threads says more than the time that passes: on a machine with nothing else to do a move takes no longer than that.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("capture", type=Path, nargs="?", default=DEMO_CAPTURE)
     parser.add_argument("--moves", type=int, default=12)
+    parser.add_argument("--pause", type=float, default=2.0, help="time between moves, s")
     parser.add_argument("--effects", nargs="*", help="identifiers; all where left out")
     arguments = parser.parse_args()
     bench = Workbench(Path.cwd(), default_cache())
@@ -63,6 +64,7 @@ def main() -> None:
         bench.add(effect.id, {})
         times = []
         for move in range(arguments.moves + 1):
+            time.sleep(arguments.pause)
             values = moved(effect, bench, 4 + 0.25 * move).values
             times.append(seconds(lambda values=values: (bench.change(0, values, False), view(bench))))
         bench.undo()

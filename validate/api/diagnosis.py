@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,11 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from cboxlab.utils.table import Table
 
 from .. import diagnose as engine
-from ..compare import HEADLINE, Validation, failures
+from ..compare import HEADLINE, Predicted, Validation, failures
 from ..report import (
+    ReportSection,
     comparison_figure,
+    correlation_section,
     diagnosis_record,
     finding_sentences,
     named_bands,
@@ -24,6 +26,7 @@ from ..report import (
     write_diagnosis,
     write_validation,
 )
+from ..study import Base, fitted_correlations
 from .calibration import suspicion_lines
 from .inputs import CaptureLike, ModelLike, as_capture
 from .result import Result
@@ -74,10 +77,20 @@ class DiagnosisResult(Result):
             diagnosis.json first, then model.toml with the effects added.
         """
         diagnosis, model = Path(folder) / "diagnosis.json", Path(folder) / "model.toml"
-        files = write_validation(self.validation, Path(folder), self.diagnosis)
+        files = write_validation(self.validation, Path(folder), self.diagnosis, self._correlation_sections())
         write_model(model, self.diagnosis.model)
         write_diagnosis(diagnosis, self.diagnosis)
         return (diagnosis, model, *files)
+
+    def _correlation_sections(self) -> tuple[ReportSection, ...]:
+        """Section on the correlations of the fitted numbers, if there are two or more."""
+        if not self.diagnosis.path or not isinstance(self.validation.rendered, Predicted):
+            return ()
+        last = self.diagnosis.path[-1]
+        added = tuple(replace(e, sigma=sigma) for e, sigma in zip(last.effects, last.sigma, strict=True))
+        base_effects = tuple(replace(e, sigma={}) for e in self.validation.model.effects)
+        matrix = fitted_correlations([Base(self.validation)], (*base_effects, *added))
+        return () if matrix is None else (correlation_section(matrix.names, matrix.values, matrix.sentences),)
 
     def plot(self) -> Figure:
         """Figure of the difference over its standard deviation, by band.

@@ -18,8 +18,19 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from .. import diagnose as engine
 from ..compare import CalibratedCapture, Validation, prepare, validate_prepared, with_model
 from ..predict import effects_key
-from ..report import write_validation
-from ..study import Base, History, Prediction, State, StudyFile, predict, read_study, write_study
+from ..report import correlation_section, write_validation
+from ..study import (
+    Base,
+    Correlations,
+    History,
+    Prediction,
+    State,
+    StudyFile,
+    fitted_correlations,
+    predict,
+    read_study,
+    write_study,
+)
 from .diagnosis import DiagnosisResult
 from .inputs import CaptureLike, ModelLike, as_capture, as_model
 from .result import Result
@@ -424,6 +435,21 @@ class Study(Result):
         validations = [base.validation for base in bases]
         return self.with_effects(engine.fit_effects(validations, self.effects, sorted(set(indices)), progress))
 
+    def correlations(self, progress: Progress = NO_PROGRESS) -> Correlations | None:
+        """Correlations of the numbers that ``fit`` fitted, by the noise of all captures together.
+
+        Parameters
+        ----------
+        progress
+            Receiver of stages and of the completed share.
+
+        Returns
+        -------
+        Correlations | None
+            None if fewer than two numbers are fitted.
+        """
+        return fitted_correlations(self._bases(progress), self.effects)
+
     def render(self, progress: Progress = NO_PROGRESS) -> Study:
         """Study with pictures rendered with the present effects, as ``validate`` renders them.
 
@@ -533,7 +559,9 @@ class Study(Result):
         tuple of Path
             report.html first. A picture that was only predicted is rendered before.
         """
-        return write_validation(self.validations(progress)[capture], Path(folder))
+        matrix = self.correlations(progress)
+        sections = () if matrix is None else (correlation_section(matrix.names, matrix.values, matrix.sentences),)
+        return write_validation(self.validations(progress)[capture], Path(folder), sections=sections)
 
     def lines(self) -> list[str]:
         """Reduced chi-square, then the effects.

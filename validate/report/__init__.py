@@ -14,6 +14,7 @@ from .diagnosis import (
 from .figures import FIGURES, comparison_figure
 from .metrics import PathStep
 from .plots import STYLE, picture_row
+from .table_sections import correlation_section
 from .trend import TrendResult, read_trend_result, trend_record, write_trend
 from .verdict import chi2_by_place, verdict
 from .write import validation_record, write_validation
@@ -28,6 +29,7 @@ __all__ = [
     "chi2_by_place",
     "colour_rows",
     "comparison_figure",
+    "correlation_section",
     "diagnosis_record",
     "finding_sentences",
     "named_bands",

@@ -27,7 +27,7 @@ from .metrics import Run
 from .plots import MapRow
 from .verdict import verdict
 
-__all__ = ["camera_section", "masks_section", "parts_section", "tables_section", "where_section"]
+__all__ = ["camera_section", "correlation_section", "masks_section", "parts_section", "tables_section", "where_section"]
 
 
 #: Caption of the first table of chi2, with the definition for the entire page.
@@ -349,3 +349,27 @@ def parts_section(c: Comparison, subsets: Sequence[Part]) -> ReportSection:
         "determines the shares of light.",
     )
     return ReportSection("Excess by kind of light and part of the picture", (), (table,))
+
+
+def correlation_section(
+    names: Sequence[str], correlations: NDArray[np.float64], sentences: Sequence[str]
+) -> ReportSection:
+    """Section on the correlations of fitted numbers.
+
+    Parameters
+    ----------
+    names
+        Effect and parameter of each number.
+    correlations
+        (n, n) correlations, -1 to 1; NaN where there is none.
+    sentences
+        Sentence for each strong correlation.
+
+    Returns
+    -------
+    ReportSection
+        For ``write_validation``.
+    """
+    rows = [(name, *(number(value, 2) for value in row)) for name, row in zip(names, correlations, strict=True)]
+    caption = "Correlation of the errors of two fitted numbers; camera and lamp are free within their priors."
+    return ReportSection("Correlations of fitted numbers", sentences, (Table(("", *names), rows, caption),))

@@ -7,16 +7,20 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from .correlations import HARDLY_DISTINGUISHED, Correlations, fitted_correlations
     from .history import History, State
     from .prediction import Base, Prediction, predict, same_effects
     from .study_file import StudyFile, read_study, write_study
 
 __all__ = [
+    "HARDLY_DISTINGUISHED",
     "Base",
+    "Correlations",
     "History",
     "Prediction",
     "State",
     "StudyFile",
+    "fitted_correlations",
     "predict",
     "read_study",
     "same_effects",

@@ -77,6 +77,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
         "effects": [_applied_record(effect, bench) for effect in present.effects],
         "chi2_per_dof": _number(prediction.chi2.per_dof),
         "chi2_of_captures": [_number(p.chi2.per_dof) for p in bench.predictions],
+        "correlations": _correlation_record(bench),
         "lamp_scale": fit.lamp_scale,
         "camera_moved_px": _number(moved),
         "diagnosis": None if bench.diagnosis is None else _diagnosis_record(bench.diagnosis),
@@ -156,6 +157,15 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
         "null": None if p.null is None else _number(p.null),
         "coordinate": [low, None if p.null is None else p.null_coordinate, high],
     }
+
+
+def _correlation_record(bench: Workbench) -> dict[str, Any] | None:
+    """Names, rows and sentences of the correlations of fitted numbers."""
+    matrix = bench.correlations
+    if matrix is None:
+        return None
+    rows = [[_number(float(value)) for value in row] for row in matrix.values]
+    return {"names": matrix.names, "values": rows, "sentences": matrix.sentences}
 
 
 def _diagnosis_record(result: DiagnosisResult) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import stages_between
+from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import load_model
 from cboxlab.scenes.scene_file import PACKAGED, packaged_scenes
 from cboxlab.utils.errors import InputError
@@ -16,7 +17,7 @@ from cboxlab.utils.input_files import inputs_below
 from cboxlab.utils.progress import Progress, share
 
 from ...api import DiagnosisResult, Study, as_model
-from ...study import History, Prediction, same_effects
+from ...study import Correlations, History, Prediction, same_effects
 from .autosave import AUTOSAVE_FOLDER, autosave, discard_autosave
 from .places import path_of_name, require_study_folder
 
@@ -72,6 +73,7 @@ class Workbench:
         #: Reduced chi-square of the capture in view after each change since the study was opened.
         self.moves: list[float] = []
         self._saved: History | None = None
+        self._correlations: tuple[tuple[AppliedEffect, ...], Correlations | None] = (), None
 
     @property
     def study(self) -> Study:
@@ -126,6 +128,12 @@ class Workbench:
 
     def _predicted(self, study: Study) -> tuple[Prediction, ...]:
         return study.predictions(refit=self.refit, draft=True)
+
+    @property
+    def correlations(self) -> Correlations | None:
+        """Correlations of the numbers fitted last; None for other effects."""
+        effects, matrix = self._correlations
+        return matrix if same_effects(effects, self.shown.effects) else None
 
     @property
     def improvable(self) -> bool:
@@ -318,6 +326,7 @@ class Workbench:
             Receiver of stages and of the completed share.
         """
         self._take(self.study.fit(*which, progress=progress))
+        self._correlations = self.study.effects, self.study.correlations(progress)
 
     def render(self, progress: Progress) -> None:
         """Render the pictures with the present effects.

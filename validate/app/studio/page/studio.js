@@ -112,6 +112,7 @@ function show(record) {
   $("capture").replaceChildren(...record.captures.map((name, i) => make("option", { value: i }, name)));
   $("capture").value = record.capture;
   showEffects(record, !same);
+  showCorrelations(record.correlations);
   showDiagnosis(record.diagnosis);
   enable(!page.job);
 }
@@ -147,6 +148,19 @@ async function move(body) {
     });
   }
   page.asking = false;
+}
+
+/** A small table of the correlations of fitted numbers, with a sentence for each strong one. */
+function showCorrelations(found) {
+  $("correlations").hidden = !found;
+  if (!found) return void $("correlations").replaceChildren();
+  const cell = (value) => make("td", value !== null && Math.abs(value) > 0.9 ? { class: "strong" } : {},
+    value === null ? "–" : value.toFixed(2).replace("-", "−"));
+  const head = make("tr", {}, [make("td"), ...found.names.map((_, i) => make("th", { scope: "col" }, String(i + 1)))]);
+  const rows = found.values.map((row, i) => make("tr", {},
+    [make("th", { scope: "row" }, `${i + 1} ${found.names[i]}`), ...row.map(cell)]));
+  $("correlations").replaceChildren(make("h3", {}, "Correlations"), make("table", {}, [head, ...rows]),
+    ...found.sentences.map((text) => make("p", { class: "soft" }, text)));
 }
 
 function showDiagnosis(found) {
