@@ -76,6 +76,21 @@ EQUIVALENT = {
         "surveyed(step.after.applied) - here",
     ): "camera's own columns are in the design: another combination of the same columns",
     ("calibration/geometry/targets.py", "v - top"): "a plane is fitted: the same planes",
+    ("render/image/film.py", "job.batch_seed + BATCH_SEED_STEP * (batch + 1)"): "other seeds, as different",
+    ("render/fitted_fields/exchange.py", "self.shift_px[0] + i"): "the same nine neighbours in another order",
+    ("validate/diagnose/explain/odds.py", "utility - utility.max()"): "a common factor of shares whose sum is 1",
+    (
+        "validate/compare_renders/regress/view_explanations.py",
+        "p.sum(axis=-1)",
+    ): "another unit of the light whose place is looked for",
+    (
+        "validate/diagnose/effect_fit.py",
+        "(turn * len(candidates) + position + 1) / (rounds * len(candidates))",
+    ): "reports of the progress",
+    (
+        "validate/compare_renders/regress/explanations.py",
+        "exponent / e",
+    ): "the list holds each exponent and its inverse",
 }
 
 

@@ -89,6 +89,16 @@ def test_colour_science_reads_the_same_samples_of_xrite():
     assert all(np.array_equal(spectra[name].values, expected[name].values) for name in spectra)
 
 
+@pytest.mark.parametrize("key", ["uprtek", "sekonic"])
+def test_the_last_of_repeated_spectra_is_read_and_counted(tmp_path, key):
+    text = INSTRUMENTS[key].text
+    once = read_instrument_file(write(tmp_path, text))
+    assert not any("spectra of the file" in note for note in once.notes)
+    thrice = read_instrument_file(write(tmp_path, text.rstrip("\n") + "\n" + text.rstrip("\n") + "\n" + text))
+    assert np.array_equal(thrice.spectra[0].values, once.spectra[0].values)
+    assert "The last of 3 spectra of the file." in thrice.notes
+
+
 # Of each format: what is changed, into what, and what the message names.
 MALFORMED = [
     ("uprtek", "381nm\t0.5", "381nm\t", "line 8", "finite number"),
