@@ -89,14 +89,14 @@ def test_colour_science_reads_the_same_samples_of_xrite():
     assert all(np.array_equal(spectra[name].values, expected[name].values) for name in spectra)
 
 
-@pytest.mark.parametrize("key", ["uprtek", "sekonic"])
-def test_the_last_of_repeated_spectra_is_read_and_counted(tmp_path, key):
-    text = INSTRUMENTS[key].text
-    once = read_instrument_file(write(tmp_path, text))
-    assert not any("spectra of the file" in note for note in once.notes)
-    thrice = read_instrument_file(write(tmp_path, text.rstrip("\n") + "\n" + text.rstrip("\n") + "\n" + text))
-    assert np.array_equal(thrice.spectra[0].values, once.spectra[0].values)
-    assert "The last of 3 spectra of the file." in thrice.notes
+@pytest.mark.parametrize(("key", "once"), [("uprtek", 1), ("sekonic", 2)])
+def test_the_last_of_repeated_spectra_is_read_and_counted(tmp_path, key, once):
+    text = INSTRUMENTS[key].text.rstrip("\n") + "\n"
+    for repeats in (1, 3):
+        found = read_instrument_file(write(tmp_path, repeats * text))
+        assert found.spectra[0].values == pytest.approx(INSTRUMENTS[key].values)
+        counted = [note for note in found.notes if "spectra of the file" in note]
+        assert counted == [f"The last of {repeats * once} spectra of the file."] * (repeats * once > 1)
 
 
 # Of each format: what is changed, into what, and what the message names.
