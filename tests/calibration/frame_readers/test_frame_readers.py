@@ -308,13 +308,13 @@ MISBEHAVIOUR = {
 
 @pytest.mark.parametrize("way", MISBEHAVIOUR)
 def test_a_reader_that_misbehaves_is_named_in_one_line(tmp_path, plugged, way):
-    fields, words = MISBEHAVIOUR[way]
+    fields, phrase = MISBEHAVIOUR[way]
     plugged(mine(**fields))
     (tmp_path / "a.mine").touch()
     with pytest.raises(InputError) as refusal:
         read_pictures(tmp_path / "a.mine")
     message = str(refusal.value)
-    assert "cboxlab.frames: mine = mine:READER" in message and words in message and "a.mine" in message
+    assert "cboxlab.frames: mine = mine:READER" in message and phrase in message and "a.mine" in message
     assert "\n" not in message
 
 

@@ -79,10 +79,10 @@ def plugged(monkeypatch, tmp_path):
     renderer_catalogue.cache_clear()
 
 
-def assert_named(refusal, words):
+def assert_named(refusal, phrase):
     message = str(refusal.value)
     assert "entry point cboxlab.renderers: odd = odd:RENDERER" in message
-    assert words in message and "\n" not in message
+    assert phrase in message and "\n" not in message
 
 
 PIXELS = np.ones((2, 4, 4, 1))
@@ -101,11 +101,11 @@ READS = {
 
 @pytest.mark.parametrize("way", READS)
 def test_a_renderer_whose_pictures_are_unsound_is_named_in_one_line(plugged, tmp_path, way):
-    read, words = READS[way]
+    read, phrase = READS[way]
     write_export(tmp_path / "box", plugged(read=read))
     with pytest.raises(InputError) as refusal:
         read_rendered(tmp_path / "box", "odd")
-    assert_named(refusal, words)
+    assert_named(refusal, phrase)
 
 
 def test_a_renderer_that_cannot_write_leaves_no_export(plugged, tmp_path):

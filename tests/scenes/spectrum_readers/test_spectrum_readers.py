@@ -93,9 +93,9 @@ def test_colour_science_reads_the_same_samples_of_xrite():
 def test_the_last_of_repeated_spectra_is_read_and_counted(tmp_path, key, once):
     text = INSTRUMENTS[key].text.rstrip("\n") + "\n"
     for repeats in (1, 3):
-        found = read_instrument_file(write(tmp_path, repeats * text))
-        assert found.spectra[0].values == pytest.approx(INSTRUMENTS[key].values)
-        counted = [note for note in found.notes if "spectra of the file" in note]
+        instrument_spectra = read_instrument_file(write(tmp_path, repeats * text))
+        assert instrument_spectra.spectra[0].values == pytest.approx(INSTRUMENTS[key].values)
+        counted = [note for note in instrument_spectra.notes if "spectra of the file" in note]
         assert counted == [f"The last of {repeats * once} spectra of the file."] * (repeats * once > 1)
 
 

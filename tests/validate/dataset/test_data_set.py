@@ -184,7 +184,7 @@ def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
     """A coat that takes light leaves the error of the base: the picture still has the noise that was asked for."""
     from cboxlab.validation.dataset import picture as module
 
-    asked = []
+    sample_counts = []
     plain = module.render_to_precision
     path = write_recipe(tmp_path, ("[room]", '[[effect]]\nid = "gloss"\nmaterial = "light"\nspecular = 1.0\n[room]'))
     recipe = load_recipe(path)
@@ -195,7 +195,7 @@ def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
         return [next(errors, 0.05)] * len(percentiles)
 
     def counted(job, noise, **others):
-        asked.append(noise)
+        sample_counts.append(noise)
         return plain(job, noise, **others)
 
     monkeypatch.setattr(module, "render_to_precision", counted)
@@ -203,7 +203,7 @@ def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
     for name, value in (("_PATCHES_PER_DIAGONAL", 6), ("_PATCH_SAMPLES", 128), ("_SAMPLES", 64)):
         monkeypatch.setattr(sys.modules["cboxlab.validation.predict.transported"], name, value)
     list(render_pictures([box], "main", recipe, tmp_path))
-    assert asked == pytest.approx([0.1, 0.1**2 / 0.11 * 0.9])
+    assert sample_counts == pytest.approx([0.1, 0.1**2 / 0.11 * 0.9])
 
 
 def test_formats_hold_the_same_picture(run, tmp_path):

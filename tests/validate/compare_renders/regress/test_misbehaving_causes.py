@@ -63,28 +63,28 @@ PARAMETERS = {
 }
 
 
-def assert_named(refusal, words):
+def assert_named(refusal, phrase):
     message = str(refusal.value)
     assert "entry point cboxlab.regress_causes: odd = odd:CAUSE" in message
-    assert words in message and "\n" not in message
+    assert phrase in message and "\n" not in message
 
 
 @pytest.mark.parametrize("way", TRIALS)
 def test_trials_that_misbehave_are_named_in_one_line(plugged, way):
-    function, words = TRIALS[way]
+    function, phrase = TRIALS[way]
     odd = plugged(cause(trials=function))
     with pytest.raises(InputError) as refusal:
         list(odd.trials(PICTURES))
-    assert_named(refusal, words)
+    assert_named(refusal, phrase)
 
 
 @pytest.mark.parametrize("way", PARAMETERS)
 def test_parameters_that_misbehave_are_named_in_one_line(plugged, way):
-    function, words = PARAMETERS[way]
+    function, phrase = PARAMETERS[way]
     (trial,) = plugged(cause(replace(TRIAL, parameters=function))).trials(PICTURES)
     with pytest.raises(InputError) as refusal:
         trial.parameters(np.array([0.1]))
-    assert_named(refusal, words)
+    assert_named(refusal, phrase)
 
 
 def test_sound_trials_pass_unchanged(plugged):

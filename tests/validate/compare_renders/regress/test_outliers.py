@@ -9,8 +9,8 @@ from cboxlab.validation.compare_renders.regress.outliers import trimmed
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
-@pytest.mark.parametrize(("sigmas", "found"), [(5.0, False), (7.5, True)])
-def test_an_outlier_is_six_stated_sigmas_away_in_any_unit(unit, sigmas, found):
+@pytest.mark.parametrize(("sigmas", "is_outlier"), [(5.0, False), (7.5, True)])
+def test_an_outlier_is_six_stated_sigmas_away_in_any_unit(unit, sigmas, is_outlier):
     """Stated errors of twice the scatter, for wavelengths that err alike."""
     scatter = np.random.default_rng(3).standard_normal((32, 32, 1))
     scatter = np.clip(scatter, -2, 2) * 0.01 * unit * np.ones(3)
@@ -18,8 +18,8 @@ def test_an_outlier_is_six_stated_sigmas_away_in_any_unit(unit, sigmas, found):
     level = np.full((32, 32, 3), unit)
     variance = np.full((32, 32, 3), (0.02 * unit) ** 2)
     outlier = trimmed(scatter, level, variance, 1e6, np.zeros((32, 32), bool)).outlier
-    assert outlier[16, 16] == found
-    assert outlier.sum() == found
+    assert outlier[16, 16] == is_outlier
+    assert outlier.sum() == is_outlier
 
 
 def test_typical_noise_is_a_standard_deviation_over_the_light(monkeypatch):
@@ -32,13 +32,13 @@ def test_typical_noise_is_a_standard_deviation_over_the_light(monkeypatch):
 
 def test_smooth_descriptions_are_polynomials_up_to_the_second_order():
     """Each of them over a picture of ones is in the span of the templates."""
-    given = []
-    evidence = SimpleNamespace(baseline=np.ones((5, 6, 2)), fit=given.append)
+    descriptions = []
+    evidence = SimpleNamespace(baseline=np.ones((5, 6, 2)), fit=descriptions.append)
     free = [explanation.free for explanation in naming._over_picture(evidence)]
     y, x = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 6), indexing="ij")
-    wanted = [[x, y], [x * x + y * y], [x, y, x * x, x * y, y * y]]
-    assert free == [len(shapes) + 1 for shapes in wanted]
-    for templates, shapes in zip(given, wanted, strict=True):
+    expected = [[x, y], [x * x + y * y], [x, y, x * x, x * y, y * y]]
+    assert free == [len(shapes) + 1 for shapes in expected]
+    for templates, shapes in zip(descriptions, expected, strict=True):
         columns = np.array([template[..., 0].ravel() for template in templates]).T
         for shape in (np.ones_like(x), *shapes):
             remainder = shape.ravel() - columns @ np.linalg.lstsq(columns, shape.ravel(), rcond=None)[0]

@@ -97,13 +97,13 @@ def alone(monkeypatch):
 @pytest.mark.parametrize("acts_on", ["scene", "sensor"])
 @pytest.mark.parametrize("way", FORMS)
 def test_a_generator_that_misbehaves_is_named_in_one_line(plugged, excess, way, acts_on):
-    generate, words = FORMS[way]
+    generate, phrase = FORMS[way]
     plugged(Family("odd", "an odd thing", acts_on, generate))
     with np.errstate(all="ignore"), pytest.raises(InputError) as refusal:
         explain(excess)
     message = str(refusal.value)
     assert "entry point cboxlab.families: odd = odd:FAMILY" in message
-    assert words in message and "\n" not in message
+    assert phrase in message and "\n" not in message
 
 
 @pytest.mark.usefixtures("alone")
@@ -128,7 +128,7 @@ def test_a_form_belongs_to_the_family_that_made_it(plugged, excess):
     [{"id": "No"}, {"id": 7}, {"title": None}, {"acts_on": "air"}, {"generate": 1}, {"order": "1"}, {"masked": [1]}],
 )
 def test_a_record_with_a_wrong_field_is_refused(plugged, fields):
-    whole = {"id": "odd", "title": "an odd thing", "acts_on": "scene", "generate": sound_forms}
-    plugged(Family(**{**whole, **fields}))
+    record = {"id": "odd", "title": "an odd thing", "acts_on": "scene", "generate": sound_forms}
+    plugged(Family(**{**record, **fields}))
     with pytest.raises(InputError, match=f"odd = odd:FAMILY.*wrong {next(iter(fields))}"):
         families()

@@ -22,5 +22,5 @@ from cboxlab.validation.capture_checks.lamp import _check_dim_bands
 def test_a_band_is_dim_among_both_neighbours(level, dim):
     capture = SimpleNamespace(band_ids=[f"f{number}" for number in range(5)])
     level = np.array(level, float)
-    found = [suspicion.where for suspicion in _check_dim_bands(capture, level, level / np.median(level))]
-    assert found == [f"band[{number}] (f{number})" for number in dim]
+    dim_bands = [suspicion.where for suspicion in _check_dim_bands(capture, level, level / np.median(level))]
+    assert dim_bands == [f"band[{number}] (f{number})" for number in dim]
