@@ -212,11 +212,11 @@ FITS_NAMES = ["f.fits", "f.fits.gz", "f.fits.fz"]
 
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(FITS_NAMES), st.integers(0, 20_000), st.integers(0, 255))
-def test_a_fits_frame_with_another_byte_is_read_or_refused(tmp_path_factory, name, place, byte):
+def test_a_fits_frame_with_another_byte_is_read_or_refused(tmp_path_factory, name, byte_index, byte):
     path = tmp_path_factory.mktemp("frame") / name
     write_fits(path, CUBE, EXPTIME=1.0, BAYERPAT="RGGB")
     content = bytearray(path.read_bytes())
-    content[place % len(content)] = byte
+    content[byte_index % len(content)] = byte
     path.write_bytes(content)
     try:
         assert read_pictures(path).dtype == np.uint16
@@ -274,13 +274,13 @@ def test_a_reader_of_another_package(tmp_path, plugged):
 
 
 @pytest.mark.parametrize(
-    ("reader", "words"),
+    ("reader", "phrases"),
     [(7, "a int"), (mine(id="fits"), "'fits', which exists"), (mine(suffixes=(".tif",)), "ending .tif")],
     ids=["no reader", "identifier", "ending"],
 )
-def test_a_reader_that_does_not_fit_is_refused(plugged, reader, words):
+def test_a_reader_that_does_not_fit_is_refused(plugged, reader, phrases):
     plugged(reader)
-    with pytest.raises(InputError, match=f"cboxlab.frames.*{words}"):
+    with pytest.raises(InputError, match=f"cboxlab.frames.*{phrases}"):
         frame_readers.catalogue()
 
 

@@ -26,8 +26,8 @@ def test_the_average_over_batches_has_the_same_mean_and_no_variance():
     assert averaged.coefficients.nbytes == image.coefficients.nbytes / 7
     mean, variance = averaged.project(weights)
     assert np.isnan(variance).all()
-    for found in (averaged.mean(weights), mean):
-        np.testing.assert_allclose(found, exact, rtol=1e-6)
+    for mean_of_image in (averaged.mean(weights), mean):
+        np.testing.assert_allclose(mean_of_image, exact, rtol=1e-6)
 
 
 def test_a_pixel_shows_the_surface_of_its_largest_share():

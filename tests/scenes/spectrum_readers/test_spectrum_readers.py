@@ -181,8 +181,8 @@ MALFORMED = [
 ]
 
 
-@pytest.mark.parametrize(("key", "old", "new", "place", "fault"), MALFORMED)
-def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, place, fault):
+@pytest.mark.parametrize(("key", "old", "new", "location", "fault"), MALFORMED)
+def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, location, fault):
     text = INSTRUMENTS[key].text
     assert old in text
     at = text.rfind(old) if key == "sekonic" else text.find(old)
@@ -190,7 +190,7 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, place
     with pytest.raises(InputError) as error:
         read_spectra(path)
     message = str(error.value)
-    assert "measured.txt" in message and place in message and fault in message
+    assert "measured.txt" in message and location in message and fault in message
     assert "\n" not in message and error.value.hint
 
 

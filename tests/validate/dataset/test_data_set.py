@@ -231,11 +231,11 @@ def test_formats_hold_the_same_picture(run, tmp_path):
 def test_a_set_in_zarr_with_copies(tmp_path):
     pytest.importorskip("zarr")
     formats = ("noise = 0.1", 'noise = 0.1\ntruths = ["albedo"]\nformat = "zarr"\ncopies = ["hdf5", "exr"]')
-    made = create_dataset(write_recipe(tmp_path, formats, ("boxes = 2", "boxes = 1")), tmp_path / "set")
-    assert [row["file"] for row in made.dataset.index] == ["boxes/000000/main.zarr.zip"]
+    data_set = create_dataset(write_recipe(tmp_path, formats, ("boxes = 2", "boxes = 1")), tmp_path / "set")
+    assert [row["file"] for row in data_set.dataset.index] == ["boxes/000000/main.zarr.zip"]
     assert {"main.mat", "main.exr", "main.json"} <= {path.name for path in (tmp_path / "set/boxes/000000").iterdir()}
-    assert set(made.dataset.arrays("radiance", "albedo")[0]) == {"radiance", "albedo"}
-    assert not made.dataset.damaged()
+    assert set(data_set.dataset.arrays("radiance", "albedo")[0]) == {"radiance", "albedo"}
+    assert not data_set.dataset.damaged()
 
 
 def test_fewer_bits_round_to_the_stated_error():
@@ -310,7 +310,7 @@ def outcome(capsys, *arguments):
 def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeypatch, case):
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
-    words = {
+    phrases = {
         "key": ["seeds", "did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
@@ -344,7 +344,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         pytest.importorskip("distributed")
         monkeypatch.setattr(workers, "TIMEOUT_S", 1.0)
         options = ["--scheduler", "tcp://127.0.0.1:9"]
-    assert_one_line_of_help(outcome(capsys, "dataset", path, "--out", target, *options), words)
+    assert_one_line_of_help(outcome(capsys, "dataset", path, "--out", target, *options), phrases)
     assert not [*target.rglob("*.nc")]
 
 
