@@ -15,7 +15,7 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import read_cube
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
-from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, workers
+from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, preview_recipe, workers
 from cboxlab.validation.dataset.checks import check_picture
 from cboxlab.validation.dataset.formats import COPY_ENDINGS, open_picture, write_copy, write_picture
 from cboxlab.validation.dataset.layout import Layout, begin
@@ -346,6 +346,18 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         options = ["--scheduler", "tcp://127.0.0.1:9"]
     assert_one_line_of_help(outcome(capsys, "dataset", path, "--out", target, *options), phrases)
     assert not [*target.rglob("*.nc")]
+
+
+def test_a_preview_costs_what_the_run_costs(folder, run, recipe_file, monkeypatch):
+    """Of boxes that share rays, through two cameras: one file, the right number, a time and a size near the run's."""
+    monkeypatch.setattr(sys.modules["cboxlab.validation.dataset.preview"], "_THUMBNAILS", 1)
+    preview = preview_recipe(recipe_file, folder / "preview.html")
+    assert preview.pictures == 4 and preview.page.read_text().count("data:image/png") >= 1
+    sizes = [row["bytes"] for row in run.dataset.index]
+    assert 0.5 * min(sizes) < preview.bytes_each < 2 * max(sizes)
+    assert 0 < 4 * preview.seconds_each < 3 * run.picture_seconds
+    assert {path.name for path in folder.iterdir()} >= {"preview.html", "recipe.toml"}
+    assert not [*folder.glob("*picture*")]
 
 
 def test_a_folder_without_a_data_set_is_refused(tmp_path):
