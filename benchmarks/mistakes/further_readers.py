@@ -53,11 +53,11 @@ def frames() -> Pairs:
         write_fits(plain, repeats, EXPTIME=2.0)
         path.write_bytes(gzip.compress(plain.read_bytes()))
 
-    stated = {"EXPTIME": 2.0, "FOCRATIO": 8}
+    keywords = {"EXPTIME": 2.0, "FOCRATIO": 8}
     return {
         "dng": (_written("a.dng", lambda path: write_dng(path, counts)), read_pictures),
         "fits-cube": (
-            _written("a.fits", lambda path: write_fits(path, repeats, **stated)),
+            _written("a.fits", lambda path: write_fits(path, repeats, **keywords)),
             read_pictures,
         ),
         "fits-gz": (_written("a.fits.gz", packed), read_pictures),
@@ -152,10 +152,10 @@ def cubes() -> Pairs:
         "envi-scaled": {"data_type": 2, "reflectance_scale_factor": 10000, "bbl": "{1,1,0,1,1,1}"},
         "envi-swapped": {"byte_order": 1, "data_gain_values": "{1,1,1,1,1,2}", "fwhm": "{9,9,9,9,9,9}"},
     }
-    own = {name: (partial(write, text=header_text(**changes)), read_cube) for name, changes in variants.items()}
+    formats = {name: (partial(write, text=header_text(**changes)), read_cube) for name, changes in variants.items()}
     return {
         **{f"envi-{source.stem}": (_copy("a.hdr", source), read_header) for source in headers},
-        **own,
+        **formats,
         "regress-exr": (_written("a.exr", lambda path: write_channels(path, {}, colours)), read_stack),
         "regress-hdr": (_written("a.hdr", lambda path: write_rgbe(path, np.ones((6, 8, 3)))), read_stack),
         "spectral-exr": (_written("a.exr", lambda path: write_channels(path, {}, spectral)), read_picture),
