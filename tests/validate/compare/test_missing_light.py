@@ -47,7 +47,7 @@ def test_all_reflected_light_missing_is_found_beside_a_quiet_camera(monkeypatch,
     monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in TRIED])
     quiet = CaptureSettings(bit_depth=16, gain_e_per_dn=1.6, read_noise_e=3.0)
     write_model_capture(tmp_path / "c", Model(), perturbed_camera(32, 2), quiet, 2, relative_error=2e-3)
-    validation = validate_capture(load_capture(tmp_path / "c"), Model(render=RenderSettings(max_bounces=1)))
+    validation = validate_capture(load_capture(tmp_path / "c"), Model(render=RenderSettings(noise=1.0, max_bounces=1)))
     surveyed = validation.prepared.expected_camera(())
     np.testing.assert_array_equal(validation.fit.camera.parameters, surveyed.parameters)
     assert abs(validation.fit.lamp_scale - 1) <= 2.001 * validation.prepared.lamp_sigma
