@@ -62,8 +62,10 @@ def named_camera_channel(reference: str) -> Spectrum | None:
     Returns
     -------
     Spectrum | None
-        The curve, zero beyond its table; None for an unknown camera or channel.
+        The curve, zero beyond its table; None for another reference and for an unknown camera or channel.
     """
+    if not reference.startswith(NAMED_CAMERA):
+        return None
     name, _, letter = reference.removeprefix(NAMED_CAMERA).rpartition(":")
     if name not in camera_names() or letter not in _CHANNELS:
         return None

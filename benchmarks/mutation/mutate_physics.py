@@ -33,14 +33,16 @@ from exchanged_code import OutOfTime, exchanged, run_here
 from planted_faults import ROOMS, ROOT
 
 PHYSICS = (
+    "scenes",
+    "scenes/spectrum_readers",
     "render/effects",
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
     *(f"calibration/{name}" for name in ("instrument", "quality")),
     *(f"render/{name}" for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")),
-    *(f"render/{name}" for name in ("fitted_fields", "image", "photometry", "dataset")),
+    *(f"render/{name}" for name in ("fitted_fields", "image", "photometry", "dataset", "materials", "synthetic")),
     *(f"validate/{name}" for name in ("compare", "diagnose", "predict", "capture_checks")),
     *(f"validate/diagnose/{name}" for name in ("base_flaws", "explain", "field_fit", "linear_model", "hypotheses")),
-    "validate/compare_renders/regress",
+    *(f"validate/compare_renders/{name}" for name in ("regress", "stored_references", "renderers")),
 )
 _SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 _DARKS = {"dark_scene": "dark_flat", "dark_flat": "dark_reference", "dark_reference": "dark_scene"}
@@ -74,6 +76,21 @@ EQUIVALENT = {
         "surveyed(step.after.applied) - here",
     ): "camera's own columns are in the design: another combination of the same columns",
     ("calibration/geometry/targets.py", "v - top"): "a plane is fitted: the same planes",
+    ("render/image/film.py", "job.batch_seed + BATCH_SEED_STEP * (batch + 1)"): "other seeds, as different",
+    ("render/fitted_fields/exchange.py", "self.shift_px[0] + i"): "the same nine neighbours in another order",
+    ("validate/diagnose/explain/odds.py", "utility - utility.max()"): "a common factor of shares whose sum is 1",
+    (
+        "validate/compare_renders/regress/view_explanations.py",
+        "p.sum(axis=-1)",
+    ): "another unit of the light whose place is looked for",
+    (
+        "validate/diagnose/effect_fit.py",
+        "(turn * len(candidates) + position + 1) / (rounds * len(candidates))",
+    ): "reports of the progress",
+    (
+        "validate/compare_renders/regress/explanations.py",
+        "exponent / e",
+    ): "the list holds each exponent and its inverse",
 }
 
 
@@ -232,9 +249,9 @@ def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
     def mentions(path: Path) -> int:
         return len(words.findall((ROOT / path).read_text(encoding="utf-8")))
 
-    tests = [path.relative_to(ROOT) for path in sorted((ROOT / "tests").glob("*/*/**/test_*.py"))]
+    tests = [path.relative_to(ROOT) for path in sorted((ROOT / "tests").glob("*/**/test_*.py"))]
     tests.sort(key=mentions, reverse=True)
-    sources = [path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).glob("*/*.py")]
+    sources = [path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).glob("**/*.py")]
     users = {"tests" / path.parent for path in sources if mentions(path)}
     left = dict.fromkeys(tests)
     stages = []

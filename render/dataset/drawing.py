@@ -26,7 +26,8 @@ from ..effects import catalogue, names_in
 from ..model import Model, checked_effects
 from .distributions import Choice, numbers
 from .paints import light_source, planck_light, reflectance_source
-from .recipe import WALLS, CameraTable, Recipe
+from .patterns import drawn_tiles, image_tiles, tiled_wall
+from .recipe import ANY, WALLS, CameraTable, PatternTable, Recipe
 from .solids import Solid, any_meet, blocked_share, closed_mesh
 
 __all__ = ["Box", "draw_box", "part_of"]
@@ -42,9 +43,6 @@ _SPECTRA = 1
 _RENDER = 2
 #: Stream of the part of the data set.
 _PART = 3
-
-#: Name of a material, surface or block in an effect's table that stands for any of its kind.
-ANY = "any"
 
 #: Square metres in a square millimetre.
 _M2_PER_MM2 = 1e-6
@@ -89,8 +87,10 @@ class _Geometry(FrozenMappings):
 
     #: (3,) width, height and depth of the room, mm.
     room: NDArray[np.float64]
-    #: Paint of each wall.
+    #: Paint or pattern of each wall.
     walls: dict[str, str]
+    #: (rows, columns) names of the tiles' paints, of each wall with a pattern.
+    tiles: dict[str, NDArray[np.str_]]
     #: Solids with the paint of each.
     solids: list[tuple[Solid, str]]
     #: Lamps' rectangles, with the index of each one's table.
@@ -169,6 +169,7 @@ def draw_box(recipe: Recipe, number: int, folder: Path) -> Box:
         "rejected": dict(rejected),
         "room_mm": geometry.room.tolist(),
         "walls": geometry.walls,
+        "tiles": {wall: tiles.tolist() for wall, tiles in geometry.tiles.items()},
         "blocks": [
             {
                 "shape": "sphere" if solid.ball else "box" if solid.shape is None else "mesh",
@@ -211,6 +212,8 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
     sizes = recipe.room
     room = np.array([d.draw(generator) for d in (sizes.width_mm, sizes.height_mm, sizes.depth_mm)])
     walls = {wall: recipe.walls[wall].draw(generator) for wall in WALLS}  # type: ignore[index]
+    patterns = {wall: recipe.pattern[name] for wall, name in walls.items() if name in recipe.pattern}
+    tiles = {wall: _tiles(pattern, generator, folder) for wall, pattern in patterns.items()}
     solids = []
     for table in recipe.block:
         for _ in range(int(table.count.draw(generator))):
@@ -252,7 +255,17 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
     cameras: dict[str, Camera] = {}
     for camera in recipe.camera:
         cameras.update(_cameras(camera, room, generator))
-    return _Geometry(room, walls, solids, lamps, cameras)
+    return _Geometry(room, walls, tiles, solids, lamps, cameras)
+
+
+def _tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) -> NDArray[np.str_]:
+    """(rows, columns) names of the paints of a pattern's tiles."""
+    if pattern.image is not None:
+        index = image_tiles(pattern.image, len(pattern.paints), folder, "recipe: pattern.image")
+    else:
+        size = int(pattern.rows.draw(generator)), int(pattern.columns.draw(generator))
+        index = drawn_tiles(pattern.kind, size, len(pattern.paints), generator)
+    return np.array(pattern.paints)[index]
 
 
 def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random.Generator) -> dict[str, Camera]:
@@ -274,7 +287,7 @@ def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random
         for column in range(table.across):
             shift = (column - (table.across - 1) / 2) * right + (row - (table.down - 1) / 2) * down
             alone = table.across == table.down == 1
-            cameras[table.name if alone else f"{table.name}-{row + 1}-{column + 1}"] = Camera(
+            camera = Camera(
                 width_px=table.width_px,
                 height_px=table.height_px,
                 focal_length_px=table.width_px / 2 / float(np.tan(np.radians(field) / 2)),
@@ -283,6 +296,9 @@ def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random
                 rotation=np.array([right, down, forward]),
                 position_mm=position + table.spacing_mm * shift,
             )
+            if np.isnan(camera.directions([0, table.width_px - 1], [0, table.height_px - 1])).any():
+                raise _Rejected("a lens with k1 below 0 has no rays for the corners of its picture")
+            cameras[table.name if alone else f"{table.name}-{row + 1}-{column + 1}"] = camera
     return cameras
 
 
@@ -302,7 +318,13 @@ def _walls(geometry: _Geometry) -> list[Surface]:
         meshes["ceiling"] = plate_mesh(corners["ceiling"], holes)
     except ValueError as fault:
         raise InputError("recipe: lamp", f"lamps that no straight line separates ({fault})", "lamps apart") from None
-    return [Surface(name, geometry.walls[name], *mesh) for name, mesh in meshes.items()]
+    walls: list[Surface] = []
+    for name, mesh in meshes.items():
+        if (tiles := geometry.tiles.get(name)) is not None:
+            walls += tiled_wall(name, np.array(corners[name], float), tiles)
+        else:
+            walls.append(Surface(name, geometry.walls[name], *mesh))
+    return walls
 
 
 def _lamp_quad(rectangle: _Rectangle, height: float) -> NDArray[np.float64]:
@@ -329,6 +351,7 @@ def _materials(
 ) -> tuple[dict[str, Material], dict[str, Any]]:
     """Materials in use by the names of their paints, and a record of them."""
     used = {*geometry.walls.values(), *(paint for _, paint in geometry.solids)}
+    used |= {str(paint) for tiles in geometry.tiles.values() for paint in np.unique(tiles)}
     materials, record = {}, {}
     for name, table in recipe.paint.items():
         source = table.reflectance.draw(generator)

@@ -12,16 +12,20 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, shown, suggestion, validated
 from cboxlab.utils.input_files import read_toml
+from cboxlab.utils.limits import MAX_CUBE_VALUES
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from ..effects import apply_checked
 from ..model import named_effect
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
+from .light_parts import REFLECTIONS
 from .paints import light_source, reflectance_source
+from .patterns import MOST_TILES, image_tiles
 from .solids import closed_mesh
 
 __all__ = [
+    "ANY",
     "TRUTHS",
     "WALLS",
     "BlockTable",
@@ -29,6 +33,7 @@ __all__ = [
     "EffectTable",
     "LampTable",
     "PaintTable",
+    "PatternTable",
     "PictureTable",
     "Recipe",
     "SensorTable",
@@ -37,6 +42,9 @@ __all__ = [
 
 #: Most paints of a recipe: memory and time of a picture grow with the cube of their number.
 MOST_PAINTS = 6
+
+#: Name of a material, surface or block in an effect's table that stands for any of its kind.
+ANY = "any"
 
 #: Walls of a box.
 WALLS = ("floor", "ceiling", "back", "right", "left")
@@ -84,6 +92,19 @@ class PaintTable(_Table):
 
     reflectance: Texts
     scale: Within(0, 10) = _constant(1.0)  # type: ignore[valid-type]
+
+
+class PatternTable(_Table):
+    """A wall of rectangular tiles, each of one paint."""
+
+    kind: Literal["checker", "stripes", "random", "image"] = "checker"
+    #: Paints of the tiles, in the order of an image's grey levels.
+    paints: Annotated[list[Name], Field(min_length=2, max_length=MOST_PAINTS)]
+    #: Tiles along the wall's height (a floor's depth) and its width, unless an image has them.
+    rows: WholeNumbers(1, MOST_TILES) = _constant(8)  # type: ignore[valid-type]
+    columns: WholeNumbers(1, MOST_TILES) = _constant(8)  # type: ignore[valid-type]
+    #: Grey image with a pixel for each tile; None for other kinds.
+    image: str | None = None
 
 
 class BlockTable(_Table):
@@ -220,6 +241,8 @@ class Recipe(_Table):
     parts: PartsTable = PartsTable()
     room: RoomTable = RoomTable()
     paint: Annotated[dict[Name, PaintTable], Field(min_length=1, max_length=MOST_PAINTS)]
+    pattern: dict[Name, PatternTable] = {}
+    #: Paint or pattern of each wall; the ceiling, which has holes for the lamps, takes paints alone.
     walls: dict[Literal["floor", "ceiling", "back", "right", "left"], Texts]
     block: list[BlockTable] = []
     lamp: Annotated[list[LampTable], Field(min_length=1)]
@@ -243,6 +266,8 @@ class Recipe(_Table):
             Hexadecimal digits.
         """
         content = self.model_dump(mode="json", exclude={"boxes", "description", "license"})
+        if not self.pattern:
+            del content["pattern"]  # sets that were begun before there were patterns
         content["effect"] = [{**entry.parameters, "id": entry.id, "p": entry.probability} for entry in self.effect]
         result = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
         for name in self.files:
@@ -251,13 +276,14 @@ class Recipe(_Table):
 
     @property
     def files(self) -> list[str]:
-        """Names of the files that it names: tables of spectra, effect files, sensor cameras."""
+        """Names of the files that it names: tables, meshes, images, effect files, sensor cameras."""
         names = [source for paint in self.paint.values() for source in paint.reflectance.names]
         names += [source for lamp in self.lamp for source in lamp.spectrum.names]
         tables = [name[: name.index(".csv") + 4] for name in names if ".csv" in name]
-        meshes = [block.mesh for block in self.block if block.mesh is not None]
+        parts = [block.mesh for block in self.block if block.mesh is not None]
+        parts += [pattern.image for pattern in self.pattern.values() if pattern.image is not None]
         others = [*(entry.id for entry in self.effect), *(sensor.camera for sensor in self.sensor)]
-        return sorted({*tables, *meshes, *(name for name in others if name.endswith(".toml"))})
+        return sorted({*tables, *parts, *(name for name in others if name.endswith(".toml"))})
 
 
 def load_recipe(path: Path) -> Recipe:
@@ -291,15 +317,22 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
     faults = []
     if missing := [wall for wall in WALLS if wall not in recipe.walls]:
         faults.append(InputError(f"{path}: walls", f"no {', no '.join(missing)}", f"all of {', '.join(WALLS)}"))
-    users = [(f"walls.{wall}", choice) for wall, choice in recipe.walls.items()]
-    users += [(f"block[{index}].paint", block.paint) for index, block in enumerate(recipe.block)]
+    paints, patterns = list(recipe.paint), list(recipe.pattern)
+    users = [
+        (f"walls.{wall}", choice.names, paints if wall == "ceiling" else [*paints, *patterns])
+        for wall, choice in recipe.walls.items()
+    ]
+    users += [(f"block[{index}].paint", block.paint.names, paints) for index, block in enumerate(recipe.block)]
+    for name, pattern in recipe.pattern.items():
+        users.append((f"pattern.{name}.paints", tuple(pattern.paints), paints))
+        faults += _pattern_faults(f"{path}: pattern.{name}", name, pattern, recipe, path.parent)
     for index, block in enumerate(recipe.block):
         faults += _mesh_faults(f"{path}: block[{index}]", block, path.parent)
-    for key, choice in users:
-        for name in choice.names:
-            if name not in recipe.paint:
-                expected = f"one of {', '.join(recipe.paint)}"
-                faults.append(InputError(f"{path}: {key}", f"'{name}'", expected, suggestion(name, recipe.paint)))
+    for key, listed, allowed in users:
+        for name in listed:
+            if name not in allowed:
+                expected = f"one of {', '.join(allowed)}"
+                faults.append(InputError(f"{path}: {key}", f"'{name}'", expected, suggestion(name, allowed)))
     for index, truth in enumerate(recipe.picture.truths):
         if truth not in TRUTHS:
             where = f"{path}: picture.truths[{index}]"
@@ -308,6 +341,8 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
     if not 2 <= (p.last_nm - p.first_nm) / p.step_nm + 1 < 2000:
         grid = f"{p.first_nm:g} to {p.last_nm:g} nm by {p.step_nm:g} nm"
         faults.append(InputError(f"{path}: picture", grid, "2 to 2000 wavelengths, ascending"))
+    else:
+        faults += _size_faults(path, recipe)
     total = recipe.parts.train + recipe.parts.validation + recipe.parts.test
     if abs(total - 1) > 1e-9:
         faults.append(InputError(f"{path}: parts", f"shares of sum {total:g}", "shares of sum 1"))
@@ -317,7 +352,20 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
             faults.append(InputError(f"{path}: {kind}", f"names {', '.join(names)}", "each name once"))
     faults += [fault for fault in _source_faults(path, recipe) if fault is not None]
     for index, entry in enumerate(recipe.effect):
-        faults += _effect_faults(f"{path}: effect[{index}]", entry, path.parent)
+        faults += _effect_faults(f"{path}: effect[{index}]", entry, [*recipe.paint, ANY], path.parent)
+    return faults
+
+
+def _size_faults(path: Path, recipe: Recipe) -> list[InputError]:
+    """Faults of pictures whose largest array no reader of cubes accepts."""
+    faults, p = [], recipe.picture
+    parts = len(REFLECTIONS) if "reflections" in p.truths else 1
+    for index, camera in enumerate(recipe.camera):
+        values = camera.width_px * camera.height_px * p.wavelength_nm.size * parts
+        if values > MAX_CUBE_VALUES:
+            size = f"a picture with an array of {values} values"
+            hint = "Make it smaller, or leave 'reflections' out of the truths."
+            faults.append(InputError(f"{path}: camera[{index}]", size, f"at most {MAX_CUBE_VALUES}", hint))
     return faults
 
 
@@ -334,27 +382,46 @@ def _mesh_faults(where: str, block: BlockTable, folder: Path) -> list[InputError
     return []
 
 
-def _effect_faults(where: str, entry: EffectTable, folder: Path) -> list[InputError]:
-    """Faults of an effect and of the ends of its parameters' distributions.
+def _pattern_faults(where: str, name: str, pattern: PatternTable, recipe: Recipe, folder: Path) -> list[InputError]:
+    """Faults of a pattern."""
+    if name in recipe.paint:
+        return [InputError(where, f"'{name}', the name of a paint", "another name")]
+    if len(set(pattern.paints)) < len(pattern.paints):
+        return [InputError(f"{where}.paints", ", ".join(pattern.paints), "each paint once")]
+    if (pattern.kind == "image") != (pattern.image is not None):
+        excess = "without an image" if pattern.image is None else "with an image"
+        return [InputError(where, f"the kind '{pattern.kind}' {excess}", "image = FILE for the kind 'image' alone")]
+    if pattern.image is not None:
+        try:
+            image_tiles(pattern.image, len(pattern.paints), folder, f"{where}.image")
+        except InputError as fault:
+            return [fault]
+    return []
 
-    Names are checked in each box.
+
+def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder: Path) -> list[InputError]:
+    """Faults of an effect, of the ends of its distributions, and of its materials' names.
+
+    Names of surfaces and blocks are checked in each box.
     """
-    ends: list[dict[str, Any]] = [{}, {}]
+    lists = {name: value if isinstance(value, list) else [value] for name, value in entry.parameters.items()}
+    names = {name: texts for name, texts in lists.items() if texts and all(isinstance(text, str) for text in texts)}
+    ends: list[dict[str, Any]] = [{} for _ in range(max([2, *map(len, names.values())]))]
     for name, value in entry.parameters.items():
-        texts = value if isinstance(value, list) else [value]
-        if texts and all(isinstance(text, str) for text in texts):
-            ends[0][name] = ends[1][name] = texts[0]
+        if name in names:
+            for number, end in enumerate(ends):
+                end[name] = names[name][min(number, len(names[name]) - 1)]
             continue
         try:
             low_and_high = numbers(value).support
         except ValueError as fault:
             return [InputError(f"{where}.{name}", shown(value), str(fault))]
-        for end, number in zip(ends, low_and_high, strict=True):
-            end[name] = number
+        for number, end in enumerate(ends):
+            end[name] = low_and_high[number % 2]
     try:
         effect = named_effect(entry.id, folder)
         for end in ends:
-            apply_checked(effect, end, where)
+            apply_checked(effect, end, where, {"material": materials})
     except InputError as fault:
         return [fault]
     return []

@@ -37,9 +37,9 @@ EFFECT = Effect(
     "through the mean of its footprint's corners, then moves by dx and dz.",
     parameters=(
         Parameter("block", choices=("short", "tall"), kind="block"),
-        Parameter("dx_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5, tolerance=0.05),
-        Parameter("dz_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5, tolerance=0.05),
-        Parameter("yaw_deg", "deg", null=0.0, low=-30.0, high=30.0, step=0.25, tolerance=0.01),
+        Parameter("dx_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5, tolerance=0.1),
+        Parameter("dz_mm", "mm", null=0.0, low=-60.0, high=60.0, step=0.5, tolerance=0.1),
+        Parameter("yaw_deg", "deg", null=0.0, low=-30.0, high=30.0, step=0.25, tolerance=0.05),
     ),
     apply=_apply,
     confirm="Survey the block's corners again. In the photograph its outline and its shadow move while the "

@@ -17,6 +17,9 @@ from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
+#: Exponent that is no finding: the frame of a lamp of the published size, 0.2 mm deep, shades oblique rays as much.
+_FRAME_TOLERANCE = 0.006
+
 
 def _apply(scene: Scene, exponent: float) -> Scene:
     """Scene with the exponent added to that of each lamp."""
@@ -28,7 +31,7 @@ EFFECT = Effect(
     stage="scene",
     title="the lamp's radiance falls with the angle",
     summary="The lamp's radiance falls with the angle t from its normal as L0 cos(t)^n; L0 along the normal is kept.",
-    parameters=(Parameter("exponent", "1", null=0.0, low=0.0, high=10.0, step=0.02),),
+    parameters=(Parameter("exponent", "1", null=0.0, low=0.0, high=10.0, step=0.02, tolerance=_FRAME_TOLERANCE),),
     apply=_apply,
     confirm="Measure the lamp's radiance at 0, 45 and 70 degrees from its normal with a spot radiometer. In "
     "the photograph the tops of the walls darken relative to the floor.",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         MOST_PASSES,
         fireflies,
         relative_error,
+        relative_errors,
         render_passes,
         render_to_precision,
     )
@@ -27,6 +28,7 @@ __all__ = [
     "RenderJob",
     "fireflies",
     "relative_error",
+    "relative_errors",
     "render",
     "render_passes",
     "render_stock",

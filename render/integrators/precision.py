@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -25,6 +25,7 @@ __all__ = [
     "PILOT_SAMPLES",
     "fireflies",
     "relative_error",
+    "relative_errors",
     "render_passes",
     "render_to_precision",
 ]
@@ -63,9 +64,29 @@ def relative_error(image: RenderedImage, percentile: float = 50.0) -> float:
     float
         Standard error of the mean over the mean; 0 for an image without light.
     """
+    return relative_errors(image, (percentile,))[0]
+
+
+def relative_errors(image: RenderedImage, percentiles: Sequence[float]) -> list[float]:
+    """Several percentiles as of ``relative_error``, from one projection of the image.
+
+    Parameters
+    ----------
+    image
+        Image of several batches.
+    percentiles
+        0 to 100 each.
+
+    Returns
+    -------
+    list of float
+        Standard error of the mean over the mean at each percentile; 0 for an image without light.
+    """
     relative = _relative_variance(image)
     valid = np.isfinite(relative)
-    return float(np.percentile(np.sqrt(relative[valid]), percentile)) if valid.any() else 0.0
+    if not valid.any():
+        return [0.0] * len(percentiles)
+    return [float(value) for value in np.percentile(np.sqrt(relative[valid]), percentiles)]
 
 
 def _relative_variance(image: RenderedImage) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.dataset import Recipe, draw_box, load_recipe
+from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.sensor import integration_weights
 from cboxlab.utils.errors import InputError
@@ -25,6 +25,9 @@ from .tasks import Task, camera_names, pictures_of, tasks_of
 from .workers import in_processes, on_local_cluster, on_scheduler
 
 __all__ = ["DatasetRun", "Workers", "create_dataset", "read_recipe"]
+
+#: Boxes that are drawn before any is rendered, 4 ms each: a fault of a rare draw should not end a long run.
+_TRIED = 50
 
 #: Seconds of an hour.
 _HOUR_S = 3600.0
@@ -111,7 +114,7 @@ def _median(values: list[float]) -> float:
 
 
 def read_recipe(path: Path) -> Recipe:
-    """Recipe of a file, with its sensors and its first box tried.
+    """Recipe of a file, with its sensors and its first boxes tried.
 
     Parameters
     ----------
@@ -126,7 +129,7 @@ def read_recipe(path: Path) -> Recipe:
     Raises
     ------
     InputError
-        If the recipe is faulty, a sensor does not see its wavelengths, or its first box cannot be drawn.
+        If the recipe is faulty, a sensor does not see its wavelengths, or a box cannot be drawn or is dark.
     """
     recipe = load_recipe(path)
     require_format(recipe.picture.format, f"{path}: picture.format")
@@ -139,11 +142,20 @@ def read_recipe(path: Path) -> Recipe:
                 where = f"{path}: sensor[{index}] ({sensor.camera})"
                 raise InputError(where, fault.found, fault.expected, "Widen [picture].") from None
     try:
-        draw_box(recipe, 0, path.parent)
+        for number in range(min(recipe.boxes, _TRIED)):
+            _require_light(draw_box(recipe, number, path.parent), recipe)
     except InputError as fault:
         where = str(fault.where).replace("recipe", str(path), 1)
         raise InputError(where, fault.found, fault.expected, fault.hint) from None
     return recipe
+
+
+def _require_light(box: Box, recipe: Recipe) -> None:
+    """Raise InputError for a box whose lamps are dark at all wavelengths of the pictures."""
+    grid = recipe.picture.wavelength_nm
+    if not box.model.scene.lamp_radiance(grid).any():
+        dark = f"{grid[0]:g} to {grid[-1]:g} nm, where the lamps of box {box.number} have no light"
+        raise InputError("recipe: picture", dark, "wavelengths in nm at which each lamp shines")
 
 
 def create_dataset(

@@ -13,7 +13,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
-from .evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, dispersion, penalised, square
+from .evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, beyond_tolerance, dispersion, penalised, square
 from .fitting import parameter_variance
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -215,8 +215,9 @@ def confirmed_where_held_out(
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
     """Drop effects that other samples do not confirm: they resemble another cause.
 
-    An effect is dropped for any of three reasons. It gains too little in pixels or bands held out from its fit; it is
-    an edge artefact; or errors shared by bands and faces may have made its amplitude.
+    An effect is dropped for any of four reasons. It gains too little in pixels or bands held out from its fit. It is an
+    edge artefact. Errors shared by bands and faces may have made its amplitude. Or its numbers, fitted with the other
+    effects, are within their tolerances.
 
     Parameters
     ----------
@@ -242,6 +243,7 @@ def confirmed_where_held_out(
         if not (effect.heldout_pixels < _MIN_HELDOUT_GAIN_RATIO or effect.heldout_bands < _MIN_HELDOUT_GAIN_RATIO)
         and not effect.edge_artefact
         and not effect.amplitude_sigma > 1 / _MIN_AMPLITUDE_SIGMA
+        and beyond_tolerance(candidate)
     ]
     if len(confirmed) == len(selected):
         return list(selected), list(assessed)

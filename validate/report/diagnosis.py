@@ -47,6 +47,7 @@ _FLAWS = {
     "creases": "corners, which are softer or darker than in the model",
     "edges": "edges, as of walls and blocks that lean or differ in size",
     "shading": "whole faces, which are lit or painted unevenly",
+    "slopes": "walls that lean or bulge, by the light on them",
     "field": "slow changes over the picture, alike in all bands",
     "pixels": "single pixels, alike in all bands, as with old flats or a photograph simulated from a noisy rendering",
 }

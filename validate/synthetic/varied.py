@@ -6,12 +6,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from cboxlab.rendering.effects import catalogue, names_in
+from cboxlab.rendering.effects import names_in
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.shapes import moved_on_floor
 
 __all__ = ["BlockOffset", "block_offsets", "varied_settings", "with_block_offsets"]
+
+#: Standard deviations of blocks from their survey, mm, mm and degrees: half of what a diagnosis tolerates, or less.
+_BLOCK_SCATTER = (0.05, 0.05, 0.01)
 
 
 def varied_settings(seed: int) -> CaptureSettings:
@@ -58,8 +61,6 @@ class BlockOffset(NamedTuple):
 def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
     """Random offset of each block of a scene from its surveyed position.
 
-    Standard deviations are the tolerances of the catalogue's effect that moves blocks.
-
     Parameters
     ----------
     scene
@@ -73,9 +74,10 @@ def block_offsets(scene: Scene, seed: int) -> dict[str, BlockOffset]:
         Offsets by block.
     """
     draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(4,)))
-    moves_blocks = next(e for e in catalogue().values() if any(p.kind == "block" for p in e.parameters))
-    scatter = np.array([p.tolerance for p in moves_blocks.numbers])
-    return {block: BlockOffset(*map(float, scatter * draw.standard_normal(3))) for block in names_in(scene)["block"]}
+    return {
+        block: BlockOffset(*map(float, np.array(_BLOCK_SCATTER) * draw.standard_normal(3)))
+        for block in names_in(scene)["block"]
+    }
 
 
 def with_block_offsets(scene: Scene, seed: int) -> Scene:

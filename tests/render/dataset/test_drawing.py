@@ -41,6 +41,8 @@ def test_distributions_have_their_moments():
         {"uniform": [1, 2], "integer": [1, 2]},
         {"log_uniform": [0, 1]},
         {"integer": [0.5, 2]},
+        {"normal": [4000, 1], "within": [6000, 6500]},
+        {"normal": [400, 0], "within": [6000, 6500]},
         True,
     ],
 )
@@ -196,6 +198,9 @@ def test_a_recipe_that_no_box_fits_says_why(tmp_path):
         recipe = load_recipe(write_recipe(tmp_path, change))
         with pytest.raises(InputError, match=rf"all 500 draws of geometry 0 were rejected \(500 times {reason}\)"):
             draw_box(recipe, 0, tmp_path)
+    folded = load_recipe(write_recipe(tmp_path, ("k1 = [-0.05, 0.05]", "k1 = -0.3\nfield_deg = 140")))
+    with pytest.raises(InputError, match="k1 below 0"):
+        draw_box(folded, 0, tmp_path)
     hidden = load_recipe(write_recipe(tmp_path, ("seed = 11", "seed = 11\nmost_blocked = 0.001")))
     with pytest.raises(InputError, match="a lamp is hidden"):
         draw_box(hidden, 0, tmp_path)
@@ -224,6 +229,7 @@ def test_the_recipe_of_the_manual_draws_boxes():
         (('left = "colour"\n', ""), "no left"),
         (("[room]", '[[effect]]\nid = "glos"\n[room]'), "did you mean 'gloss'"),
         (("[room]", '[[effect]]\nid = "gloss"\nspecular = [0, 2]\n[room]'), "effect[0].specular"),
+        (("[room]", '[[effect]]\nid = "gloss"\nmaterial = ["any", "gold"]\nprobability = 0.001\n[room]'), "'gold'"),
         (("[room]", "[parts]\ntrain = 0.5\n[room]"), "shares of sum 0.7"),
         (("[picture]", '[picture]\ntruths = ["albdo"]'), "did you mean 'albedo'"),
     ],
@@ -232,3 +238,10 @@ def test_a_faulty_recipe_is_refused_with_file_and_key(tmp_path, change, words):
     with pytest.raises(InputError) as raised:
         load_recipe(write_recipe(tmp_path, change))
     assert "recipe.toml" in str(raised.value) and words in str(raised.value)
+
+
+def test_a_picture_that_no_reader_accepts_is_refused(tmp_path):
+    large = ("width_px = 16\nheight_px = 16", "width_px = 4096\nheight_px = 4096")
+    load_recipe(write_recipe(tmp_path, large))  # 4 wavelengths, four parts of the light: just within the limit
+    with pytest.raises(InputError, match=r"camera\[0\]: found a picture with an array of 335544320 values"):
+        load_recipe(write_recipe(tmp_path, large, ("step_nm = 100.0", "step_nm = 75.0")))

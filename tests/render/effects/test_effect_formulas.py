@@ -287,6 +287,9 @@ def test_counts_effects_follow_their_formulas():
     np.testing.assert_allclose(bent.scene, c.scene * (1 - 0.02 * c.scene / 4095))
     np.testing.assert_allclose(bent.dark_reference, c.dark_reference * (1 - 0.02 * c.dark_reference / 4095))
 
+    above = apply("nonlinearity", replace(c, scene=4095.0 + 100 * c.scene / c.scene.max()), b=-0.02).scene
+    np.testing.assert_allclose(above, 4095 * 0.98 + 0.96 * 100 * c.scene / c.scene.max())  # the slope at full scale
+
     def ratio(after: Counts, of: str = "scene") -> np.ndarray:
         """Signal above dark over that without the effect, by band; the same in all pixels."""
         dark = getattr(c, f"dark_{of}")[:, None, None]

@@ -89,6 +89,16 @@ def test_colour_science_reads_the_same_samples_of_xrite():
     assert all(np.array_equal(spectra[name].values, expected[name].values) for name in spectra)
 
 
+@pytest.mark.parametrize(("key", "once"), [("uprtek", 1), ("sekonic", 2)])
+def test_the_last_of_repeated_spectra_is_read_and_counted(tmp_path, key, once):
+    text = INSTRUMENTS[key].text.rstrip("\n") + "\n"
+    for repeats in (1, 3):
+        found = read_instrument_file(write(tmp_path, repeats * text))
+        assert found.spectra[0].values == pytest.approx(INSTRUMENTS[key].values)
+        counted = [note for note in found.notes if "spectra of the file" in note]
+        assert counted == [f"The last of {repeats * once} spectra of the file."] * (repeats * once > 1)
+
+
 # Of each format: what is changed, into what, and what the message names.
 MALFORMED = [
     ("uprtek", "381nm\t0.5", "381nm\t", "line 8", "finite number"),

@@ -180,6 +180,32 @@ def test_a_coated_box_splits_into_albedo_irradiance_and_specular_light(tmp_path,
     assert any("specular light are not" in fault for fault in check_picture(picture, box, 0.1, 23).faults)
 
 
+def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
+    """A coat that takes light leaves the error of the base: the picture still has the noise that was asked for."""
+    from cboxlab.validation.dataset import picture as module
+
+    asked = []
+    plain = module.render_to_precision
+    path = write_recipe(tmp_path, ("[room]", '[[effect]]\nid = "gloss"\nmaterial = "light"\nspecular = 1.0\n[room]'))
+    recipe = load_recipe(path)
+    box = draw_box(recipe, 0, tmp_path)
+    errors = iter([0.11])
+
+    def once(image, percentiles):
+        return [next(errors, 0.05)] * len(percentiles)
+
+    def counted(job, noise, **others):
+        asked.append(noise)
+        return plain(job, noise, **others)
+
+    monkeypatch.setattr(module, "render_to_precision", counted)
+    monkeypatch.setattr(module, "relative_errors", once)
+    for name, value in (("_PATCHES_PER_DIAGONAL", 6), ("_PATCH_SAMPLES", 128), ("_SAMPLES", 64)):
+        monkeypatch.setattr(sys.modules["cboxlab.validation.predict.transported"], name, value)
+    list(render_pictures([box], "main", recipe, tmp_path))
+    assert asked == pytest.approx([0.1, 0.1**2 / 0.11 * 0.9])
+
+
 def test_formats_hold_the_same_picture(run, tmp_path):
     """Zarr is equal to the bit, and its file, too; copies hold the radiance, HDF5 in the order of the benchmarks."""
     pytest.importorskip("zarr")
@@ -280,7 +306,7 @@ def outcome(capsys, *arguments):
     return ended.value.code, out, err
 
 
-@pytest.mark.parametrize("case", ["key", "nowhere", "other", "begun", "version", "sensor", "scheduler"])
+@pytest.mark.parametrize("case", ["key", "nowhere", "other", "begun", "version", "sensor", "dark", "scheduler"])
 def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeypatch, case):
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
@@ -291,6 +317,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         "begun": ["another recipe"],
         "version": ["mitsuba 0.1"],
         "sensor": ["sensor[0]", "of the sensitivity"],
+        "dark": ["picture", "0.4 to 0.7 nm", "no light"],
         "scheduler": ["--scheduler", "no answer"],
     }[case]
     if case == "key":
@@ -300,6 +327,8 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
     elif case == "sensor":
         sensor = '[[sensor]]\nname = "a"\ncamera = "dcs200"\n[room]'
         path = write_recipe(tmp_path, ("[picture]", "[picture]\nlast_nm = 600"), ("[room]", sensor))
+    elif case == "dark":
+        path = write_recipe(tmp_path, ("step_nm = 100.0", "first_nm = 0.4\nlast_nm = 0.7\nstep_nm = 0.1"))
     elif case == "other":
         target.mkdir()
         (target / "notes.txt").write_text("mine")

@@ -9,9 +9,10 @@ from cboxlab.validation.diagnose.alternatives import SelectedEffect, confirmed_w
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR
 
 
-def _candidate(name, chi2):
-    hypothesis = SimpleNamespace(free=(None,), effect=SimpleNamespace(id=name))
-    return SimpleNamespace(chi2=chi2, hypothesis=hypothesis, by_priors=False)
+def _candidate(name, chi2, tolerance=0.0):
+    free = (SimpleNamespace(name="size", null=0.0, tolerance=tolerance),)
+    hypothesis = SimpleNamespace(free=free, effect=SimpleNamespace(id=name))
+    return SimpleNamespace(chi2=chi2, hypothesis=hypothesis, by_priors=False, numbers={"size": 1.0})
 
 
 def _selected(behind, dispersion, gain):
@@ -41,3 +42,13 @@ def test_what_comes_of_edges_is_dropped(monkeypatch, edge_artefact):
     effect = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, edge_artefact)
     kept, _ = confirmed_where_held_out(None, [own], [effect], [])
     assert kept == ([] if edge_artefact else [own])
+
+
+@pytest.mark.parametrize(("tolerance", "holds"), [(0.2, True), (0.5, False)])
+def test_a_number_that_is_within_its_tolerance_in_the_end_is_dropped(monkeypatch, tolerance, holds):
+    """Five tolerances come by chance in 6e-7 of boxes, two in 5 of 100."""
+    monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, chosen, signatures: [])
+    own = _candidate("own", 1000.0, tolerance)
+    effect = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0)
+    kept, _ = confirmed_where_held_out(None, [own], [effect], [])
+    assert kept == ([own] if holds else [])

@@ -17,6 +17,8 @@ from cboxlab.rendering.perturbation import PatchTransport, Warp
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from .slopes import slopes
+
 __all__ = ["FlawColumns", "flaw_columns"]
 
 #: Standard deviations over which reflected light is blurred along a soft corner, px: radii below a pixel, and above.
@@ -69,8 +71,9 @@ class _Picture:
     reflectance: NDArray[np.float64]
 
 
-#: Standard deviation of each kind's columns: creases over the blur, edges in px, shading and field over the signal.
-_TOLERANCE = {"creases": 1.0, "edges": 0.05, "shading": 0.002, "field": 0.002}
+#: Standard deviation of each kind's columns: creases over the blur, edges in px, shading and field over the signal;
+#: those of slopes are in it already.
+_TOLERANCE = {"creases": 1.0, "edges": 0.05, "shading": 0.002, "field": 0.002, "slopes": 1.0}
 
 
 def flaw_columns(
@@ -104,7 +107,7 @@ def flaw_columns(
     Returns
     -------
     FlawColumns
-        Of the kinds creases, edges, shading and field.
+        Of the kinds creases, edges, shading, slopes and field.
     """
     face = np.where(coverage.any(axis=-1), coverage.argmax(axis=-1), -1)
     picture = _Picture(signal, used, face, indirect, reflectance)
@@ -115,6 +118,7 @@ def flaw_columns(
         *(_crease(picture, *pair) for pair in touching),
         *(_edge(picture, warp, *pair) for pair in pairs),
         *(_shading(picture, face) for face in np.unique(picture.face[picture.face >= 0])),
+        slopes(signal, signal - indirect * reflectance, used, face, transport),
         _field(picture),
     ):
         kinds.append(kind)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import field, lamp_dn
-from cboxlab.validation.diagnose.field_fit.surface_maps import smooth_surface_maps
+from cboxlab.validation.diagnose.field_fit.surface_maps import _cosines, smooth_surface_maps
 from helpers.small_excess import SIGNAL, small_excess
 
 STEP = 1e-3
@@ -91,3 +91,12 @@ def test_a_matte_lobe_changes_direct_light_by_its_incidence_and_all_light_by_the
         np.testing.assert_allclose(by_incidence, dn * rho * exact, atol=1e-4 * dn)
     both = t.view * t.incidence
     np.testing.assert_allclose(found[7], dn * rho * own * (both - both[own].mean()) * LIGHT, atol=1e-4 * dn)
+
+
+def test_the_prior_of_a_map_falls_to_one_half_at_the_second_order():
+    maps = _cosines("floor", np.array([[0.0, 0, 0], [400, 0, 300]]))
+    order = {tuple(m.waves[0]): float(m.values[0]) for m in maps}
+    assert order[0, 0, 0] == 1
+    assert order[2, 0, 0] == order[0, 0, 2] == pytest.approx(1 / 2)
+    assert order[1, 0, 1] == pytest.approx(1 / 1.5)
+    assert order[4, 0, 0] == pytest.approx(1 / 5)
