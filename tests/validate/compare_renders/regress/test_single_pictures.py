@@ -1,8 +1,10 @@
 """Changes that single pictures without stated errors show: ripples, moved textures, functions of the light."""
 
 import numpy as np
+import OpenEXR
 import pytest
 from cboxlab.validation.compare_renders.regress import Side, regress_sides
+from helpers.other_suite import run_suite
 from scipy.ndimage import gaussian_filter, median_filter, uniform_filter
 
 SIZE = 48
@@ -63,3 +65,34 @@ def test_a_texture_like_noise_is_found_where_it_moved(place, spoilt):
 @pytest.mark.parametrize("spoilt", [lambda p: 1.05 * p, lambda p: p + 0.05 * p.mean(), lambda p: p**1.1])
 def test_a_function_of_the_light_is_no_correlated_noise(spoilt):
     assert not outcome(TEXTURED, spoilt, "filtered", 3).same
+
+
+#: Spoilt pictures by the name of a test of an imaginary renderer; equal ones first.
+SPOILT = {
+    "equal": lambda p: p,
+    "mirrored": lambda p: p[:, ::-1],
+    "checkered": lambda p: p * (1 + 0.2 * (2 * (np.indices((SIZE, SIZE)).sum(axis=0) % 2) - 1)[..., None]),
+    "moved_lamp": lambda p: p / LIGHT * (1 + 0.2 * X + 0.3 * Y**2) * [0.7, 0.6, 0.5],
+}
+
+
+def test_the_fixture_compares_single_pictures_with_copies_of_earlier_ones(tmp_path):
+    """Pictures of a textured floor without stated errors."""
+
+    def written(name, picture):
+        planes = {channel: np.ascontiguousarray(picture[..., i], np.float32) for i, channel in enumerate("RGB")}
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(tmp_path / f"{name}.exr"))
+
+    def test_of(name):
+        call = f"same_light('{name}', Path(__file__).parent / '{name}.exr', seed=1, samples=64)"
+        return f"def test_{name}(same_light):\n    {call}"
+
+    (tmp_path / "test_light.py").write_text("\n\n\n".join(["from pathlib import Path", *map(test_of, SPOILT)]))
+    for number, name in enumerate(SPOILT):
+        written(name, NOISE["filtered"](TEXTURED, np.random.default_rng(number)))
+    assert run_suite(tmp_path, "--update-light-references")[0] == 0
+    for number, (name, spoilt) in enumerate(SPOILT.items()):
+        written(name, spoilt(NOISE["filtered"](TEXTURED, np.random.default_rng(50 + number))))
+    code, printed = run_suite(tmp_path)
+    assert code == 1
+    assert "3 failed, 1 passed" in printed, printed
