@@ -29,6 +29,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     x, y = pictures.across()
     base, square = pictures.baseline, (x * x + y * y)[..., None]
     yield Trial(lambda a: {"at_half_width": 1 + float(a[0]), "law": "1 + a r^2"}, (base * square,))
+    cosines: list[tuple[float | None, NDArray[np.float64]]]
     if pictures.camera is None:
         cosines = [(tangent, (1 + tangent**2 * square) ** -0.5) for tangent in _TANGENTS]
     else:
