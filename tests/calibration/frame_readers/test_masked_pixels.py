@@ -32,6 +32,13 @@ def test_masked_pixels_give_the_black_level(tmp_path):
     assert black_level == {channel: pytest.approx(BLACK_DN, abs=0.8) for channel in black_level}
 
 
+def test_each_channel_has_the_level_of_its_own_masked_pixels(tmp_path):
+    offsets = {"R": 0, "G": 6, "G2": 12, "B": 18}
+    image = sensor(1) + np.tile(np.reshape(list(offsets.values()), (2, 2)), (32, (96 + MASKED) // 2)).astype(np.uint16)
+    black_level = level(tmp_path / "a.dng", image, masked_columns=MASKED)
+    assert black_level == {channel: pytest.approx(BLACK_DN + dn, abs=1.0) for channel, dn in offsets.items()}
+
+
 @pytest.mark.parametrize(
     ("image", "columns"),
     [
