@@ -3,8 +3,9 @@
     def test_box(same_light):
         same_light("box", "box.nc", seed=2, samples=512, versions={"ourrenderer": "3.2"})
 
-compares means over surfaces, bands and blocks, and patterns, with ``references/box.json``. A missing reference is an
-error. Only ``pytest --update-light-references`` writes references.
+compares means over surfaces, bands and blocks, and patterns, with ``references/box.json``. A single picture without
+stated errors, as of any scene, is compared with a copy of the earlier one, ``references/box.exr``, as by
+``cbox regress``. A missing reference is an error. Only ``pytest --update-light-references`` writes references.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
 
     It raises AssertionError if the mean light of a surface in a band has changed. Its arguments are the name of the
     reference; a spectral cube or a picture of any scene, several joined by commas, or a folder of independent ones;
-    the seed, the samples per pixel and the versions of the renderer, which the reference states.
+    the seed, the samples per pixel and the versions of the renderer, which the reference states. A single picture may
+    state no errors.
 
     Parameters
     ----------
@@ -61,7 +63,7 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
         name: str, pictures: str | Path, *, seed: int, samples: int, versions: Mapping[str, str] | None = None
     ) -> None:
         """Compare with the reference, or write it under the option."""
-        from cboxlab.validation.compare_renders.regress import cube_paths, read_side
+        from cboxlab.validation.compare_renders.regress import assert_same_light, cube_paths, read_side
         from cboxlab.validation.compare_renders.stored_references import (
             measured_reference,
             read_reference,
@@ -69,16 +71,23 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
             write_reference,
         )
 
-        path = folder / f"{name}.json"
-        side = read_side(cube_paths(str(pictures)))
-        measured = measured_reference(side, seed, samples, versions or {})
+        paths = cube_paths(str(pictures))
+        side = read_side(paths)
+        single = side.variance is None
+        path = folder / f"{name}{Path(paths[0]).suffix if single else '.json'}"
         if update:
-            write_reference(path, measured)
+            if single:
+                _copy(Path(paths[0]), path)
+            else:
+                write_reference(path, measured_reference(side, seed, samples, versions or {}))
             return
         if not path.exists():
             pytest.fail(f"{path}: no reference. Look at the picture, then write it: pytest {_OPTION}")
         try:
-            require_same_light(read_reference(path), measured)
+            if single:
+                assert_same_light(path, paths[0])
+            else:
+                require_same_light(read_reference(path), measured_reference(side, seed, samples, versions or {}))
         except AssertionError as error:
             file, line, _ = request.node.location
             found = request.config.stash.setdefault(_ANNOTATIONS, [])
@@ -86,6 +95,14 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
             raise
 
     return check
+
+
+def _copy(picture: Path, path: Path) -> None:
+    """Copy a picture to a reference, the folder included."""
+    from cboxlab.utils.files import replacing
+
+    with replacing(path) as temporary:
+        temporary.write_bytes(picture.read_bytes())
 
 
 def _annotation(file: str, line: int, name: str, message: str) -> str:

@@ -33,8 +33,8 @@ def commands() -> str:
 
 
 def _command(name: str, command) -> Iterator[str]:
-    own = [p for p in command.params if p.name not in ("help", "quiet", "verbose")]
-    arguments = [p for p in own if p.param_type_name == "argument"]
+    parameters = [p for p in command.params if p.name not in ("help", "quiet", "verbose")]
+    arguments = [p for p in parameters if p.param_type_name == "argument"]
     usage = " ".join(["cbox", name, *(_argument(p) for p in arguments), "[options]"])
     yield from (
         f"## cbox {name}\n",
@@ -42,12 +42,12 @@ def _command(name: str, command) -> Iterator[str]:
         f"\n```text\n{usage}\n```\n",
     )
     yield from ("| argument or option | | default |", "|---|---|---|")
-    for parameter in own:
+    for parameter in parameters:
         label = _argument(parameter) if parameter in arguments else ", ".join(parameter.opts)
         default = parameter.default
-        shown = "" if default in (None, False, "") or callable(default) or parameter.required else f"`{default}`"
+        default_text = "" if default in (None, False, "") or callable(default) or parameter.required else f"`{default}`"
         text = (parameter.help or "").replace("|", "\\|")
-        yield f"| `{label}` | {_quoted_brackets(text)} | {'required' if parameter.required else shown} |"
+        yield f"| `{label}` | {_quoted_brackets(text)} | {'required' if parameter.required else default_text} |"
     yield ""
 
 
@@ -102,8 +102,8 @@ def effects() -> str:
     """Every effect: what happens, its parameters, its signature, how it is confirmed, its sources."""
     lines = []
     for stage in STAGES:
-        here = [effect for effect in catalogue().values() if effect.stage == stage]
-        for effect in here:
+        effects_of_stage = [effect for effect in catalogue().values() if effect.stage == stage]
+        for effect in effects_of_stage:
             lines += _effect(effect)
     return "\n".join(lines)
 

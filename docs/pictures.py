@@ -35,9 +35,9 @@ def effect_pictures(names: Sequence[str] = ()) -> None:
     light = pictured_light()
     for effect in [catalogue()[name] for name in names or catalogue()]:
         path = FIGURES / "effects" / f"{effect.id}.png"
-        told = write_effect_picture(path, effect, light, DPI)
+        caption = write_effect_picture(path, effect, light, DPI)
         small_png(path)
-        print(f"{path.name}: {told}", flush=True)
+        print(f"{path.name}: {caption}", flush=True)
 
 
 def readme_pictures() -> None:
@@ -81,9 +81,9 @@ def middle(validation) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    wanted = sys.argv[1:] or ["effects", "readme"]
-    single = [name for name in wanted if name not in ("effects", "readme")]
-    if single or "effects" in wanted:
+    targets = sys.argv[1:] or ["effects", "readme"]
+    single = [name for name in targets if name not in ("effects", "readme")]
+    if single or "effects" in targets:
         effect_pictures(single)
-    if "readme" in wanted:
+    if "readme" in targets:
         readme_pictures()

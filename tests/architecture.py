@@ -72,14 +72,14 @@ def imports_of(path: Path) -> set[str]:
 def package_imports() -> dict[str, set[str]]:
     """By package, the packages it imports from; a room's own ``__init__`` is left out."""
     packages = {package_of(path) for path in MODULES}
-    found: dict[str, set[str]] = {}
+    dependencies: dict[str, set[str]] = {}
     for path in MODULES:
         package = package_of(path)
         if path.name == "__init__.py" and package in ROOMS and package != "scenes":
             continue
         targets = {package_in(name, packages) for name in imports_of(path)}
-        found.setdefault(package, set()).update(targets - {package})
-    return found
+        dependencies.setdefault(package, set()).update(targets - {package})
+    return dependencies
 
 
 def _levels(edges: dict[str, set[str]]) -> dict[str, int]:
@@ -112,11 +112,11 @@ def _room(room: str, edges: dict[str, set[str]], top: int) -> tuple[list[str], i
         columns.setdefault(levels[package], []).append(package)
     rows = max(len(column) for column in columns.values())
     height = rows * (_BOX[1] + _GAP[1]) + 44
-    place = {}
+    box = {}
     for level, column in columns.items():
         first = top + 34 + (rows - len(column)) * (_BOX[1] + _GAP[1]) / 2
         for row, package in enumerate(column):
-            place[package] = (_MARGIN + 12 + level * (_BOX[0] + _GAP[0]), first + row * (_BOX[1] + _GAP[1]))
+            box[package] = (_MARGIN + 12 + level * (_BOX[0] + _GAP[0]), first + row * (_BOX[1] + _GAP[1]))
     colour = _COLOURS[room]
     width = _MARGIN + 12 + (max(levels.values()) + 1) * (_BOX[0] + _GAP[0])
     lines = [
@@ -124,13 +124,13 @@ def _room(room: str, edges: dict[str, set[str]], top: int) -> tuple[list[str], i
         f'<text x="{_MARGIN + 12}" y="{top + 21}" fill="{colour}" font-weight="bold">{room}/</text>',
     ]
     for package, other in _reduced(edges):
-        (x, y), (u, v) = place[package], place[other]
+        (x, y), (u, v) = box[package], box[other]
         start, end = (x, y + _BOX[1] / 2), (u + _BOX[0], v + _BOX[1] / 2)
         lines.append(
             f'<path d="M{start[0]:g} {start[1]:g} C{start[0] - 22:g} {start[1]:g} {end[0] + 22:g} {end[1]:g} '
             f'{end[0] + 4:g} {end[1]:g}" fill="none" stroke="{colour}" opacity="0.7" marker-end="url(#arrow)"/>'
         )
-    for package, (x, y) in place.items():
+    for package, (x, y) in box.items():
         name = package.removeprefix(f"{room}.") if "." in package else "(no packages)"
         lines.append(f'<rect x="{x:g}" y="{y:g}" width="{_BOX[0]}" height="{_BOX[1]}" rx="4" fill="{colour}"/>')
         centre = f'x="{x + _BOX[0] / 2:g}" y="{y + 20:g}"'
@@ -143,15 +143,15 @@ def drawing(edges: dict[str, set[str]]) -> str:
     body: list[str] = []
     top, width = _MARGIN, 0
     for room in reversed(ROOMS):
-        own = {
+        columns = {
             package: {other for other in below if other.split(".")[0] == room}
             for package, below in edges.items()
             if package.split(".")[0] == room
         }
-        lines, height = _room(room, own, top)
+        lines, height = _room(room, columns, top)
         body += lines
         top += height + 14
-        width = max(width, max(_levels(own).values()) + 1)
+        width = max(width, max(_levels(columns).values()) + 1)
     size = f'width="{2 * _MARGIN + 12 + width * (_BOX[0] + _GAP[0])}" height="{top}"'
     head = [
         f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="13">',

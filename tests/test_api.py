@@ -28,13 +28,13 @@ def names(tmp_path_factory):
     write_model_capture(folder / "capture", Model(), perturbed_camera(32, 3), CaptureSettings(), 3, relative_error=0.05)
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(blocks) == 8
-    found: dict = {}
+    names_by_module: dict = {}
     hypotheses = stepwise.hypotheses
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(stepwise, "hypotheses", lambda *a: [h for h in hypotheses(*a) if h.effect.id in EFFECTS])
-        exec("\n".join(blocks), found)
-        yield {**found, "folder": folder}
+        exec("\n".join(blocks), names_by_module)
+        yield {**names_by_module, "folder": folder}
 
 
 RESULTS = ("calibration", "validation", "diagnosis", "study", "cube", "raw")

@@ -26,12 +26,12 @@ def test_benchmark_loads(path):
 def test_index_names_every_benchmark():
     """Each file in the section of its folder, no file that is gone, and no two files of one name."""
     sections = re.split(r"^## .*`(\w+)/`$", (BENCHMARKS / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
-    named = [
+    mentioned = [
         f"{folder}/{name}"
         for folder, text in zip(sections[1::2], sections[2::2], strict=True)
         for name in sorted(set(re.findall(r"\b(\w+\.py)\b", text)))
     ]
-    assert sorted(named) == [path.relative_to(BENCHMARKS).as_posix() for path in FILES]
+    assert sorted(mentioned) == [path.relative_to(BENCHMARKS).as_posix() for path in FILES]
     assert len({path.stem for path in FILES}) == len(FILES)
 
 
@@ -95,9 +95,9 @@ def test_a_state_of_the_code_is_what_it_does(tmp_path):
         states.append(code_state(tmp_path))
     assert states[0] == states[1]
     assert len(set(states)) == 3
-    shown = tmp_path / "validate" / "report" / "page.py"
-    shown.parent.mkdir(parents=True)
-    shown.write_text("width = 3\n")
+    page_module = tmp_path / "validate" / "report" / "page.py"
+    page_module.parent.mkdir(parents=True)
+    page_module.write_text("width = 3\n")
     assert code_state(tmp_path) == states[-1]
 
 

@@ -43,11 +43,11 @@ TEXT = {
 CUBE = as_cube(np.arange(24.0, dtype=np.float32).reshape(3, 4, 2) + 1, [500.0, 600.0])
 
 
-def assert_refused(read, path, *words):
+def assert_refused(read, path, *phrases):
     with pytest.raises(InputError) as refusal:
         read(path)
     assert str(path.name) in str(refusal.value)
-    for word in words:
+    for word in phrases:
         assert word in str(refusal.value)
 
 
@@ -101,12 +101,12 @@ def test_a_frame_that_unpacks_without_end_is_refused(tmp_path):
     content = bytearray(path.read_bytes())
     with tifffile.TiffFile(path) as file:
         tags = file.pages.first.tags
-        places = tags["StripOffsets"].valueoffset, tags["StripByteCounts"].valueoffset
+        offsets = tags["StripOffsets"].valueoffset, tags["StripByteCounts"].valueoffset
         kinds = tags["StripOffsets"].dtype, tags["StripByteCounts"].dtype
-    for place, kind, value in zip(places, kinds, (len(content), len(bomb)), strict=True):
+    for offset, kind, value in zip(offsets, kinds, (len(content), len(bomb)), strict=True):
         if kind == tifffile.DATATYPE.SHORT:
             pytest.skip("the writer stored 16-bit offsets")
-        content[place : place + 4] = struct.pack("<I", value)
+        content[offset : offset + 4] = struct.pack("<I", value)
     path.write_bytes(bytes(content) + bomb)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert_refused(lambda p: read_frame(p, 8, 8, 16), path)
@@ -158,10 +158,10 @@ def test_a_turned_frame_is_refused(tmp_path):
 
 
 @given(st.integers(0, 10_000), st.integers(0, 255))
-def test_a_frame_with_another_byte_is_read_or_refused(tmp_path_factory, place, byte):
+def test_a_frame_with_another_byte_is_read_or_refused(tmp_path_factory, byte_index, byte):
     path = frame(tmp_path_factory.mktemp("frame") / "f.tif", compression="zlib", predictor=True)
     content = bytearray(path.read_bytes())
-    content[place % len(content)] = byte
+    content[byte_index % len(content)] = byte
     path.write_bytes(content)
     try:
         assert read_frame(path, 8, 8, 16).shape == (8, 8)
@@ -170,11 +170,11 @@ def test_a_frame_with_another_byte_is_read_or_refused(tmp_path_factory, place, b
 
 
 @given(st.sampled_from([".nc", ".exr", ".hdr"]), st.integers(0, 100_000), st.integers(0, 255))
-def test_a_cube_with_another_byte_is_read_or_refused(tmp_path_factory, ending, place, byte):
+def test_a_cube_with_another_byte_is_read_or_refused(tmp_path_factory, ending, byte_index, byte):
     path = tmp_path_factory.mktemp("cube") / f"cube{ending}"
     write_cube(path, CUBE)
     content = bytearray(path.read_bytes())
-    content[place % len(content)] = byte
+    content[byte_index % len(content)] = byte
     path.write_bytes(content)
     try:
         read_cube(path)
@@ -204,7 +204,7 @@ def test_an_array_without_values_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "phrase"),
     [
         ("data gain values = {2, 2, 2}", "data gain values"),
         ("data gain values = {2, -2}", "data gain values"),
@@ -216,14 +216,14 @@ def test_an_array_without_values_is_refused(tmp_path):
         ("description" + " " * 60_000, None),
     ],
 )
-def test_envi_headers(tmp_path, line, words):
+def test_envi_headers(tmp_path, line, phrase):
     path = tmp_path / "cube.hdr"
     write_cube(path, CUBE)
     path.write_text(path.read_text() + line + "\n")
-    if words is None:
+    if phrase is None:
         assert read_cube(path)["radiance"].shape == (3, 4, 2)
     else:
-        assert_refused(read_cube, path, words)
+        assert_refused(read_cube, path, phrase)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -311,14 +311,14 @@ STL = (
 
 @pytest.mark.parametrize(("ending", "text"), [("ply", PLY), ("obj", OBJ), ("stl", STL)])
 @pytest.mark.parametrize(
-    ("new", "words"), [("nan 0 0", "vertex 2 at (nan, 0.0, 0.0)"), ("1e999 0 0", "finite"), ("1_0 0 0", "mesh")]
+    ("new", "phrase"), [("nan 0 0", "vertex 2 at (nan, 0.0, 0.0)"), ("1e999 0 0", "finite"), ("1_0 0 0", "mesh")]
 )
-def test_a_mesh_with_a_coordinate_that_is_no_number_is_refused(tmp_path, ending, text, new, words):
+def test_a_mesh_with_a_coordinate_that_is_no_number_is_refused(tmp_path, ending, text, new, phrase):
     path = tmp_path / f"mesh.{ending}"
     path.write_text(text)
     assert file_mesh(path, 1.0)[0].shape == (3, 3)
     path.write_text(text.replace("1 0 0", new))
-    assert_refused(lambda p: file_mesh(p, 1.0), path, words)
+    assert_refused(lambda p: file_mesh(p, 1.0), path, phrase)
 
 
 @pytest.mark.parametrize("end", ["", "end_head"])
@@ -328,11 +328,11 @@ def test_a_ply_file_whose_header_does_not_end_is_refused(tmp_path, end):
     assert_refused(lambda p: file_mesh(p, 1.0), path, "a header without its end", "export it again")
 
 
-@pytest.mark.parametrize(("meaning", "words"), [("miniswhite", "WhiteIsZero"), ("palette", "palette")])
-def test_a_frame_whose_values_fall_with_light_is_refused(tmp_path, meaning, words):
+@pytest.mark.parametrize(("meaning", "phrase"), [("miniswhite", "WhiteIsZero"), ("palette", "palette")])
+def test_a_frame_whose_values_fall_with_light_is_refused(tmp_path, meaning, phrase):
     colours = {"colormap": np.zeros((3, 2**16), np.uint16)} if meaning == "palette" else {}
     path = frame(tmp_path / "frame.tif", photometric=meaning, **colours)
-    assert_refused(lambda p: read_frame(p, 8, 8, 16), path, words, "BlackIsZero")
+    assert_refused(lambda p: read_frame(p, 8, 8, 16), path, phrase, "BlackIsZero")
 
 
 def test_numbers_of_a_table_are_those_of_a_table(tmp_path):

@@ -38,38 +38,38 @@ def test_the_manual_builds_without_a_warning(tmp_path):
 @pytest.mark.parametrize("page", [page for page in pages() if commands(page)])
 def test_every_command_of_the_manual_can_be_parsed(page):
     group = get_command(app)
-    for words in commands(page):
-        context = group.make_context("cbox", list(words))
-        name, command, rest = group.resolve_command(context, list(words))
+    for command_line in commands(page):
+        context = group.make_context("cbox", list(command_line))
+        name, command, rest = group.resolve_command(context, list(command_line))
         parsed = command.make_context(name, rest)  # ends the process where an option or argument is not known
         assert parsed.command is command
 
 
 @pytest.mark.parametrize("page", NEW_USER)
 def test_every_file_in_a_new_users_commands_is_there_or_was_written_before(page):
-    written, seen = [], 0
-    for words in commands(page, "shell"):
-        new = {words[i + 1] for i, word in enumerate(words[:-1]) if word in WRITTEN}
-        if words[0] == "add":
-            new.add(words[1])
-        for word in words[1:]:
+    written, checked = [], 0
+    for command in commands(page, "shell"):
+        new = {command[i + 1] for i, word in enumerate(command[:-1]) if word in WRITTEN}
+        if command[0] == "add":
+            new.add(command[1])
+        for word in command[1:]:
             if word in new or not re.search(r"[/.]|^blind$", word) or "=" in word or re.match(r"[\d.]+%?$", word):
                 continue
-            seen += 1
-            assert (ROOT / word).exists() or any(Path(word).is_relative_to(one) for one in written), words
+            checked += 1
+            assert (ROOT / word).exists() or any(Path(word).is_relative_to(folder) for folder in written), command
         written += new
-    assert seen >= 4
+    assert checked >= 4
 
 
 def test_the_cheap_commands_of_the_tutorial_run(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     ran = []
-    for words in commands("docs/tutorial.md", "shell"):
-        if words[0] == "effects" or (words[0] == "add" and "--fit" not in words):
+    for command in commands("docs/tutorial.md", "shell"):
+        if command[0] == "effects" or (command[0] == "add" and "--fit" not in command):
             with pytest.raises(SystemExit) as ended:
-                get_command(app)(words, prog_name="cbox")
+                get_command(app)(command, prog_name="cbox")
             assert not ended.value.code
-            ran.append(words[0])
+            ran.append(command[0])
     assert ran == ["effects", "effects", "add"] and "veiling-glare" in capsys.readouterr().out
     assert load_model(tmp_path / "by-hand.toml").effects[0].values == {"fraction": 0.002}
 
@@ -86,9 +86,9 @@ def desk(tmp_path_factory):
     return path
 
 
-def run_notebook(name, monkeypatch, place):
+def run_notebook(name, monkeypatch, folder):
     """The names that the notebook's cells leave behind."""
-    monkeypatch.chdir(place)
+    monkeypatch.chdir(folder)
     cells = json.loads((DOCS / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     names: dict = {}
     for cell in cells:

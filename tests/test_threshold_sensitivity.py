@@ -34,8 +34,8 @@ class Stub:
 
 
 def test_verdicts_that_change_are_listed(tmp_path):
-    stub, told = Stub(), []
-    table = benchmark.measure([GAIN, PIXELS], CAPTURES, stub, tmp_path / "r.jsonl", told.append)
+    stub, lines = Stub(), []
+    table = benchmark.measure([GAIN, PIXELS], CAPTURES, stub, tmp_path / "r.jsonl", lines.append)
     assert benchmark.changes(table, benchmark.Moved(GAIN, 0.7).key, CAPTURES) == {}
     assert benchmark.changes(table, benchmark.Moved(GAIN, 1.4).key, CAPTURES) == {
         "glare": ("band: dim | veiling-glare", "band: dim | adequate")
@@ -44,7 +44,7 @@ def test_verdicts_that_change_are_listed(tmp_path):
     assert benchmark.changes(table, benchmark.Moved(PIXELS, 1.4).key, CAPTURES) == {
         "glare": ("band: dim", "no suspicion")
     }
-    assert len(told) == 5 and told[2] == "[3/5] validate/diagnose/evidence:GAIN x 1.4: 1 of 2 verdicts change"
+    assert len(lines) == 5 and lines[2] == "[3/5] validate/diagnose/evidence:GAIN x 1.4: 1 of 2 verdicts change"
     page = benchmark.report([GAIN, PIXELS], table, CAPTURES)
     row = "| validate/diagnose/evidence:GAIN = 1.0 | 1.4 | glare | band: dim | veiling-glare | band: dim | adequate |"
     assert row in page and "0 constants change no verdict" in page

@@ -25,6 +25,9 @@ LIMITS = ROOT / "tests" / "words_limits.json"
 #: Pages of the manual that people write.
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
+#: Modules of tests and benchmarks by folder; their nameless locals alone are counted.
+SCRIPTS = {name: sorted((ROOT / name).rglob("*.py")) for name in ("tests", "benchmarks")}
+
 #: Names that point at a value instead of saying what it is.
 NAMELESS = frozenset(
     """
@@ -62,6 +65,8 @@ def findings(path: Path) -> list[Finding]:
     if path.suffix == ".md":
         return [Finding(path, *fault) for fault in _page(source)]
     tree = ast.parse(source)
+    if any(path in paths for paths in SCRIPTS.values()):
+        return [Finding(path, *fault) for fault in _names(tree)]
     faults = [*_names(tree), *_docstrings(tree, source), *_constants(tree), *_texts(tree, source)]
     return [Finding(path, *fault) for fault in faults]
 
@@ -230,6 +235,8 @@ def counts() -> dict[str, dict[str, int]]:
     for path in MODULES:
         package = table.setdefault(package_of(path), Counter())
         package.update(finding.measure for finding in findings(path))
+    for folder, paths in SCRIPTS.items():
+        table[folder] = Counter(finding.measure for path in paths for finding in findings(path))
     table["docs"] = Counter(finding.measure for path in PAGES for finding in findings(path))
     return {package: dict(sorted(table[package].items())) for package in sorted(table)}
 
@@ -239,9 +246,10 @@ def main(arguments: list[str]) -> None:
         LIMITS.write_text(json.dumps(counts(), indent=1) + "\n", encoding="utf-8")
         return
     folders = [Path(name).resolve() for name in arguments] or [ROOT]
-    paths, pages = ([p for p in group if any(p.is_relative_to(f) for f in folders)] for group in (MODULES, PAGES))
+    groups = (MODULES, [path for paths in SCRIPTS.values() for path in paths], PAGES)
+    paths, scripts, pages = ([p for p in group if any(p.is_relative_to(f) for f in folders)] for group in groups)
     total: Counter[str] = Counter()
-    for finding in (finding for path in (*paths, *pages) for finding in findings(path)):
+    for finding in (finding for path in (*paths, *scripts, *pages) for finding in findings(path)):
         total[finding.measure] += 1
         if arguments:
             print(f"{finding.path.relative_to(ROOT)}:{finding.line}: {finding.measure}: {finding.text}")

@@ -50,8 +50,8 @@ def main() -> None:
     )
     for name, levels in table.items():
         off = any(abs(share - level) > 3 * error for (share, error), level in zip(levels, LEVELS, strict=True))
-        shown = "  ".join(f"{100 * share:6.1f} +- {100 * error:.1f}" for share, error in levels)
-        print(f"{name:52s} {shown}{'  *' if off else ''}")
+        table_row = "  ".join(f"{100 * share:6.1f} +- {100 * error:.1f}" for share, error in levels)
+        print(f"{name:52s} {table_row}{'  *' if off else ''}")
     if options.json:
         print(json.dumps({"captures": len(done), "coverage": table}))
 

@@ -108,11 +108,13 @@ def sensitivity_tables(result: dict) -> dict[str, SensorCamera]:
             run = chart.calibrate(independent, camera, error, np.random.default_rng(1))
             for method, estimate in ESTIMATES.items():
                 for index, letter in enumerate("RGB"):
-                    found = estimate(run.readings[letter])
-                    fitted = chart.errors(chart.predicted_counts(run, letter, found, camera), run.recorded[letter])
+                    sensitivities = estimate(run.readings[letter])
+                    fitted = chart.errors(
+                        chart.predicted_counts(run, letter, sensitivities, camera), run.recorded[letter]
+                    )
                     truth = np.interp(chart.GRID, chart.NM, independent.electrons[index]) / independent.gain
                     inside = (chart.GRID >= 400) & (chart.GRID <= 700)
-                    miss = float(np.sqrt(np.mean((found - truth)[inside] ** 2)) / truth.max())
+                    miss = float(np.sqrt(np.mean((sensitivities - truth)[inside] ** 2)) / truth.max())
                     key = f"{name}, {100 * error:g}% of light, {method}, {letter}"
                     result[key] = {**fitted, "rms_from_truth": miss, "readings": run.recorded[letter].size}
         cameras[name] = estimated(name, run)
@@ -125,11 +127,11 @@ def chart_tables(camera: SensorCamera, result: dict) -> None:
     independent = chart.IndependentCamera.read("dcs200")
     light = chart.chart_light(independent)
     cube = chart.as_dataset(chart.measured_cube(light, generator))
-    acquired, found, table_6 = {}, {}, []
+    acquired, simulated_table, table_6 = {}, {}, []
     for name, seconds in chart.EXPOSURES.items():
         acquired[name] = independent.record(light, seconds, 400, generator)
-        found[name] = chart.patch_rgb(simulate(cube, camera, seconds, seed=3))
-        result[f"table 1, {name}"] = chart.errors(found[name], acquired[name])
+        simulated_table[name] = chart.patch_rgb(simulate(cube, camera, seconds, seed=3))
+        result[f"table 1, {name}"] = chart.errors(simulated_table[name], acquired[name])
         sharp = chart.patch_rgb(simulate(cube, load_camera("dcs200"), seconds, seed=3))
         result[f"table 1 with the true sensitivities, {name}"] = chart.errors(sharp, acquired[name])
     for name in ("1/30", "1/60"):
@@ -141,7 +143,7 @@ def chart_tables(camera: SensorCamera, result: dict) -> None:
     for index, letter in enumerate("RGB"):
         predicted, measured = (np.concatenate([pair[k][:, index] for pair in table_6]) for k in (0, 1))
         result[f"table 6, {letter}"] = chart.errors(predicted, measured)
-    result["section 4"] = colour_errors(camera, found["1/30"], acquired["1/30"])
+    result["section 4"] = colour_errors(camera, simulated_table["1/30"], acquired["1/30"])
 
 
 def colour_errors(camera: SensorCamera, simulated: NDArray, acquired: NDArray) -> dict[str, float]:
@@ -150,7 +152,7 @@ def colour_errors(camera: SensorCamera, simulated: NDArray, acquired: NDArray) -
     curves = np.array([camera.channels[letter].at(nm) for letter in "RGB"])
     stimuli = chart_reflectances() * chart.planck(nm, chart.TUNGSTEN_K)
     expected = stimuli @ curves.T
-    measured, found = (linear_counts(counts, camera, seconds) for counts in (acquired, simulated))
+    measured, simulated_counts = (linear_counts(counts, camera, seconds) for counts in (acquired, simulated))
     expected *= (expected.ravel() @ measured.ravel()) / (expected.ravel() @ expected.ravel())
     d65 = colour.SDS_ILLUMINANTS["D65"]
     correction = fit_correction(
@@ -159,7 +161,7 @@ def colour_errors(camera: SensorCamera, simulated: NDArray, acquired: NDArray) -
         Spectrum(np.array(d65.wavelengths), np.array(d65.values), "zero"),
         1 / 12 + camera.detector.dark(seconds)[1] ** 2,
     )
-    pair = correction.xyz(measured), correction.xyz(found)
+    pair = correction.xyz(measured), correction.xyz(simulated_counts)
     white = pair[0][18]
     lab = [colour.XYZ_to_Lab(xyz / white[1], colour.XYZ_to_xy(white)) for xyz in pair]
     difference = np.linalg.norm(lab[0] - lab[1], axis=-1)
@@ -185,7 +187,7 @@ def colour_from_truth(result: dict) -> None:
         camera = load_camera(name)
         seconds = auto_exposure(cube, camera)
         white_dn = float(linear_counts(camera.detector.full_scale_dn, camera, seconds))
-        training, seen = (
+        training, test_spectra = (
             demosaic(linear_counts(frame, camera, seconds), camera, white_dn).reshape(
                 24, chart.PATCH_PX, chart.PATCH_PX, 3
             )[:, 10:-10, 10:-10]
@@ -197,8 +199,8 @@ def colour_from_truth(result: dict) -> None:
             fitted = fit_correction(training.mean(axis=(1, 2)), chart_reflectances(), white, variance)
             at = colour.XYZ_to_xy(white.at(nm) @ observer.T)
             true_lab = colour.XYZ_to_Lab(truth, at)
-            patches = colour.XYZ_to_Lab(fitted.xyz(seen.mean(axis=(1, 2))), at) - true_lab
-            pixels = colour.XYZ_to_Lab(fitted.xyz(seen), at) - true_lab[:, None, None]
+            patches = colour.XYZ_to_Lab(fitted.xyz(test_spectra.mean(axis=(1, 2))), at) - true_lab
+            pixels = colour.XYZ_to_Lab(fitted.xyz(test_spectra), at) - true_lab[:, None, None]
             of_patches = np.linalg.norm(patches, axis=-1)
             result[f"{camera.name}, XYZ under {target}"] = {
                 "patches": float(of_patches.mean()),
@@ -293,9 +295,9 @@ def real_frames(folder: Path, result: dict) -> None:
             keep = (cells.band == band) & (cells.pixel == pixel) & ~cells.clipped
             keep &= cells.measured >= frames.FAINTEST_DN
             if keep.sum() > 3:
-                own = cells.chosen(keep)
-                bias = float(100 * np.mean(own.predicted / own.measured - 1))
-                result[f"{band}, {pixel}"] = {**frames.statistics(own), "bias_percent": bias}
+                selected = cells.chosen(keep)
+                bias = float(100 * np.mean(selected.predicted / selected.measured - 1))
+                result[f"{band}, {pixel}"] = {**frames.statistics(selected), "bias_percent": bias}
     common, rest = frames.split(cells)
     result["same at every exposure"], result["changing with exposure"] = {"rms": common}, {"rms": rest}
 
@@ -328,8 +330,8 @@ def report(results: dict[str, dict]) -> None:
         ("table 1 with the true sensitivities, ", {}),
         ("table 6, ", TABLE_6),
     ):
-        chosen = {name.removeprefix(prefix): v for name, v in tables.items() if name.startswith(prefix)}
-        show(prefix.strip(", ").capitalize() + ": errors in DN of 255", chosen, papers)
+        selected = {name.removeprefix(prefix): v for name, v in tables.items() if name.startswith(prefix)}
+        show(prefix.strip(", ").capitalize() + ": errors in DN of 255", selected, papers)
     print("\nSection IV: mean error of X, Y, Z over their maxima, Delta E*ab mean and maximum")
     line("ours", *tables["section 4"].values())
     line("    the paper", *SECTION_4)

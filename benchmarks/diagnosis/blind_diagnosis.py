@@ -127,10 +127,10 @@ def cases(options: argparse.Namespace) -> list[Case]:
         name = [*OUTSIDE][index % len(OUTSIDE)]
         strength = ("medium", "strong")[(index // len(OUTSIDE)) % 2]
         results.append(Case("outside", (name,), strength, options.first_seed + 3000 + index))
-    places = [*product(options.boxes.split(","), options.instruments.split(","))]
-    turns = np.random.default_rng(options.first_seed + 1).permutation(len(places))
+    laboratories = [*product(options.boxes.split(","), options.instruments.split(","))]
+    turns = np.random.default_rng(options.first_seed + 1).permutation(len(laboratories))
     results = [
-        replace(case, box=places[turns[i % len(turns)]][0], instrument=places[turns[i % len(turns)]][1])
+        replace(case, box=laboratories[turns[i % len(turns)]][0], instrument=laboratories[turns[i % len(turns)]][1])
         for i, case in enumerate(results)
     ]
     for index in range(options.unknown):
@@ -148,14 +148,14 @@ def own_part(case: Case, part: str) -> bool:
 def code_state(root: Path = Path(__file__).parents[2]) -> str:
     """A hash of the source that a diagnosis runs, comments and docstrings left out."""
     rooms = ("scenes", "calibration", "render", "validate")
-    whole = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in sorted(path for room in rooms for path in (root / room).rglob("*.py")):
         if not any(path.is_relative_to(root / "validate" / room) for room in SHOWING):
             for node in ast.walk(tree := ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, _DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
                     del node.body[0]
-            whole.update(f"{path.relative_to(root)} {ast.dump(tree)}".encode())
-    return whole.hexdigest()[:12]
+            digest.update(f"{path.relative_to(root)} {ast.dump(tree)}".encode())
+    return digest.hexdigest()[:12]
 
 
 def drawn(
@@ -169,16 +169,16 @@ def drawn(
     """An effect with numbers by chance, as strong as asked for; None where it cannot be."""
     for _ in range(_DRAWS):
         if name in OUTSIDE:
-            place = {"row": float(generator.uniform()), "column": float(generator.uniform())}
-            trial = AppliedEffect(OUTSIDE[name], {"amount": 0.01, **place})
+            position = {"row": float(generator.uniform()), "column": float(generator.uniform())}
+            trial = AppliedEffect(OUTSIDE[name], {"amount": 0.01, **position})
         else:
             try:
                 trial = draw_effect(generator, scene, bands, (name,))
             except InputError:  # on a block, in a box without any
                 return None
-        found = at_strength(trial, STRENGTHS[strength], scale)
-        if found is not None:
-            return found
+        scaled = at_strength(trial, STRENGTHS[strength], scale)
+        if scaled is not None:
+            return scaled
     return None
 
 
@@ -243,29 +243,29 @@ def run(case: Case) -> dict[str, Any] | None:
     """Make one capture, diagnose it, and score the answer; None where the effect cannot be so strong."""
     if case.kind == "unknown":
         row = run_unknown(case.names[0], case.seed, None)
-        told = {"key": case.key, "kind": "unknown", "box": case.box, "instrument": case.instrument}
-        return {**row, **told, "strength": "", "truth": {case.names[0]: {}}, "family_true": row["truth"]}
+        record = {"key": case.key, "kind": "unknown", "box": case.box, "instrument": case.instrument}
+        return {**row, **record, "strength": "", "truth": {case.names[0]: {}}, "family_true": row["truth"]}
     generator = np.random.default_rng([case.seed, len(case.key)])
     site = laboratory(case.laboratory, case.box, case.instrument)
     bands = site.settings.band_ids
-    given, effects, bounces = site.model, [], None
+    model, effects, bounces = site.model, [], None
     truncating = [catalogue()[n] for n in case.names if n in catalogue() and catalogue()[n].stage == "settings"]
     if truncating:
-        given = replace(given, render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
+        model = replace(model, render=RenderSettings(max_bounces=int(generator.integers(1, 4))))
         effects = [AppliedEffect(truncating[0], {p.name: np.inf for p in truncating[0].parameters})]
-        bounces = effects[0].apply(given.render).max_bounces
+        bounces = effects[0].apply(model.render).max_bounces
     elif case.names:
         scale = strengths(case.laboratory, case.box, case.instrument)
         for name in case.names:
-            one = drawn(name, case.strength, generator, scale, site.scene, bands)
-            if one is None:
+            effect = drawn(name, case.strength, generator, scale, site.scene, bands)
+            if effect is None:
                 return None
-            effects.append(one)
+            effects.append(effect)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
         write_capture(path, case, effects, bounces)
         start, cpu = time.perf_counter(), time.process_time()
-        diagnosis = diagnose(validate_capture(load_capture(path), given))
+        diagnosis = diagnose(validate_capture(load_capture(path), model))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     offsets = block_offsets(site.scene, case.laboratory)
     return {
@@ -307,12 +307,12 @@ def _parameters_right(
                 continue
             for p in truth.effect.numbers:
                 offset = getattr(offsets.get(str(truth.values.get("block"))), p.name, 0.0)
-                true, found = float(truth.values[p.name]) + offset, float(answer.values[p.name])
-                if not (np.isfinite(true) and np.isfinite(found)):
+                true, estimate = float(truth.values[p.name]) + offset, float(answer.values[p.name])
+                if not (np.isfinite(true) and np.isfinite(estimate)):
                     continue
                 null = p.null if p.null is not None and np.isfinite(p.null) else 0.0
                 allowed = max(_CLOSE * abs(true - null), _SIGMAS * sigma.get(p.name, 0.0))
-                right.append(bool(abs(found - true) <= allowed))
+                right.append(bool(abs(estimate - true) <= allowed))
     return right
 
 
@@ -320,20 +320,20 @@ def _is_settled_block(diagnosis: Diagnosis, offsets: Mapping[str, BlockOffset]) 
     """Whether all that was found is a block where the laboratory's really stands, a little next to its survey."""
     last = diagnosis.path[-1]
     off = [
-        abs(float(one.values[name]) - getattr(offsets.get(str(one.values["block"])), name, np.inf)) / sigma[name]
-        for one, sigma in zip(last.effects, last.sigma, strict=True)
-        if one.id == "block-pose"
+        abs(float(effect.values[name]) - getattr(offsets.get(str(effect.values["block"])), name, np.inf)) / sigma[name]
+        for effect, sigma in zip(last.effects, last.sigma, strict=True)
+        if effect.id == "block-pose"
         for name in sigma
     ]
     return list(diagnosis.selected) == ["block-pose"] and max(off) <= _SIGMAS
 
 
-def among(known: Sequence[str]) -> Callable[[str], str]:
+def among(names: Sequence[str]) -> Callable[[str], str]:
     """Reads names separated by commas."""
 
     def read(text: str) -> str:
-        if wrong := [name for name in text.split(",") if name not in known]:
-            raise argparse.ArgumentTypeError(f"{', '.join(wrong)}: not one of {', '.join(known)}")
+        if wrong := [name for name in text.split(",") if name not in names]:
+            raise argparse.ArgumentTypeError(f"{', '.join(wrong)}: not one of {', '.join(names)}")
         return text
 
     return read
@@ -362,8 +362,8 @@ def main() -> None:
         every = cases(options)
     except ValueError:
         parser.error("a triple takes three effects, a pair two: name more, or ask for none of them")
-    kept = options.results.read_text().splitlines() if options.results.exists() else []
-    rows = [json.loads(line) for line in kept]
+    lines_before = options.results.read_text().splitlines() if options.results.exists() else []
+    rows = [json.loads(line) for line in lines_before]
     done = {row["key"] for row in rows}
     code = code_state()
     if others := {row.get("code", "unstated") for row in rows} - {code}:

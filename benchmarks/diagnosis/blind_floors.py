@@ -65,18 +65,21 @@ def print_table(rows: list[dict[str, Any]]) -> None:
     """Each effect's smallest size that was found, and the share found at the stated one with its 95 % interval."""
     print(f"{'effect':22}{'stated':>11}  {'':22}{'limited by':16}found at")
     for limit in next(row["limits"] for row in rows if not row["effect"]):
-        tried = {r["factor"]: r["found"] for r in rows if r["effect"] == limit["effect"]}
-        if tried:
-            found = next((f"{factor:g} times" for factor in sorted(tried) if tried[factor]), "none of these")
+        results_by_factor = {r["factor"]: r["found"] for r in rows if r["effect"] == limit["effect"]}
+        if results_by_factor:
+            smallest = next(
+                (f"{factor:g} times" for factor in sorted(results_by_factor) if results_by_factor[factor]),
+                "none of these",
+            )
             by = "errors counted" if limit["beside_errors"] else "size"
-            print(f"{limit['effect']:22}{limit['distance']:11.3g}  {limit['parameter']:22}{by:16}{found}")
+            print(f"{limit['effect']:22}{limit['distance']:11.3g}  {limit['parameter']:22}{by:16}{smallest}")
     for factor in _FACTORS:
-        own = [
+        trials = [
             any(r["found"] and r["factor"] <= factor for r in rows if r["effect"] == name)
             for name in sorted({r["effect"] for r in rows if r["effect"]})
         ]
-        interval = stats.binomtest(sum(own), len(own)).proportion_ci(method="wilson")
-        print(f"found at {factor:g} times: {sum(own)} of {len(own)} ({interval.low:.0%} to {interval.high:.0%})")
+        interval = stats.binomtest(sum(trials), len(trials)).proportion_ci(method="wilson")
+        print(f"found at {factor:g} times: {sum(trials)} of {len(trials)} ({interval.low:.0%} to {interval.high:.0%})")
 
 
 def main() -> None:
@@ -110,20 +113,20 @@ def main() -> None:
     for index, limit in enumerate(next(row["limits"] for row in rows if not row["effect"])):
         if index % parts != part - 1:
             continue
-        name, own = limit["effect"], case(1 + index, limit["effect"])
-        generator = np.random.default_rng(own.seed)
+        name, effect_case = limit["effect"], case(1 + index, limit["effect"])
+        generator = np.random.default_rng(effect_case.seed)
         for factor in _FACTORS:
             if any(r["effect"] == name and (r["found"] or r["factor"] == factor) for r in rows):
                 continue
             if (effect := hidden(limit, factor, generator)) is None:
                 break
-            diagnosis = diagnosed(own, (effect,))
+            diagnosis = diagnosed(effect_case, (effect,))
             answer = {
                 "selected": [*diagnosis.selected],
                 "groups": [[*g] for g in diagnosis.indistinguishable],
             }
-            found = name in with_groups(answer, diagnosis.selected[:1])
-            keep(effect=name, factor=factor, values=dict(effect.values), found=found, **answer)
+            is_found = name in with_groups(answer, diagnosis.selected[:1])
+            keep(effect=name, factor=factor, values=dict(effect.values), found=is_found, **answer)
             print(f"{name} at {factor:g} times: {', '.join(diagnosis.selected) or 'adequate'}", flush=True)
     print_table(rows)
 

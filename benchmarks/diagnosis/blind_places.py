@@ -113,11 +113,11 @@ def _pyramid(folder: Path) -> str:
 def _ball_and_mesh(folder: Path) -> tuple[list[Entry], list[Any]]:
     ceiling, lamps = _ceiling("chalk", _MIDDLE)
     ball = {"center_mm": [380.0, 120.0, 330.0], "radius_mm": 120.0}
-    things: list[Entry] = [
+    entries: list[Entry] = [
         {"name": "ball", "material": "grey", "sphere": ball},
         {"name": "pyramid", "material": "chalk", "mesh": _pyramid(folder)},
     ]
-    return [*_room("brick", "blue", "chalk"), ceiling, *things], lamps
+    return [*_room("brick", "blue", "chalk"), ceiling, *entries], lamps
 
 
 def _two(left: str, right: str, rest: str, blocks: str, lamps: list[tuple[float, float, float, float]]):  # type: ignore[no-untyped-def]

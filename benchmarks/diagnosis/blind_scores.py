@@ -55,9 +55,9 @@ def named(row: Row) -> bool:
 def exact(row: Row) -> bool:
     """Whether the answer names what is hidden and nothing else."""
     others = [
-        one
-        for one in row["selected"]
-        if row["kind"] in ("single", "pair", "triple") and not set(row["truth"]) & with_groups(row, [one])
+        effect
+        for effect in row["selected"]
+        if row["kind"] in ("single", "pair", "triple") and not set(row["truth"]) & with_groups(row, [effect])
     ]
     return named(row) and not others and (row["kind"] != "outside" or row["selected"] == ["unknown"])
 
@@ -71,7 +71,7 @@ def kinds(rows: Sequence[Row]) -> dict[str, list[Row]]:
     """The captures by what is hidden in them, single effects by strength, in the order of the tables."""
     names = {("single", strength): f"one effect, {strength}" for strength in reversed(STRENGTHS)} | _OTHER_KINDS
     results = {name: [r for r in rows if (r["kind"], r["strength"]) == key] for key, name in names.items()}
-    return {name: own for name, own in results.items() if own}
+    return {name: part for name, part in results.items() if part}
 
 
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
@@ -80,17 +80,17 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     placed = [r for r in rows if r["kind"] == "unknown"]
     parts = kinds(rows)
     for name in ("box", "instrument"):
-        parts |= {f"{name} {one}": [r for r in rows if r[name] == one] for one in sorted({r[name] for r in rows})}
-    told = [r for r in rows if r["selected"] and "probability" in r]
+        parts |= {f"{name} {value}": [r for r in rows if r[name] == value] for value in sorted({r[name] for r in rows})}
+    with_probability = [r for r in rows if r["selected"] and "probability" in r]
     return {
         "captures": len(rows),
-        "right": {name: _count(own, named) for name, own in parts.items()},
-        "exact": {name: _count(own, exact) for name, own in parts.items()},
+        "right": {name: _count(part, named) for name, part in parts.items()},
+        "exact": {name: _count(part, exact) for name, part in parts.items()},
         "places": _count(placed, lambda r: bool(r["place"])),
         "numbers": [sum(numbers), len(numbers)],
-        "median_cpu_seconds": {n: float(np.median([r["cpu_seconds"] for r in own])) for n, own in parts.items()},
-        "reliability": reliability(told),
-        "log_loss": log_loss(told),
+        "median_cpu_seconds": {n: float(np.median([r["cpu_seconds"] for r in part])) for n, part in parts.items()},
+        "reliability": reliability(with_probability),
+        "log_loss": log_loss(with_probability),
     }
 
 
@@ -109,16 +109,16 @@ def reliability(rows: Sequence[Row]) -> list[dict[str, float]]:
     for low, high in pairwise(_BINS):
         inside = [r for r in rows if low <= r["probability"] < high]
         if inside:
-            stated = float(np.mean([r["probability"] for r in inside]))
+            mean_probability = float(np.mean([r["probability"] for r in inside]))
             right, count = _count(inside, _first_right)
-            table.append({"stated": stated, "right": right, "captures": count})
+            table.append({"stated": mean_probability, "right": right, "captures": count})
     return table
 
 
 def log_loss(rows: Sequence[Row]) -> float:
     """Mean of -log(probability stated for what came true: the first answer or any other), nats; NaN without rows."""
-    stated = [r["probability"] if _first_right(r) else 1 - r["probability"] for r in rows]
-    return float(-np.mean(np.log(np.maximum(stated, 1e-3)))) if rows else float("nan")
+    probabilities = [r["probability"] if _first_right(r) else 1 - r["probability"] for r in rows]
+    return float(-np.mean(np.log(np.maximum(probabilities, 1e-3)))) if rows else float("nan")
 
 
 def print_tables(rows: Sequence[Row]) -> None:
@@ -135,8 +135,8 @@ def print_tables(rows: Sequence[Row]) -> None:
         "\nNumbers right {} of {}.".format(*scores["numbers"]),
         "Places right {} of {}.".format(*scores["places"]),
     )
-    for one in scores["reliability"]:
-        print(f"Stated {one['stated']:.2f}: right {one['right']} of {one['captures']}.")
+    for bin_record in scores["reliability"]:
+        print(f"Stated {bin_record['stated']:.2f}: right {bin_record['right']} of {bin_record['captures']}.")
     print(f"Log-loss {scores['log_loss']:.3f}.\n")
     for row in rows:
         if not exact(row):

@@ -162,9 +162,9 @@ def main() -> None:
         if not options.effects or name in options.effects.split(","):
             row = bench.row(name, values)
             rows.append(row)
-            told = f"{name} {', '.join(f'{k}={v}' for k, v in values.items())}"
+            label = f"{name} {', '.join(f'{k}={v}' for k, v in values.items())}"
             print(
-                f"{told:64s} {row['change']:8.2%} {row['error']:7.1%} {row['shape']:7.1%} {row['amplitude']:9.3f} "
+                f"{label:64s} {row['change']:8.2%} {row['error']:7.1%} {row['shape']:7.1%} {row['amplitude']:9.3f} "
                 f"{row['noise']:7.1%}",
                 flush=True,
             )

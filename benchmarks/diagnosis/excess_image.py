@@ -38,10 +38,10 @@ def warped_sensor(draw: Draw, lab: Laboratory) -> Made:
     """A warped film or a poor lens: points lie off their places by a smooth field."""
     rows, columns = grid(lab)
     field = [gaussian_filter(draw.normal(0, 1, lab.shape), 0.18 * lab.shape[0], mode="reflect") for _ in range(2)]
-    places = [
+    positions = [
         grid + draw.uniform(0.08, 0.2) * way / way.std() for grid, way in zip((rows, columns), field, strict=True)
     ]
-    moved = np.array([map_coordinates(image, finer_places(places), order=1, mode="nearest") for image in lab.fine])
+    moved = np.array([map_coordinates(image, finer_places(positions), order=1, mode="nearest") for image in lab.fine])
     return Truth("displacement"), per_rate(lab, lab.rate + binned(moved) - binned(lab.fine)), {}
 
 

@@ -176,14 +176,14 @@ def laboratory(seed: int, size_px: int, base: str) -> Laboratory:
         scene = _other_paints(scene, draw)
     image = rendered(scene, camera, seed)
     rate, sphere, _ = photographed_light(image, (), None, camera, settings)
-    seen = (
+    cause = (
         _softer(rate, image, draw.choice([-1, 1]) * draw.uniform(0.005, 0.02)) if base in ("creases", "all") else rate
     )
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "capture"
         surveyed = photographed_scene(Model())
         write_photographs(
-            folder, seen, sphere, image.sees_lamp, camera=camera, scene=surveyed, settings=settings, seed=seed
+            folder, cause, sphere, image.sees_lamp, camera=camera, scene=surveyed, settings=settings, seed=seed
         )
         validation = validate_capture(load_capture(folder), Model())
         first = linearised_fit(validation.prepared, validation.rendered, ())
@@ -223,7 +223,7 @@ def per_rate(lab: Laboratory, changed: Stack) -> Stack:
     """Change of the signal, DN, by another rate, DN/s."""
     bright = lab.rate > 0.05 * lab.rate.mean(axis=(1, 2), keepdims=True)
     ratios = zip(lab.data.signal, lab.rate, bright & lab.data.used, strict=True)
-    dn = np.array([np.median(signal[seen] / rate[seen]) for signal, rate, seen in ratios])
+    dn = np.array([np.median(signal[signal_seen] / rate[signal_seen]) for signal, rate, signal_seen in ratios])
     return dn[:, None, None] * (changed - lab.rate)
 
 
@@ -250,12 +250,12 @@ def of_scene(maker: made_causes.Maker) -> Maker:
     def made(draw: Draw, lab: Laboratory) -> Made:
         cause = maker(draw, lab.scene, lab.camera)
         total: Any = 0.0
-        for seen, camera, weight in cause.pictures:
-            if seen is lab.scene and camera is lab.camera:
+        for picture_seen, camera, weight in cause.pictures:
+            if picture_seen is lab.scene and camera is lab.camera:
                 total = total + weight * lab.rate
                 continue
             added = np.max(weight) <= 0.1
-            image = rendered(seen, camera, lab.seed, 0.02 if added else CAUSE_ERROR)
+            image = rendered(picture_seen, camera, lab.seed, 0.02 if added else CAUSE_ERROR)
             rate = photographed_light(image, (), None, camera, lab.settings)[0]
             total = total + weight * (rate if added else rate - lab.draft + lab.rate)
         truth = Truth(cause.truth.family, cause.truth.centre_px, cause.truth.surface)
@@ -271,13 +271,13 @@ def moved_bands(lab: Laboratory, by: Stack) -> Stack:
     return lab.rate + binned(moved) - binned(lab.fine)
 
 
-def finer_places(places: list[Stack]) -> list[Stack]:
+def finer_places(finer: list[Stack]) -> list[Stack]:
     """Places (y, x), px of the sensor, as places of the fine picture's pixels."""
     step = (np.arange(FINER) - (FINER - 1) / 2) / FINER
     each = []
-    for axis, place in enumerate(places):
-        wide = np.repeat(np.repeat(place, FINER, axis=0), FINER, axis=1)
-        within = np.tile(step, place.shape[axis])
+    for axis, stack in enumerate(finer):
+        wide = np.repeat(np.repeat(stack, FINER, axis=0), FINER, axis=1)
+        within = np.tile(step, stack.shape[axis])
         each.append((wide + (within[:, None] if axis == 0 else within)) * FINER + (FINER - 1) / 2)
     return each
 

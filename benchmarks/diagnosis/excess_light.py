@@ -216,9 +216,9 @@ def shiny_plate(draw: Draw, lab: Laboratory) -> Made:
     both = 2 * fresnel / (1 + fresnel)
     change = []
     for band in range(len(lab.rate)):
-        own = lab.rate[band].ravel()[t.pixel]
+        lamp_rate = lab.rate[band].ravel()[t.pixel]
         change.append(
-            np.bincount(t.pixel, t.coverage * on * both * (values[:, band] - own), lab.shape[0] * lab.shape[1])
+            np.bincount(t.pixel, t.coverage * on * both * (values[:, band] - lamp_rate), lab.shape[0] * lab.shape[1])
         )
     picture = np.reshape(change, lab.rate.shape)
     image_px = lab.camera.project(centre[None])[0]

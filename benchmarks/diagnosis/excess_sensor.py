@@ -206,7 +206,7 @@ def persistence(draw: Draw, lab: Laboratory) -> Made:
     part, counts = draw.uniform(0.002, 0.01), lab.data.signal * lab.data.flat
     frames = np.maximum(np.isfinite(lab.data.repeats).sum(axis=1), 1)
     order, change = np.argsort(lab.data.minutes, kind="stable"), np.zeros(counts.shape)
-    for place, band in enumerate(order):
-        earlier = counts[order[place - 1]] if place else 0.0 * counts[band]
+    for position, band in enumerate(order):
+        earlier = counts[order[position - 1]] if position else 0.0 * counts[band]
         change[band] = part * ((frames[band] - 1) * counts[band] + earlier) / frames[band]
     return Truth("time-order"), as_counts(lab, change), {}

@@ -50,8 +50,8 @@ def heat_haze(draw: Draw, lab: Laboratory) -> Made:
     moved = []
     for image in lab.fine:
         field = [gaussian_filter(draw.normal(0, 1, lab.shape), 2.0) for _ in range(2)]
-        places = [grid + 0.25 * way / way.std() for grid, way in zip((rows, columns), field, strict=True)]
-        moved.append(map_coordinates(image, finer_places(places), order=1, mode="nearest"))
+        positions = [grid + 0.25 * way / way.std() for grid, way in zip((rows, columns), field, strict=True)]
+        moved.append(map_coordinates(image, finer_places(positions), order=1, mode="nearest"))
     change = per_rate(lab, lab.rate + binned(np.array(moved)) - binned(lab.fine))
     return Truth("none"), scaled_change(draw, lab, change, 3.0), {}
 

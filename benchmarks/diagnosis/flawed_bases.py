@@ -150,14 +150,14 @@ def caulk(draw: Draw, scene: Scene) -> Scene:
         ([low_x, 0, z], [549.6, 0, z], [0, 1, 0], [0, 0, -1]),
         ([low_x, y, z], [x, y, z], [0, -1, 0], [0, 0, -1]),
     )
-    for number, (start, end, one, other) in enumerate(edges):
+    for number, (start, end, first_face, other) in enumerate(edges):
         first, last = np.array(start, float), np.array(end, float)
         along = (last - first) / np.linalg.norm(last - first)
         first, last = first + 8 * along, last - 8 * along
-        quad = np.array([first + wide * np.array(one), last + wide * np.array(one)])
+        quad = np.array([first + wide * np.array(first_face), last + wide * np.array(first_face)])
         quad = np.vstack([quad, last + wide * np.array(other), first + wide * np.array(other)])
         normal = np.cross(quad[1] - quad[0], quad[2] - quad[0])
-        if normal @ np.add(one, other) < 0:
+        if normal @ np.add(first_face, other) < 0:
             quad = quad[::-1]
         strips.append(Surface(f"caulk-{number}", "white", quad, np.array([[0, 1, 2], [0, 2, 3]], np.int64)))
     return replace(scene, surfaces=(*scene.surfaces, *strips))

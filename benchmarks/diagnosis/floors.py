@@ -44,14 +44,14 @@ def limits(capture: Path, model: Model) -> tuple[float, list[tuple[Limit, float]
     plain = linearised_fit(validation.prepared, validation.rendered, model.effects)
     signatures = signatures_of(plain, model.effects, model.render, NO_PROGRESS)
     counting, count = plain.counting_errors(tolerated_changes(plain, signatures)).model, plain.model.count
-    trials = [(one, limit_of(one, plain.model, counting, plain.scale)) for one in signatures]
+    trials = [(signature, limit_of(signature, plain.model, counting, plain.scale)) for signature in signatures]
     sizes: dict[str, float] = {}
-    for one, limit in trials:
+    for signature, limit in trials:
         if limit:
-            size = least_gain_of(plain.model.whiten_used(plain.scale * one.changes[0]), plain.model) / count
+            size = least_gain_of(plain.model.whiten_used(plain.scale * signature.changes[0]), plain.model) / count
             sizes[limit.effect] = min(size, sizes.get(limit.effect, size))
-    found = limits_of(plain, counting, [(one, limit) for one, limit in trials if limit])
-    return _FIVE_NINE_TIMES_IN_TEN**2 / count, [(limit, sizes[limit.effect]) for limit in found]
+    limited = limits_of(plain, counting, [(signature, limit) for signature, limit in trials if limit])
+    return _FIVE_NINE_TIMES_IN_TEN**2 / count, [(limit, sizes[limit.effect]) for limit in limited]
 
 
 def main() -> None:

@@ -92,11 +92,11 @@ def cases(options: argparse.Namespace) -> list[Case]:
     flaws = options.flaws.split(",") if options.flaws else flaws
     able = [name for name, effect in catalogue().items() if effect.stage != "settings"]
     draw = np.random.default_rng(options.first_seed)
-    made: list[tuple[str, tuple[str, ...]]] = [("none", ())] * options.nones
-    made += [("single", (name,)) for name in draw.permutation(able)[: options.singles]]
-    made += [("pair", tuple(map(str, draw.choice(able, 2, replace=False)))) for _ in range(options.pairs)]
-    made += [("weak", ([*OUTSIDE][i % len(OUTSIDE)],)) for i in range(options.weak)]
-    turns = [(kind, names, flaws[i % len(flaws)]) for i, (kind, names) in enumerate(made)]
+    cases_drawn: list[tuple[str, tuple[str, ...]]] = [("none", ())] * options.nones
+    cases_drawn += [("single", (name,)) for name in draw.permutation(able)[: options.singles]]
+    cases_drawn += [("pair", tuple(map(str, draw.choice(able, 2, replace=False)))) for _ in range(options.pairs)]
+    cases_drawn += [("weak", ([*OUTSIDE][i % len(OUTSIDE)],)) for i in range(options.weak)]
+    turns = [(kind, names, flaws[i % len(flaws)]) for i, (kind, names) in enumerate(cases_drawn)]
     several = [Case(*turn, options.first_seed + i) for i, turn in enumerate(turns)]
     return [several[i] for i in draw.permutation(len(several))]
 
@@ -166,8 +166,8 @@ def _flaw(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEffe
         factor = np.divide(changed, signal, out=np.ones_like(signal), where=signal > 0)
     factor = np.clip(factor, 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
     target = float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
-    whole = _excess(signal, factor * signal, laboratory, size, sound.sees_lamp)
-    factor = 1 + np.sqrt(target / whole) * (factor - 1)
+    excess = _excess(signal, factor * signal, laboratory, size, sound.sees_lamp)
+    factor = 1 + np.sqrt(target / excess) * (factor - 1)
     effect = Effect("flaw", "optics", "a flaw", (), lambda light: light.with_signal(light.signal * factor), "none")
     return AppliedEffect(effect, {}), target
 
@@ -191,10 +191,10 @@ def run(case: Case, size: int, laboratories: int, draws: int) -> Row | None:
     strength = _WEAK if case.kind == "weak" else STRENGTHS["medium"]
     for name in case.names:
         scale = partial(_relative_strength, laboratory, size, strength / STRENGTHS["medium"])
-        one = drawn(name, "medium", draw, scale, _SCENE, tuple(settings.filters))
-        if one is None:
+        effect = drawn(name, "medium", draw, scale, _SCENE, tuple(settings.filters))
+        if effect is None:
             return None
-        effects.append(one)
+        effects.append(effect)
     inside = (*((flaw,) if flaw else ()), *effects)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
@@ -240,8 +240,8 @@ def named(row: Row) -> bool:
 def false_names(row: Row) -> set[str]:
     """Effects that are selected and neither hidden, nor in a group with a hidden one, nor another name of the flaw."""
     hidden = set(row["truth"])
-    found = set(row["selected"]) - hidden - {"unknown"} - _DESCRIBES.get(row["flaw"], set())
-    return {name for name in found if not any(name in g and hidden & set(g) for g in row["groups"])}
+    false = set(row["selected"]) - hidden - {"unknown"} - _DESCRIBES.get(row["flaw"], set())
+    return {name for name in false if not any(name in g and hidden & set(g) for g in row["groups"])}
 
 
 def numbers_right(row: Row) -> list[bool]:
@@ -249,12 +249,12 @@ def numbers_right(row: Row) -> list[bool]:
     right = []
     for name, truth in row["truth"].items():
         for p in catalogue()[name].numbers if name in catalogue() else ():
-            found = row["fitted"].get(name, {}).get(p.name)
-            if found is None or not np.isfinite(found) or not np.isfinite(truth[p.name]):
+            estimate = row["fitted"].get(name, {}).get(p.name)
+            if estimate is None or not np.isfinite(estimate) or not np.isfinite(truth[p.name]):
                 continue
             null = p.null if p.null is not None and np.isfinite(p.null) else 0.0
             sigma = max(row["sigma"][name].get(p.name, 0.0), _LEAST_SIGMA * abs(truth[p.name] - null))
-            right.append(bool(abs(found - truth[p.name]) <= _SIGMAS * sigma))
+            right.append(bool(abs(estimate - truth[p.name]) <= _SIGMAS * sigma))
     return right
 
 

@@ -99,15 +99,15 @@ class Sample:
 
 def fit(samples: Sequence[Sample], names: Sequence[str]) -> np.ndarray:
     """Weights of the features, then offsets of the outcomes, by penalised likelihood."""
-    place = {name: len(FEATURES) + i for i, name in enumerate(names)}
+    column = {name: len(FEATURES) + i for i, name in enumerate(names)}
     counts = Counter(sample.cause for sample in samples)
     designs = []
     for sample in samples:
         design = np.zeros((len(sample.outcomes), len(FEATURES) + len(names)))
         design[:, : len(FEATURES)] = sample.table
         for row, outcome in zip(design, sample.outcomes, strict=True):
-            if outcome in place:
-                row[place[outcome]] = 1
+            if outcome in column:
+                row[column[outcome]] = 1
         designs.append((design, sample.true, 1 / counts[sample.cause] ** 0.5))
     ridge = np.array([RIDGE["weights"]] * len(FEATURES) + [RIDGE["offsets"]] * len(names))
 
@@ -157,24 +157,24 @@ def _when_likely(answers: Sequence[tuple[Sample, np.ndarray]], least: float) -> 
 
 def report(answers: Sequence[tuple[Sample, np.ndarray]]) -> None:
     """Rates of right answers, confusion, and reliability, of causes left out."""
-    named = [(sample, sample.outcomes[int(np.argmax(share))], float(share.max())) for sample, share in answers]
+    best = [(sample, sample.outcomes[int(np.argmax(share))], float(share.max())) for sample, share in answers]
     for kind, members in (
-        ("families", [a for a in named if a[0].truth not in (NONE, SOUND)]),
-        ("none of these", [a for a in named if a[0].truth == NONE]),
-        ("sound", [a for a in named if a[0].truth == SOUND]),
+        ("families", [a for a in best if a[0].truth not in (NONE, SOUND)]),
+        ("none of these", [a for a in best if a[0].truth == NONE]),
+        ("sound", [a for a in best if a[0].truth == SOUND]),
     ):
         learnt = sum(sample.truth == answer for sample, answer, _ in members)
         truth = {SOUND: NONE}
         by_rule = sum(truth.get(sample.truth, sample.truth) == sample.judged for sample, _, _ in members)
         print(f"{kind}: {learnt} of {len(members)} by the learnt odds, {by_rule} by the largest evidence that holds")
-    confusion = Counter((sample.truth, answer) for sample, answer, _ in named)
+    confusion = Counter((sample.truth, answer) for sample, answer, _ in best)
     print("\n| truth | answers |\n|---|---|")
-    for truth_name in sorted({sample.truth for sample, *_ in named}):
+    for truth_name in sorted({sample.truth for sample, *_ in best}):
         row = sorted(((n, a) for (t, a), n in confusion.items() if t == truth_name), reverse=True)
         print(f"| {truth_name} | {', '.join(f'{answer} {n}' for n, answer in row)} |")
     print("\n| probability of the answer | captures | mean probability | right |\n|---|---|---|---|")
     for low, high in ((0, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 0.9), (0.9, 0.97), (0.97, 1.01)):
-        inside = [(s.truth == a, p) for s, a, p in named if low <= p < high]
+        inside = [(s.truth == a, p) for s, a, p in best if low <= p < high]
         if inside:
             right, mean = np.mean([r for r, _ in inside]), np.mean([p for _, p in inside])
             print(f"| {low:g} to {min(high, 1):g} | {len(inside)} | {mean:.2f} | {right:.2f} |")

@@ -57,8 +57,8 @@ def _with(scene: Scene, name: str, mesh: trimesh.Trimesh, reflectance: NDArray[n
     """The scene with one more thing, of a new paint."""
     like = scene.materials["white"]
     paint = replace(like, name=name, reflectance=Spectrum(WAVELENGTH_NM, np.clip(reflectance, 0, 1)))
-    thing = Surface(name, name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
-    return replace(scene, surfaces=(*scene.surfaces, thing), materials={**scene.materials, name: paint})
+    mesh_surface = Surface(name, name, np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
+    return replace(scene, surfaces=(*scene.surfaces, mesh_surface), materials={**scene.materials, name: paint})
 
 
 def _centre(camera: Camera, points: NDArray[np.float64]) -> tuple[float, float]:

@@ -97,8 +97,8 @@ def _forgotten_cube(scene: Scene, amount: float, row: float, column: float) -> S
 
 def _repainted(scene: Scene, amount: float, row: float, column: float) -> Scene:
     """One thing in the room wears another paint than the rest: darker in the blue."""
-    things = [s for s in scene.surfaces if s.name not in _ROOM]
-    surface = things[min(int(row * len(things)), len(things) - 1)]
+    objects = [s for s in scene.surfaces if s.name not in _ROOM]
+    surface = objects[min(int(row * len(objects)), len(objects) - 1)]
     old = scene.materials[surface.material]
     wavelength = np.asarray(old.reflectance.wavelength_nm)
     bent = np.asarray(old.reflectance.values) * (1 - amount * np.exp(-(((wavelength - 460) / 60) ** 2)))

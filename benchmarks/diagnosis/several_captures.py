@@ -56,9 +56,9 @@ PAIRS: tuple[tuple[str, str, Callable[..., tuple[Camera, CaptureSettings]]], ...
 )
 
 
-def _told(found: Diagnosis) -> str:
-    groups = "; ".join(" or ".join(group) for group in found.indistinguishable)
-    return f"{', '.join(found.selected) or 'nothing'}{f' (not distinguished: {groups})' if groups else ''}"
+def _told(diagnosis: Diagnosis) -> str:
+    groups = "; ".join(" or ".join(group) for group in diagnosis.indistinguishable)
+    return f"{', '.join(diagnosis.selected) or 'nothing'}{f' (not distinguished: {groups})' if groups else ''}"
 
 
 def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], strength: str, seed: int) -> bool:
@@ -73,8 +73,8 @@ def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], str
     with tempfile.TemporaryDirectory() as folder:
         for index, (seen_by, how) in enumerate([(camera, settings), change(camera, settings)]):
             path = Path(folder) / f"{index}"
-            there = effect.at_aperture(settings.f_number / how.f_number)
-            effects: tuple[AppliedEffect, ...] = () if index and effect.effect.own_to_capture else (there,)
+            effect_there = effect.at_aperture(settings.f_number / how.f_number)
+            effects: tuple[AppliedEffect, ...] = () if index and effect.effect.own_to_capture else (effect_there,)
             write_model_capture(path, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3)
             validations.append(validate_capture(load_capture(path), Model()))
         first, both = diagnose(validations[0]), diagnose(validations[0], further=validations[1:])
@@ -98,8 +98,8 @@ def main() -> None:
         parser.error(f"no effect {', '.join(unknown)}")
     right = [
         _case(truth, change, options.strength, options.seed)
-        for one, other, change in PAIRS
-        for truth in (one, other)
+        for first, other, change in PAIRS
+        for truth in (first, other)
         if not options.causes or truth in options.causes
     ]
     print(f"{sum(right)} of {len(right)} named first by both")

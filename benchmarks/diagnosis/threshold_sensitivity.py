@@ -169,17 +169,17 @@ def moved_tree(source: str, name: str, factor: float) -> ast.Module:
     KeyError
         Where the module has no such constant.
     """
-    tree, found = ast.parse(source), False
+    tree, changed = ast.parse(source), False
     for node in tree.body:
         for constant, value in assigned(node):
             if constant == name:
                 scaled = _Scaling(factor).visit(value)
-                found = True
+                changed = True
                 if node.value is value:
                     node.value = scaled
                 else:
                     node.value.elts[node.value.elts.index(value)] = scaled
-    if not found:
+    if not changed:
         raise KeyError(name)
     return ast.fix_missing_locations(tree)
 
@@ -256,7 +256,7 @@ def verdict_of(subject: str, constant: DecisionConstant | None, cache: Path | No
 
         baseline, candidate = subject.split(PAIR)
         outcome = regress_inputs(baseline, candidate)
-        return ", ".join(["same" if outcome.same else "different", *(named.change for named in outcome.named[:1])])
+        return ", ".join(["same" if outcome.same else "different", *(change.change for change in outcome.named[:1])])
     records = [suspicion.record for suspicion in cboxlab.calibrate(subject).calibration.suspicions]
     first = "; ".join(sorted(f"{record['where']}: {record['what']}" for record in records)) or "no suspicion"
     if constant is not None and constant.path.startswith("calibration/"):

@@ -60,45 +60,45 @@ def _image(scene: Scene, camera: Camera, seed: int, error: float = _PICTURE_ERRO
 
 
 @cache
-def _sound(place: int, seed: int) -> RenderedImage:
-    camera, _, box = laboratory(place)
+def _sound(number: int, seed: int) -> RenderedImage:
+    camera, _, box = laboratory(number)
     return _image(box, camera, seed)
 
 
-def write_capture(folder: Path, name: str, seed: int, taken: int = 0, mosaic: str = "") -> Truth:
+def write_capture(folder: Path, name: str, seed: int, frames_before: int = 0, mosaic: str = "") -> Truth:
     """One capture with a cause; ``none`` leaves the box sound.
 
     taken : how often it was taken before: the same box, camera and cause, but other noise in picture and frames.
     mosaic : pattern of a colour sensor, empty for the seven filters.
     """
-    place = 9000 + seed % _LABORATORIES
-    camera, settings, box = laboratory(place, mosaic)
+    first_seed = 9000 + seed % _LABORATORIES
+    camera, settings, box = laboratory(first_seed, mosaic)
     draw = np.random.default_rng([seed, len(name)])
-    noise = seed + 5000 * taken
-    made = Made(Truth("none")) if name == "none" else CAUSES[name](draw, box, camera)
+    noise = seed + 5000 * frames_before
+    cause = Made(Truth("none")) if name == "none" else CAUSES[name](draw, box, camera)
     pictures = []
-    for i, (seen, taken_by, weight) in enumerate(made.pictures):
+    for i, (image_seen, taken_by, weight) in enumerate(cause.pictures):
         error = _ADDED_ERROR if np.max(weight) <= 0.1 else _PICTURE_ERROR
-        pictures.append((_image(seen, taken_by, noise + i, error), taken_by, weight))
+        pictures.append((_image(image_seen, taken_by, noise + i, error), taken_by, weight))
     total: Stack | None = None
-    for image, seen, weight in pictures or [(_sound(place, place + 5000 * taken), camera, 1.0)]:
-        signals, uniform, _ = photographed_light(image, (), None, seen, settings)
+    for image, image_seen, weight in pictures or [(_sound(first_seed, first_seed + 5000 * frames_before), camera, 1.0)]:
+        signals, uniform, _ = photographed_light(image, (), None, image_seen, settings)
         total = weight * signals if total is None else total + weight * signals
     assert total is not None
-    sees_lamp = _sound(place, place + 5000 * taken).sees_lamp
+    sees_lamp = _sound(first_seed, first_seed + 5000 * frames_before).sees_lamp
     scene = photographed_scene(Model())
     write_photographs(
         folder,
-        made.light(total),
+        cause.light(total),
         uniform,
         sees_lamp,
         camera=camera,
         scene=scene,
         settings=settings,
         seed=noise,
-        hooks=made.hooks,
+        hooks=cause.hooks,
     )
-    return made.truth
+    return cause.truth
 
 
 def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, Any]:
@@ -110,7 +110,7 @@ def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, 
         diagnosis = diagnose(validate_capture(load_capture(folder), Model()))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     explanation = diagnosis.explanation
-    place = None if explanation is None or explanation.centre_px is None else list(explanation.centre_px)
+    centre = None if explanation is None or explanation.centre_px is None else list(explanation.centre_px)
     row = {
         "key": f"{name}:{seed}",
         "cause": name,
@@ -121,7 +121,7 @@ def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, 
         "selected": list(diagnosis.selected),
         "family": None if explanation is None else explanation.family,
         "surface": None if explanation is None else explanation.surface,
-        "centre": place,
+        "centre": centre,
         "bands": [] if explanation is None else list(explanation.bands),
         "share": 0.0 if explanation is None else explanation.share,
         "runner_up": None if explanation is None else explanation.runner_up,
@@ -136,11 +136,13 @@ def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, 
 def _score(row: Mapping[str, Any]) -> dict[str, bool]:
     if row["truth"] == "none":
         return {"right": not row["selected"], "place": True}
-    true, found = row["true_centre"], row["centre"]
+    true, estimate = row["true_centre"], row["centre"]
     if true is None:
         placed = row["true_surface"] is None or row["surface"] == row["true_surface"]
     else:
-        placed = found is not None and bool(np.hypot(found[0] - true[0], found[1] - true[1]) < _PLACE * SIZE_PX)
+        placed = estimate is not None and bool(
+            np.hypot(estimate[0] - true[0], estimate[1] - true[1]) < _PLACE * SIZE_PX
+        )
     return {"right": row["family"] == row["truth"] and row["selected"] == ["unknown"], "place": placed}
 
 

@@ -91,9 +91,9 @@ class Draft:
             for path in table["frames"]:
                 self.put(path, change(self.image(path).astype(float)))
 
-    def swap(self, one: dict, other: dict) -> None:
+    def swap(self, first_table: dict, other: dict) -> None:
         """The contents of two tables' frames, exchanged as far as both have repeats."""
-        for a, b in zip(one["frames"], other["frames"], strict=False):
+        for a, b in zip(first_table["frames"], other["frames"], strict=False):
             first, second = self.image(a), self.image(b)
             self.put(a, second)
             self.put(b, first)
@@ -151,5 +151,5 @@ def mistake(name: str, expected: str) -> Callable:
 
 def frame_kinds(draft: Draft, darks: bool = True) -> list[str]:
     """Kinds of tables with frames that the capture has, with or without dark frames."""
-    lit = [kind for kind in ("band", "bracket", "flat", "reference") if draft.manifest.get(kind)]
-    return [*lit, *(["dark"] if darks and isinstance(draft.manifest.get("dark"), list) else [])]
+    kinds = [kind for kind in ("band", "bracket", "flat", "reference") if draft.manifest.get(kind)]
+    return [*kinds, *(["dark"] if darks and isinstance(draft.manifest.get("dark"), list) else [])]

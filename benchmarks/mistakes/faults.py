@@ -53,18 +53,18 @@ STOPS = 20
 TAKEN = ("exists already", "is there already", "another content than when")
 
 
-def start(place: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
+def start(folder: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
     """One program in ``place``, with its own cache there."""
-    place.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for name in command.laid:
-        lay(place, name)
-    environment = {**os.environ, "XDG_CACHE_HOME": str(place / "cache"), "OPENBLAS_NUM_THREADS": "1"}
+        lay(folder, name)
+    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "OPENBLAS_NUM_THREADS": "1"}
     if FORKED:
-        return Forked(command.words, place, environment, prepare)
-    plain = sys.executable if command.words[0] == "-c" else str(Path(sys.executable).with_name("cbox"))
+        return Forked(command.arguments, folder, environment, prepare)
+    plain = sys.executable if command.arguments[0] == "-c" else str(Path(sys.executable).with_name("cbox"))
     return subprocess.Popen(
-        [plain, *command.words],
-        cwd=place,
+        [plain, *command.arguments],
+        cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -74,8 +74,8 @@ def start(place: Path, command: Command, prepare: Callable[[], None] | None = No
     )
 
 
-def lay(place: Path, name: str) -> None:
-    source, target = place.parents[1] / "input" / name, place / "out" / name
+def lay(folder: Path, name: str) -> None:
+    source, target = folder.parents[1] / "input" / name, folder / "out" / name
     target.parent.mkdir(parents=True, exist_ok=True)
     if source.is_dir():
         shutil.copytree(source, target, dirs_exist_ok=True)
@@ -89,9 +89,9 @@ def ended(process: subprocess.Popen) -> tuple[int, str]:
     return process.returncode, said
 
 
-def files(place: Path) -> dict[str, bytes]:
+def files(folder: Path) -> dict[str, bytes]:
     """Contents of all results by name."""
-    out = place / "out"
+    out = folder / "out"
     paths = [path for path in sorted(out.rglob("*")) if path.is_file()]
     return {str(p.relative_to(out)): TIMES.sub(b"", p.read_bytes()) for p in paths}
 
@@ -101,9 +101,9 @@ def unfinished(name: str) -> bool:
     return "-unfinished-" in name or name.endswith(".passes") or ".part." in name
 
 
-def finished(place: Path) -> dict[str, bytes]:
+def finished(folder: Path) -> dict[str, bytes]:
     """Contents of the results that stand under their final names."""
-    return {n: c for n, c in files(place).items() if not any(unfinished(part) for part in Path(n).parts)}
+    return {n: c for n, c in files(folder).items() if not any(unfinished(part) for part in Path(n).parts)}
 
 
 class Undisturbed:
@@ -117,12 +117,12 @@ class Undisturbed:
             begun = time.monotonic()
             process = start(path, command)
             self.before = files(path)
-            self.writing, seen = [], set(self.before)
+            self.writing, entries_before = [], set(self.before)
             while process.poll() is None:
                 time.sleep(0.01)
-                there = {str(p) for p in (path / "out").rglob("*")} if (path / "out").is_dir() else set()
-                if there != seen:
-                    self.writing, seen = [*self.writing, time.monotonic() - begun], there
+                entries = {str(p) for p in (path / "out").rglob("*")} if (path / "out").is_dir() else set()
+                if entries != entries_before:
+                    self.writing, entries_before = [*self.writing, time.monotonic() - begun], entries
             self.seconds = time.monotonic() - begun
             code, said = ended(process)
             if code:
@@ -133,26 +133,26 @@ class Undisturbed:
         self.whole = runs[0]
         self.steady = {name for name, content in self.whole.items() if runs[1].get(name) == content}
 
-    def unlike(self, found: dict[str, bytes]) -> list[str]:
+    def unlike(self, contents: dict[str, bytes]) -> list[str]:
         """Names that this has not, or whose content is neither the same nor what lay there before."""
         return [
             name
-            for name, content in found.items()
+            for name, content in contents.items()
             if name not in self.whole
             or (name in self.steady and content not in (self.whole[name], self.before.get(name)))
         ]
 
-    def fault_of_rerun(self, place: Path, command: Command) -> str:
+    def fault_of_rerun(self, folder: Path, command: Command) -> str:
         """Run again in ``place``: what is not as in an undisturbed run, empty if all is."""
-        code, said = ended(start(place, command))
-        there = files(place)
-        if code and not (code == 2 and any(words in said for words in TAKEN)):
+        code, said = ended(start(folder, command))
+        contents = files(folder)
+        if code and not (code == 2 and any(phrase in said for phrase in TAKEN)):
             return f"rerun {code}: {said.strip()[-300:]}"
-        if left := [name for name in there if any(unfinished(part) for part in Path(name).parts)]:
-            return f"left: {left[:3]}"
-        if set(there) != set(self.whole):
-            return f"other files: {sorted(set(there) ^ set(self.whole))[:5]}"
-        changed = [name for name in self.steady if there[name] != self.whole[name]]
+        if unfinished_files := [name for name in contents if any(unfinished(part) for part in Path(name).parts)]:
+            return f"left: {unfinished_files[:3]}"
+        if set(contents) != set(self.whole):
+            return f"other files: {sorted(set(contents) ^ set(self.whole))[:5]}"
+        changed = [name for name in self.steady if contents[name] != self.whole[name]]
         return f"other bits: {changed}" if changed else ""
 
 
@@ -161,34 +161,34 @@ def _kilobytes(folder: Path) -> int:
     return sum(4 * -(-p.stat().st_size // 4096) if p.is_file() else 4 for p in folder.rglob("*"))
 
 
-def kill(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+def kill(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
     first, last = (plain.writing[0] - 0.1, plain.writing[-1] + 0.1) if number % 2 else (0.0, plain.seconds)
-    process = start(place, command)
+    process = start(folder, command)
     time.sleep(max(first + moment * (last - first), 0))
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
-    if half := plain.unlike(finished(place)):
+    if half := plain.unlike(finished(folder)):
         return f"half-written: {half}"
-    return plain.fault_of_rerun(place, command)
+    return plain.fault_of_rerun(folder, command)
 
 
-def stop(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+def stop(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
     generator = random.Random(moment)
     span = plain.writing[-1] - plain.writing[0] + 0.2
     moments = [generator.random() * plain.seconds for _ in range(STOPS // 2)]
     moments += [plain.writing[0] - 0.1 + generator.random() * span for _ in range(STOPS - STOPS // 2)]
     copies = []
-    process, begun, still = start(place, command), time.monotonic(), 0.0
-    for wanted in sorted(moments):
-        time.sleep(max(begun + still + wanted - time.monotonic(), 0))
+    process, begun, still = start(folder, command), time.monotonic(), 0.0
+    for moment_expected in sorted(moments):
+        time.sleep(max(begun + still + moment_expected - time.monotonic(), 0))
         if process.poll() is not None or not _in_own_group(process.pid):
             continue
         stopped = time.monotonic()
         os.killpg(process.pid, signal.SIGSTOP)
-        copies.append(place.with_name(f"stop-{len(copies)}"))
+        copies.append(folder.with_name(f"stop-{len(copies)}"))
         shutil.rmtree(copies[-1], ignore_errors=True)
-        shutil.copytree(place, copies[-1], symlinks=True)
+        shutil.copytree(folder, copies[-1], symlinks=True)
         os.killpg(process.pid, signal.SIGCONT)
         still += time.monotonic() - stopped
     ended(process)
@@ -201,39 +201,39 @@ def _in_own_group(pid: int) -> bool:
     return os.getpgid(pid) == pid
 
 
-def _fault_of_copy(place: Path, command: Command, plain: Undisturbed) -> str:
-    if half := plain.unlike(finished(place)):
+def _fault_of_copy(folder: Path, command: Command, plain: Undisturbed) -> str:
+    if half := plain.unlike(finished(folder)):
         return f"half-written: {half}"
     members = set()
-    for path in place.rglob("*"):
-        name, _, temporary = str(path.relative_to(place)).partition("-unfinished-")
+    for path in folder.rglob("*"):
+        name, _, temporary = str(path.relative_to(folder)).partition("-unfinished-")
         members.add((name, path.read_bytes() if path.is_file() and not temporary else b""))
     state = hashlib.sha256(repr(sorted(members)).encode())
     if state.hexdigest() not in plain.sound:
-        if fault := plain.fault_of_rerun(place, command):
+        if fault := plain.fault_of_rerun(folder, command):
             return fault
         plain.sound.add(state.hexdigest())
-    shutil.rmtree(place)
+    shutil.rmtree(folder)
     return ""
 
 
-def pair(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
-    both = [start(place, command)]
+def pair(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    both = [start(folder, command)]
     time.sleep(moment * min(0.5, plain.seconds))
-    both.append(start(place, replace(command, laid=())))
-    ends = [ended(one) for one in both]
-    bad = [said for code, said in ends if code and not (code == 2 and any(words in said for words in TAKEN))]
+    both.append(start(folder, replace(command, laid=())))
+    ends = [ended(process) for process in both]
+    bad = [said for code, said in ends if code and not (code == 2 and any(phrase in said for phrase in TAKEN))]
     if bad or all(code for code, _ in ends):
         return f"{[code for code, _ in ends]}: {(bad or [''])[0].strip()[-300:]}"
-    if command.words[0] == "add" and not any(code for code, _ in ends):
-        times = (place / "out" / "model.toml").read_text(encoding="utf-8").count(command.words[2])
+    if command.arguments[0] == "add" and not any(code for code, _ in ends):
+        times = (folder / "out" / "model.toml").read_text(encoding="utf-8").count(command.arguments[2])
         return "" if times == 2 else f"{times} of two effects"
-    if changed := plain.unlike(files(place)):
+    if changed := plain.unlike(files(folder)):
         return f"other bits: {changed}"
     return ""
 
 
-def full(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+def full(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
     """Files may hold a share of the largest result."""
     most = int(moment * 0.9 * max(len(c) for n, c in plain.whole.items() if plain.before.get(n) != c))
 
@@ -241,79 +241,79 @@ def full(place: Path, command: Command, plain: Undisturbed, moment: float, numbe
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
 
-    code, said = ended(start(place, command, limit))
-    return _refused(command, code, said, (2,)) or _none_half(place, plain) or plain.fault_of_rerun(place, command)
+    code, said = ended(start(folder, command, limit))
+    return _refused(command, code, said, (2,)) or _none_half(folder, plain) or plain.fault_of_rerun(folder, command)
 
 
-def disk(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
-    with small_file_system(place, int(moment * sum(plain.kilobytes.values()))):
+def disk(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    with small_file_system(folder, int(moment * sum(plain.kilobytes.values()))):
         try:
-            code, said = ended(start(place, command))
+            code, said = ended(start(folder, command))
         except OSError:  # no room for what is laid
             return ""
-        found = _refused(command, code, said, (0, 2)) or _none_half(place, plain)
-        subprocess.run(["mount", "-o", "remount,size=1g", str(place)], check=True)
-        return found or plain.fault_of_rerun(place, command)
+        fault = _refused(command, code, said, (0, 2)) or _none_half(folder, plain)
+        subprocess.run(["mount", "-o", "remount,size=1g", str(folder)], check=True)
+        return fault or plain.fault_of_rerun(folder, command)
 
 
-def cache(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
-    with small_file_system(place / "cache", int(moment * plain.kilobytes["cache"])):
-        code, said = ended(start(place, command))
-        found = _refused(command, code, said, (0, 2)) or _none_half(place, plain)
-        subprocess.run(["mount", "-o", "remount,size=1g", str(place / "cache")], check=True)
-        return found or plain.fault_of_rerun(place, command)
+def cache(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    with small_file_system(folder / "cache", int(moment * plain.kilobytes["cache"])):
+        code, said = ended(start(folder, command))
+        fault = _refused(command, code, said, (0, 2)) or _none_half(folder, plain)
+        subprocess.run(["mount", "-o", "remount,size=1g", str(folder / "cache")], check=True)
+        return fault or plain.fault_of_rerun(folder, command)
 
 
 @contextmanager
-def small_file_system(place: Path, kilobytes: int) -> Iterator[None]:
-    place.mkdir(parents=True)
-    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={max(kilobytes, 4)}k", "tmpfs", str(place)], check=True)
+def small_file_system(folder: Path, kilobytes: int) -> Iterator[None]:
+    folder.mkdir(parents=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={max(kilobytes, 4)}k", "tmpfs", str(folder)], check=True)
     try:
         yield
     finally:
-        subprocess.run(["umount", str(place)], check=True)
+        subprocess.run(["umount", str(folder)], check=True)
 
 
 def _refused(command: Command, code: int, said: str, codes: tuple[int, ...]) -> str:
     """What is wrong with the end of a command that could not write all; empty if nothing is."""
-    told = said.count("error: ") == 1 or command.words[0] in ("batch", "-c")  # batch states it in its summary
-    sound = code in codes and (code == 0 or told) and ("Traceback" not in said or command.words[0] == "-c")
-    if command.words[0] == "-c":  # a program of the user's own, whose errors are its own
+    is_stated = said.count("error: ") == 1 or command.arguments[0] in ("batch", "-c")  # batch states it in its summary
+    sound = code in codes and (code == 0 or is_stated) and ("Traceback" not in said or command.arguments[0] == "-c")
+    if command.arguments[0] == "-c":  # a program of the user's own, whose errors are its own
         sound = code == 0 or "OSError" in said or "InputError" in said
     return "" if sound else f"exit code {code}: {said.strip()[-300:]}"
 
 
-def _none_half(place: Path, plain: Undisturbed) -> str:
-    half = plain.unlike({n: c for n, c in files(place).items() if not n.endswith(".passes")})
+def _none_half(folder: Path, plain: Undisturbed) -> str:
+    half = plain.unlike({n: c for n, c in files(folder).items() if not n.endswith(".passes")})
     return f"half-written: {half}" if half else ""
 
 
-def pipe(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
-    process = start(place, command)
+def pipe(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    process = start(folder, command)
     assert process.stdout is not None and process.stderr is not None
     process.stdout.readline()
     process.stdout.close()
     said = process.stderr.read()
     code = process.wait(timeout=900)
-    there = files(place)
+    contents = files(folder)
     if code not in (0, -signal.SIGPIPE) or "Traceback" in said or "Exception" in said:
         return f"exit code {code}: {said.strip()[-300:]}"
-    if set(there) != set(plain.whole):
-        return f"other files: {sorted(set(there) ^ set(plain.whole))[:5]}"
+    if set(contents) != set(plain.whole):
+        return f"other files: {sorted(set(contents) ^ set(plain.whole))[:5]}"
     return ""
 
 
-def interrupt(place: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
-    process = start(place, command, lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None)
+def interrupt(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
+    process = start(folder, command, lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None)
     time.sleep(moment * plain.seconds)
     process.send_signal(signal.SIGINT)
     code, said = ended(process)
-    plainly = code == -signal.SIGINT or command.words[0] == "-c"
+    plainly = code == -signal.SIGINT or command.arguments[0] == "-c"
     if code not in (0, 130, -signal.SIGINT) or (not plainly and "Traceback" in said):
         return f"exit code {code}: {said.strip()[-300:]}"
-    if left := [n for n in files(place) if "-unfinished-" in n]:
-        return f"left: {left}"
-    return plain.fault_of_rerun(place, command)
+    if unfinished_files := [n for n in files(folder) if "-unfinished-" in n]:
+        return f"left: {unfinished_files}"
+    return plain.fault_of_rerun(folder, command)
 
 
 KINDS = {
@@ -331,9 +331,9 @@ KINDS = {
 def prepare(work: Path) -> None:
     """What the commands read, from a capture of 16 x 16 px on."""
     path = work / "input"
-    for name, words in MADE.items():
+    for name, arguments in MADE.items():
         if not (path / name).exists():
-            code, said = ended(start(path, Command(words)))
+            code, said = ended(start(path, Command(arguments)))
             if code:
                 raise RuntimeError(said)
     shutil.copytree(path / "capture", path / "frames", dirs_exist_ok=True)
@@ -341,10 +341,10 @@ def prepare(work: Path) -> None:
     (path / "reading.csv").write_text("wavelength_nm,radiance\n380,0.001\n780,0.005\n", encoding="utf-8")
 
 
-def cases(given: argparse.Namespace, commands: list[str]) -> Iterator[tuple[str, str, int]]:
+def cases(options: argparse.Namespace, commands: list[str]) -> Iterator[tuple[str, str, int]]:
     for name in commands:
-        for kind in given.kinds.split(","):
-            for number in range({"kill": given.moments, "pipe": 1}.get(kind, given.pairs)):
+        for kind in options.kinds.split(","):
+            for number in range({"kill": options.moments, "pipe": 1}.get(kind, options.pairs)):
                 yield name, kind, number
 
 
@@ -357,30 +357,30 @@ def main() -> None:
     parser.add_argument("--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - {"disk", "cache"}))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--forked", action="store_true", help="many cases, of commands that do not render")
-    given = parser.parse_args()
-    work = given.work.resolve()
+    options = parser.parse_args()
+    work = options.work.resolve()
     prepare(work)
-    if given.forked:
+    if options.forked:
         import_all()
         global FORKED
         FORKED = True
     record = work / "faults.jsonl"
     lines = record.read_text(encoding="utf-8").splitlines() if record.exists() else []
     done = {(c["command"], c["kind"], c["number"]): c["fault"] for c in map(json.loads, lines)}
-    known: dict[str, Undisturbed] = {}
-    for name, kind, number in cases(given, given.commands.split(",")):
+    undisturbed: dict[str, Undisturbed] = {}
+    for name, kind, number in cases(options, options.commands.split(",")):
         if (name, kind, number) in done:
             continue
-        if name not in known:
-            known[name] = plain = Undisturbed(work, COMMANDS[name], name)
+        if name not in undisturbed:
+            undisturbed[name] = plain = Undisturbed(work, COMMANDS[name], name)
             varying = sorted(set(plain.whole) - plain.steady)
             print(f"{name}: {plain.seconds:.1f} s, other bits at each run: {varying}", flush=True)
-        plain = known[name]
+        plain = undisturbed[name]
         if kind == "cache" and not plain.kilobytes["cache"]:
             continue
         path = work / name / kind
         shutil.rmtree(path, ignore_errors=True)
-        moment = random.Random(f"{given.seed} {name} {kind} {number}").random()
+        moment = random.Random(f"{options.seed} {name} {kind} {number}").random()
         fault = KINDS[kind](path, COMMANDS[name], plain, moment, number)
         done[name, kind, number] = fault
         case = {"command": name, "kind": kind, "number": number, "moment": moment, "fault": fault}

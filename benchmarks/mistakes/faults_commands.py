@@ -43,12 +43,12 @@ write_recipe(Path("."))
 class Command:
     """Words after ``cbox`` (after ``python`` where the first is "-c"); what of WORK/input is laid into "out" before."""
 
-    words: tuple[str, ...]
+    arguments: tuple[str, ...]
     laid: tuple[str, ...] = ()
 
 
-def _cbox(*words: str, laid: tuple[str, ...] = ()) -> Command:
-    return Command(tuple(word.replace("@", "../../input/") for word in words), laid)
+def _cbox(*arguments: str, laid: tuple[str, ...] = ()) -> Command:
+    return Command(tuple(word.replace("@", "../../input/") for word in arguments), laid)
 
 
 COMMANDS = {

@@ -40,8 +40,8 @@ class Forked:
 
     def __init__(
         self,
-        words: tuple[str, ...],
-        place: Path,
+        arguments: tuple[str, ...],
+        folder: Path,
         environment: dict[str, str],
         prepare: Callable[[], None] | None,
     ) -> None:
@@ -57,13 +57,13 @@ class Forked:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             os.dup2(said, 2)
             sys.stdout, sys.stderr = (os.fdopen(number, "w", closefd=False) for number in (1, 2))
-            os.chdir(place)
+            os.chdir(folder)
             os.environ.update(environment)
             signal.signal(signal.SIGINT, signal.default_int_handler)
-            sys.argv = ["cbox", *words]
+            sys.argv = ["cbox", *arguments]
             if prepare is not None:
                 prepare()
-            main(words)
+            main(arguments)
             code = 0
         except SystemExit as ended:
             code = ended.code if isinstance(ended.code, int) else 1

@@ -51,8 +51,8 @@ def _(d: Draft, rng: np.random.Generator) -> None:
 @mistake("the same frames for two bands", r"same|twice")
 def _(d: Draft, rng: np.random.Generator) -> None:
     a, b = d.two("band", rng)
-    for one, other in zip(a["frames"], b["frames"], strict=False):
-        d.put(one, d.image(other))
+    for first, other in zip(a["frames"], b["frames"], strict=False):
+        d.put(first, d.image(other))
 
 
 @mistake("rows with another noise", r"of a row share")
@@ -180,9 +180,9 @@ def _(d: Draft, rng: np.random.Generator) -> None:
     if level < 5:
         raise Unsuitable
     for table in d.tables(*frame_kinds(d, darks=False)):
-        own = darks.get(table["exposure_s"], level)
+        darks_of_exposure = darks.get(table["exposure_s"], level)
         for path in table["frames"]:
-            d.put(path, d.image(path) - own)
+            d.put(path, d.image(path) - darks_of_exposure)
 
 
 @mistake("photographs smoothed", r"independent|smooth|noise|repeat|flats")

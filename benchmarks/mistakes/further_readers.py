@@ -53,11 +53,11 @@ def frames() -> Pairs:
         write_fits(plain, repeats, EXPTIME=2.0)
         path.write_bytes(gzip.compress(plain.read_bytes()))
 
-    stated = {"EXPTIME": 2.0, "FOCRATIO": 8}
+    keywords = {"EXPTIME": 2.0, "FOCRATIO": 8}
     return {
         "dng": (_written("a.dng", lambda path: write_dng(path, counts)), read_pictures),
         "fits-cube": (
-            _written("a.fits", lambda path: write_fits(path, repeats, **stated)),
+            _written("a.fits", lambda path: write_fits(path, repeats, **keywords)),
             read_pictures,
         ),
         "fits-gz": (_written("a.fits.gz", packed), read_pictures),
@@ -135,30 +135,35 @@ def tables() -> Pairs:
 def cubes() -> Pairs:
     """Cubes of other programs, and pictures as ``cbox regress`` reads them."""
     import numpy as np
-    from cboxlab.rendering.files import read_cube, read_picture
+    from cboxlab.rendering.files import Declared, read_cube, read_picture
     from cboxlab.rendering.files.exr_channels import write_channels
     from cboxlab.rendering.files.headers.envi_header import read_header
     from cboxlab.validation.compare_renders.stacks import read_stack
-    from helpers.envi_files import header_text, write
+    from helpers.envi_files import LIGHT, RADIANCE, header_text, write
     from helpers.rgbe import write_rgbe
 
     headers = sorted((ROOT / "tests" / "render" / "files" / "envi_headers").glob("*.hdr"))
     plane = np.linspace(0.1, 1, 20, dtype=np.float32).reshape(4, 5)
     colours = dict.fromkeys("RGB", plane)
+    radiance = Declared(units="cd m^-2", scale=179.0, colour_space="radiance")
+    read_radiance = partial(read_stack, declared=radiance)
+    unit = {"emissiveUnits": RADIANCE}
     spectral = {f"S0.{nm},000000nm": plane for nm in (450, 550, 650)}
 
+    scaled = {"data_type": 2, "reflectance_scale_factor": 10000, "bbl": "{1,1,0,1,1,1}"}
+    swapped = {"byte_order": 1, "data_gain_values": "{1,1,1,1,1,2}", "fwhm": "{9,9,9,9,9,9}"}
     variants = {
-        "envi-bil": {"interleave": "bil"},
-        "envi-scaled": {"data_type": 2, "reflectance_scale_factor": 10000, "bbl": "{1,1,0,1,1,1}"},
-        "envi-swapped": {"byte_order": 1, "data_gain_values": "{1,1,1,1,1,2}", "fwhm": "{9,9,9,9,9,9}"},
+        "envi-bil": partial(write, text=header_text(interleave="bil"), order="bil"),
+        "envi-scaled": partial(write, text=header_text(**scaled), values=1000 * LIGHT, kind="<i2"),
+        "envi-swapped": partial(write, text=header_text(**swapped), kind=">f4"),
     }
-    own = {name: (partial(write, text=header_text(**changes)), read_cube) for name, changes in variants.items()}
+    formats = {name: (sound, read_cube) for name, sound in variants.items()}
     return {
         **{f"envi-{source.stem}": (_copy("a.hdr", source), read_header) for source in headers},
-        **own,
+        **formats,
         "regress-exr": (_written("a.exr", lambda path: write_channels(path, {}, colours)), read_stack),
-        "regress-hdr": (_written("a.hdr", lambda path: write_rgbe(path, np.ones((6, 8, 3)))), read_stack),
-        "spectral-exr": (_written("a.exr", lambda path: write_channels(path, {}, spectral)), read_picture),
+        "regress-hdr": (_written("a.hdr", lambda path: write_rgbe(path, np.ones((6, 8, 3)))), read_radiance),
+        "spectral-exr": (_written("a.exr", lambda path: write_channels(path, unit, spectral)), read_picture),
     }
 
 

@@ -71,12 +71,12 @@ WORD = re.compile(rb"[A-Za-z_0-9.+-]+|\"[^\"\n]*\"|'[^'\n]*'")
 def changed(content: bytes, chance: random.Random) -> bytes:
     """``content`` with one to four changes of its words, lines or ends."""
     for _ in range(chance.choice((1, 1, 2, 4))):
-        words, lines = list(WORD.finditer(content)), content.splitlines(keepends=True)
+        tokens, lines = list(WORD.finditer(content)), content.splitlines(keepends=True)
         kind = chance.randrange(6)
-        if kind < 3 and words:
-            place, other = chance.choice(words), chance.choice(words)
+        if kind < 3 and tokens:
+            token, other = chance.choice(tokens), chance.choice(tokens)
             new = chance.choice(ODD) if kind else other.group()
-            content = content[: place.start()] + new + content[place.end() :]
+            content = content[: token.start()] + new + content[token.end() :]
         elif kind == 3 and lines:
             del lines[chance.randrange(len(lines))]
             content = b"".join(lines)
@@ -95,17 +95,17 @@ def changed_bytes(content: bytes, chance: random.Random) -> bytes:
     for _ in range(chance.choice((1, 1, 2, 4))):
         if not data:
             break
-        place = chance.randrange(min(len(data), chance.choice((512, len(data)))))
+        position = chance.randrange(min(len(data), chance.choice((512, len(data)))))
         size = chance.choice((1, 2, 4, 8))
         kind = chance.randrange(4)
         if kind == 0:
-            data[place] ^= 1 << chance.randrange(8)
+            data[position] ^= 1 << chance.randrange(8)
         elif kind == 1:
-            data[place : place + size] = chance.choice((b"\0", b"\xff", b"\x80", b"\x7f")) * size
+            data[position : position + size] = chance.choice((b"\0", b"\xff", b"\x80", b"\x7f")) * size
         elif kind == 2:
-            data[place : place + size] = chance.randbytes(size)
+            data[position : position + size] = chance.randbytes(size)
         else:
-            del data[place : place + size]
+            del data[position : position + size]
     return bytes(data)
 
 
@@ -257,8 +257,8 @@ def _peak() -> int:
 class Fuzzed:
     """One reader's inputs: how many, and which failed in which way."""
 
-    def __init__(self, reader: Reader, known: type[Exception], work: Path) -> None:
-        self.reader, self.known, self.work = reader, known, work
+    def __init__(self, reader: Reader, allowed: type[Exception], work: Path) -> None:
+        self.reader, self.known, self.work = reader, allowed, work
         self.place = Path(tempfile.mkdtemp())
         self.path = reader.sound(self.place)
         self.content = self.path.read_bytes()
@@ -372,18 +372,18 @@ def main() -> int:
         fuzz(options.one, options.inputs, options.seed, options.work / options.one, plain=False)
     failed = 0
     for name in options.readers.split(",") if options.readers else readers():
-        own = options.work / name
-        shutil.rmtree(own, ignore_errors=True)
-        own.mkdir(parents=True)
+        folder = options.work / name
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
         command = [sys.executable, __file__, str(options.work), "--one", name]
         command += ["--inputs", str(options.inputs), "--seed", str(options.seed)]
-        with (own / "log").open("w") as log:
+        with (folder / "log").open("w") as log:
             if options.plain:
                 code = forked(log, name, options)
             else:
                 code = subprocess.run(command, stdout=log, stderr=log, check=False).returncode
         try:
-            counts = json.loads((own / "counts.json").read_text())
+            counts = json.loads((folder / "counts.json").read_text())
         except FileNotFoundError:
             counts = {"inputs": 0, "refused": 0, "slowest_s": 0.0, "failures": {}}
         kinds = list(counts["failures"]) + ([f"exit code {code}"] if code else [])

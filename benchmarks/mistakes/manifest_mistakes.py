@@ -131,8 +131,8 @@ def _rows(get: Callable[[Draft], str | None], change: Callable) -> Callable:
 
 
 def efficiency_of(d: Draft) -> str | None:
-    found = d.manifest["camera"].get("quantum_efficiency")
-    return found[0] if isinstance(found, list) else found
+    efficiency = d.manifest["camera"].get("quantum_efficiency")
+    return efficiency[0] if isinstance(efficiency, list) else efficiency
 
 
 def lens_of(d: Draft) -> str | None:
@@ -220,12 +220,12 @@ def _(d: Draft, rng: np.random.Generator) -> None:
 @mistake("one filter's table for two bands", r"same|filter")
 def _(d: Draft, rng: np.random.Generator) -> None:
     a, b = d.two("band", rng)
-    (path, one), (other_path, two) = d.columns(a["transmittance"]), d.columns(b["transmittance"])
+    (path, first), (other_path, two) = d.columns(a["transmittance"]), d.columns(b["transmittance"])
     if path != other_path:
         raise Unsuitable
 
     def copied(table: NDArray) -> NDArray:
-        table[:, two] = table[:, one]
+        table[:, two] = table[:, first]
         return table
 
     d.rows(a["transmittance"], copied)

@@ -76,20 +76,20 @@ def main() -> None:
         for number, mistake in enumerate(MISTAKES):
             if not re.search(options.only, mistake.name):
                 continue
-            mark, found = named(mistake, source, others, options.seed + 100 * number)
+            mark, suspicions_found = named(mistake, source, others, options.seed + 100 * number)
             counts[mark] += 1
-            record.setdefault(mistake.name, {})[source.name] = {"mark": mark, "suspicions": found}
+            record.setdefault(mistake.name, {})[source.name] = {"mark": mark, "suspicions": suspicions_found}
             if mark in ("~", "-"):
-                print(f"  {mark} {source.name}: {mistake.name}: {' | '.join(found)[:200]}", flush=True)
-        made = sum(counts.values()) - counts[""]
+                print(f"  {mark} {source.name}: {mistake.name}: {' | '.join(suspicions_found)[:200]}", flush=True)
+        total = sum(counts.values()) - counts[""]
         print(
-            f"{source.name}: {counts['+']} of {made} mistakes named, {counts['~']} others suspected",
+            f"{source.name}: {counts['+']} of {total} mistakes named, {counts['~']} others suspected",
             flush=True,
         )
     sound = sorted(p.parent for p in options.sound.glob("*/capture.toml")) if options.sound else []
-    false = {path.name: found for path in sound if (found := suspicions_of(path))}
-    for name, found in false.items():
-        print(f"  sound {name}: {' | '.join(found)}")
+    false = {path.name: suspicions_found for path in sound if (suspicions_found := suspicions_of(path))}
+    for name, suspicions_found in false.items():
+        print(f"  sound {name}: {' | '.join(suspicions_found)}")
     if sound:
         print(f"{len(false)} of {len(sound)} sound captures raise a suspicion")
     for name, row in record.items():

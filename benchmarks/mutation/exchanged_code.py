@@ -26,13 +26,13 @@ class OutOfTime(Exception):
 
 def _functions(code: CodeType) -> dict[str, CodeType]:
     """By qualified name, the code of functions of a module and of methods of its classes, not of functions inside."""
-    found: dict[str, CodeType] = {}
+    codes: dict[str, CodeType] = {}
     for inner in (c for c in code.co_consts if isinstance(c, CodeType)):
         if inner.co_flags & 1:  # a function; the body of a class has no fast locals
-            found[inner.co_qualname] = inner
+            codes[inner.co_qualname] = inner
         else:
-            found |= _functions(inner)
-    return found
+            codes |= _functions(inner)
+    return codes
 
 
 def _alike(a: CodeType, b: CodeType) -> bool:
@@ -44,15 +44,15 @@ def _alike(a: CodeType, b: CodeType) -> bool:
 
 def _function(module: Any, name: str) -> FunctionType:
     """The function of a qualified name, taken out of what wraps it; forgets what its cache holds."""
-    found = module
+    member = module
     for part in name.split("."):
-        found = found.__dict__[part] if isinstance(found, type) else getattr(found, part)
-    while not isinstance(found, FunctionType):
-        if hasattr(found, "cache_clear"):
-            found.cache_clear()
-        inner = [getattr(found, key) for key in ("fget", "func", "__func__", "__wrapped__") if hasattr(found, key)]
-        found = inner[0]
-    return found
+        member = member.__dict__[part] if isinstance(member, type) else getattr(member, part)
+    while not isinstance(member, FunctionType):
+        if hasattr(member, "cache_clear"):
+            member.cache_clear()
+        inner = [getattr(member, key) for key in ("fget", "func", "__func__", "__wrapped__") if hasattr(member, key)]
+        member = inner[0]
+    return member
 
 
 @contextmanager
@@ -61,15 +61,15 @@ def exchanged(name: str, source: str, mutated: str) -> Iterator[None]:
     module = importlib.import_module(name)
     before, after = (_functions(compile(text, name, "exec")) for text in (source, mutated))
     changed = {key: after[key] for key in before if not _alike(before[key], after[key])}
-    own = {key: _function(module, key) for key in changed}
-    kept = {key: function.__code__ for key, function in own.items()}
+    functions = {key: _function(module, key) for key in changed}
+    codes = {key: function.__code__ for key, function in functions.items()}
     try:
-        for key, function in own.items():
+        for key, function in functions.items():
             function.__code__ = changed[key]
         yield
     finally:
-        for key, function in own.items():
-            function.__code__ = kept[key]
+        for key, function in functions.items():
+            function.__code__ = codes[key]
             _function(module, key)  # forgets what the other one computed
 
 

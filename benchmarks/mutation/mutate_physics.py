@@ -33,14 +33,16 @@ from exchanged_code import OutOfTime, exchanged, run_here
 from planted_faults import ROOMS, ROOT
 
 PHYSICS = (
+    "scenes",
+    "scenes/spectrum_readers",
     "render/effects",
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
     *(f"calibration/{name}" for name in ("instrument", "quality")),
     *(f"render/{name}" for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")),
-    *(f"render/{name}" for name in ("fitted_fields", "image", "photometry", "dataset")),
+    *(f"render/{name}" for name in ("fitted_fields", "image", "photometry", "dataset", "materials", "synthetic")),
     *(f"validate/{name}" for name in ("compare", "diagnose", "predict", "capture_checks")),
     *(f"validate/diagnose/{name}" for name in ("base_flaws", "explain", "field_fit", "linear_model", "hypotheses")),
-    "validate/compare_renders/regress",
+    *(f"validate/compare_renders/{name}" for name in ("regress", "stored_references", "renderers")),
 )
 _SIGNS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 _DARKS = {"dark_scene": "dark_flat", "dark_flat": "dark_reference", "dark_reference": "dark_scene"}
@@ -74,6 +76,21 @@ EQUIVALENT = {
         "surveyed(step.after.applied) - here",
     ): "camera's own columns are in the design: another combination of the same columns",
     ("calibration/geometry/targets.py", "v - top"): "a plane is fitted: the same planes",
+    ("render/image/film.py", "job.batch_seed + BATCH_SEED_STEP * (batch + 1)"): "other seeds, as different",
+    ("render/fitted_fields/exchange.py", "self.shift_px[0] + i"): "the same nine neighbours in another order",
+    ("validate/diagnose/explain/odds.py", "utility - utility.max()"): "a common factor of shares whose sum is 1",
+    (
+        "validate/compare_renders/regress/view_explanations.py",
+        "p.sum(axis=-1)",
+    ): "another unit of the light whose place is looked for",
+    (
+        "validate/diagnose/effect_fit.py",
+        "(turn * len(candidates) + position + 1) / (rounds * len(candidates))",
+    ): "reports of the progress",
+    (
+        "validate/compare_renders/regress/explanations.py",
+        "exponent / e",
+    ): "the list holds each exponent and its inverse",
 }
 
 
@@ -210,11 +227,11 @@ def sample(count: int, seed: int, only: str) -> list[Mutant]:
             rounds.append((turn[mutant.kind], mutant))
         rounds.sort(key=lambda entry: entry[0])
         queues.append([mutant for _, mutant in rounds])
-    taken: list[Mutant] = []
-    while len(taken) < count and any(queues):
+    mutants: list[Mutant] = []
+    while len(mutants) < count and any(queues):
         queues = [queue for queue in queues if queue]
-        taken += [queue.pop(0) for queue in queues]
-    return taken[:count]
+        mutants += [queue.pop(0) for queue in queues]
+    return mutants[:count]
 
 
 @cache
@@ -227,14 +244,14 @@ def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
     tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
     defined = [n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.ClassDef) and n.name[0] != "_"]
     stem, package = Path(file).stem.lstrip("_"), "tests" / Path(file).parent
-    words = re.compile(rf"\b({'|'.join((stem, stem.replace('_', '-'), *defined))})\b")
+    pattern = re.compile(rf"\b({'|'.join((stem, stem.replace('_', '-'), *defined))})\b")
 
     def mentions(path: Path) -> int:
-        return len(words.findall((ROOT / path).read_text(encoding="utf-8")))
+        return len(pattern.findall((ROOT / path).read_text(encoding="utf-8")))
 
-    tests = [path.relative_to(ROOT) for path in sorted((ROOT / "tests").glob("*/*/**/test_*.py"))]
+    tests = [path.relative_to(ROOT) for path in sorted((ROOT / "tests").glob("*/**/test_*.py"))]
     tests.sort(key=mentions, reverse=True)
-    sources = [path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).glob("*/*.py")]
+    sources = [path.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).glob("**/*.py")]
     users = {"tests" / path.parent for path in sources if mentions(path)}
     left = dict.fromkeys(tests)
     stages = []
@@ -284,32 +301,32 @@ def main() -> int:
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--only", default="", help="start of the files' paths")
     options.add_argument("--limit", type=float, default=60.0, help="processor time of a mutant's tests in s")
-    asked = options.parse_args()
+    arguments = options.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    lines = asked.out.read_text(encoding="utf-8").splitlines() if asked.out.exists() else []
+    lines = arguments.out.read_text(encoding="utf-8").splitlines() if arguments.out.exists() else []
     results = {entry["name"]: entry["verdict"] for entry in map(json.loads, lines)}
-    chosen = sample(asked.count, asked.seed, asked.only)
+    mutants = sample(arguments.count, arguments.seed, arguments.only)
     os.chdir(ROOT)
     unsound: dict[str, bool] = {}
-    with asked.out.open("a", encoding="utf-8", buffering=1) as file:
-        for mutant in chosen:
+    with arguments.out.open("a", encoding="utf-8", buffering=1) as file:
+        for mutant in mutants:
             if mutant.name in results:
                 continue
             entry = {"name": mutant.name, "verdict": "no answer in time", **asdict(mutant)}
             file.write(json.dumps(entry) + "\n")  # one that hangs in a kernel is not run again
             reason = EQUIVALENT.get((mutant.file, mutant.text))
-            verdict = f"equivalent: {reason}" if reason else verdict_of(mutant, asked.limit, unsound)
+            verdict = f"equivalent: {reason}" if reason else verdict_of(mutant, arguments.limit, unsound)
             results[mutant.name] = verdict
             file.write(json.dumps(entry | {"verdict": verdict}) + "\n")
-    found = [mutant for mutant in chosen if results[mutant.name].startswith("found")]
-    equivalent = [mutant for mutant in chosen if results[mutant.name].startswith("equivalent")]
-    for mutant in chosen:
-        if mutant not in found:
-            place = f"{mutant.file}:{mutant.line}"
-            print(f"{place:50s} {mutant.kind:18s} {results[mutant.name]}: {mutant.text} -> {mutant.mutated}")
-    judged = len(chosen) - len(equivalent)
-    print(f"{len(found)} of {judged} found; {len(equivalent)} of {len(chosen)} change nothing")
-    return 1 if judged - len(found) > judged / 20 else 0
+    detected = [mutant for mutant in mutants if results[mutant.name].startswith("found")]
+    equivalent = [mutant for mutant in mutants if results[mutant.name].startswith("equivalent")]
+    for mutant in mutants:
+        if mutant not in detected:
+            location = f"{mutant.file}:{mutant.line}"
+            print(f"{location:50s} {mutant.kind:18s} {results[mutant.name]}: {mutant.text} -> {mutant.mutated}")
+    judged = len(mutants) - len(equivalent)
+    print(f"{len(detected)} of {judged} found; {len(equivalent)} of {len(mutants)} change nothing")
+    return 1 if judged - len(detected) > judged / 20 else 0
 
 
 if __name__ == "__main__":

@@ -331,10 +331,10 @@ def run_tests(folder: Path, paths: Sequence[str], limit_s: float | None = None) 
     )
     if result.returncode == 0:
         return None
-    named = re.search(r"^(?:FAILED|ERROR) (\S+)", result.stdout, re.MULTILINE)
-    if named is None and result.returncode != 1:
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", result.stdout, re.MULTILINE)
+    if failed is None and result.returncode != 1:
         raise RuntimeError(f"pytest {' '.join(paths)}: {result.stdout[-2000:]}{result.stderr[-2000:]}")
-    return named.group(1) if named else "(a failure without a name)"
+    return failed.group(1) if failed else "(a failure without a name)"
 
 
 def first_failure(folder: Path, tests: tuple[str, ...]) -> str | None:
@@ -351,18 +351,18 @@ def main(names: list[str]) -> int:
     if unknown:
         print(f"no such fault: {', '.join(sorted(unknown))}", file=sys.stderr)
         return 2
-    chosen = [fault for fault in FAULTS if not names or fault.name in names]
+    faults = [fault for fault in FAULTS if not names or fault.name in names]
     escaped = 0
-    for number, fault in enumerate(chosen, 1):
+    for number, fault in enumerate(faults, 1):
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name) / ROOT.name
             copy_tree(folder)
             plant(fault, folder)
-            found = first_failure(folder, fault.tests)
-        escaped += found is None
-        verdict = "ESCAPED" if found is None else "found by " + found
+            failure = first_failure(folder, fault.tests)
+        escaped += failure is None
+        verdict = "ESCAPED" if failure is None else "found by " + failure
         print(f"{number:2d}  {fault.name:20s} {fault.kind:58s} {verdict}", flush=True)
-    print(f"{len(chosen) - escaped} of {len(chosen)} found")
+    print(f"{len(faults) - escaped} of {len(faults)} found")
     return 1 if escaped else 0
 
 

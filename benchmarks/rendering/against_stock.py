@@ -39,8 +39,8 @@ OURS: dict[str, Callable[..., RenderedImage]] = {
 def with_balls() -> Scene:
     """A ball on each block, which stock renders as a sphere, too."""
     box = cornell_box()
-    places = {"ball": (186.0, 215.0, 169.0), "second ball": (368.0, 380.0, 351.0)}
-    balls = [Surface(name, "white", *sphere_mesh(at, 50.0), ball=True) for name, at in places.items()]
+    positions = {"ball": (186.0, 215.0, 169.0), "second ball": (368.0, 380.0, 351.0)}
+    balls = [Surface(name, "white", *sphere_mesh(at, 50.0), ball=True) for name, at in positions.items()]
     return replace(box, surfaces=(*box.surfaces, *balls))
 
 
@@ -73,11 +73,11 @@ BOXES = {
 }
 
 
-def means(one: RenderedImage, other: RenderedImage) -> list[np.ndarray]:
+def means(first: RenderedImage, other: RenderedImage) -> list[np.ndarray]:
     """(batch, surface, w) of each, over the pixels that see one surface alone in both."""
-    values = [image.coefficients @ image.spectra for image in (one, other)]
-    seen = [_alone(one, index) & _alone(other, index) for index in range(len(one.surface_names))]
-    return [np.stack([v[:, mask].mean(axis=1) for mask in seen if mask.any()], axis=1) for v in values]
+    values = [image.coefficients @ image.spectra for image in (first, other)]
+    visible = [_alone(first, index) & _alone(other, index) for index in range(len(first.surface_names))]
+    return [np.stack([v[:, mask].mean(axis=1) for mask in visible if mask.any()], axis=1) for v in values]
 
 
 def _alone(image: RenderedImage, index: int) -> np.ndarray:
@@ -114,10 +114,10 @@ def main() -> None:
         for way, render in OURS.items():
             if way != "general path tracer" and not scene.diffuse:
                 continue
-            found = compared(*means(render(RenderJob(scene, camera, bands, options.samples, BATCHES, seed=2)), stock))
+            rates = compared(*means(render(RenderJob(scene, camera, bands, options.samples, BATCHES, seed=2)), stock))
             print(
-                f"{name:18} {way:20} rms {found['rms']:.2f}, largest {found['largest']:.2f} of {found['count']}; "
-                f"{found['difference']:.3%} +- {found['its error']:.3%}, median error {found['median error']:.3%}",
+                f"{name:18} {way:20} rms {rates['rms']:.2f}, largest {rates['largest']:.2f} of {rates['count']}; "
+                f"{rates['difference']:.3%} +- {rates['its error']:.3%}, median error {rates['median error']:.3%}",
                 flush=True,
             )
 

@@ -91,8 +91,8 @@ def _mean(render: Render, view: Camera, pixels: np.ndarray, error: float) -> np.
 
     samples = max(2, int(TRIAL / BATCHES / view.width_px / view.height_px))
     trial = run(samples, 1)
-    found = trial.std(axis=0, ddof=1) / np.sqrt(BATCHES) / trial.mean(axis=0)
-    return run(int(2 * np.ceil(samples / 2 * max((found.max() / error) ** 2, 1))), 2)
+    deviation = trial.std(axis=0, ddof=1) / np.sqrt(BATCHES) / trial.mean(axis=0)
+    return run(int(2 * np.ceil(samples / 2 * max((deviation.max() / error) ** 2, 1))), 2)
 
 
 def refinement_bias(samples: int) -> dict[str, Any]:
@@ -130,10 +130,10 @@ def _means(image: RenderedImage) -> np.ndarray:
     return np.stack([values[image.single_surface & (image.surface == i)].mean(axis=0) for i in names])
 
 
-def _compared(one: np.ndarray, other: np.ndarray, names: list[str]) -> dict[str, Any]:
+def _compared(first: np.ndarray, other: np.ndarray, names: list[str]) -> dict[str, Any]:
     """Of (batch, surface, w) means."""
-    difference = one.mean(axis=0) / other.mean(axis=0) - 1
-    error = np.sqrt(sum(x.var(axis=0, ddof=1) / len(x) / x.mean(axis=0) ** 2 for x in (one, other)))
+    difference = first.mean(axis=0) / other.mean(axis=0) - 1
+    error = np.sqrt(sum(x.var(axis=0, ddof=1) / len(x) / x.mean(axis=0) ** 2 for x in (first, other)))
     worst = np.unravel_index(np.argmax(np.abs(difference)), difference.shape)
     return {
         "max_bias": float(np.abs(difference[worst])),

@@ -76,9 +76,11 @@ def _mono(scene: Scene, camera: Camera, samples: int) -> Render:
     mi.set_variant("llvm_ad_mono")
     runs = []
     for band in BANDS[MONO_BANDS]:
-        *levels, own = ({"type": "uniform", "value": float(x)} for x in scene.reflectances(band))
+        *levels, mean_value = ({"type": "uniform", "value": float(x)} for x in scene.reflectances(band))
         paints = dict(zip(scene.materials, levels, strict=True))
-        loaded = mi.load_dict(scene_dict(scene, paints, [own], [{"type": "uniform", "value": 1.0}]), optimize=False)
+        loaded = mi.load_dict(
+            scene_dict(scene, paints, [mean_value], [{"type": "uniform", "value": 1.0}]), optimize=False
+        )
         runs.append(_stock(loaded, camera, {"pixel_format": "luminance"}, samples))
     return lambda seed: np.concatenate([run(seed) for run in runs], axis=-1)
 

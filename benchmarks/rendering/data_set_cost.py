@@ -65,8 +65,8 @@ def _error(values: NDArray[np.float32]) -> float:
     mean = values.mean(axis=0)
     surfaces = (mean.max(axis=-1) > 0) & (mean.max(axis=-1) < 0.9)
     error = values.std(axis=0, ddof=1)[surfaces] / np.sqrt(BATCHES)
-    lit = mean[surfaces] > 0
-    return float(np.median(error[lit] / mean[surfaces][lit]))
+    lit_pixels = mean[surfaces] > 0
+    return float(np.median(error[lit_pixels] / mean[surfaces][lit_pixels]))
 
 
 def main() -> None:
@@ -75,12 +75,12 @@ def main() -> None:
     parser.add_argument("recipe", type=Path)
     parser.add_argument("--blocks", type=int, default=2)
     parser.add_argument("--samples", type=int, default=16)
-    given = parser.parse_args()
-    recipe, first = load_recipe(given.recipe), 0
-    for _ in range(given.blocks):
+    options = parser.parse_args()
+    recipe, first = load_recipe(options.recipe), 0
+    for _ in range(options.blocks):
         with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:  # a variant a process
-            count, seconds, error = pool.apply(ours, (given.recipe, first))
-            stock_seconds, stock_error = pool.apply(stock, (given.recipe, first, given.samples))
+            count, seconds, error = pool.apply(ours, (options.recipe, first))
+            stock_seconds, stock_error = pool.apply(stock, (options.recipe, first, options.samples))
         equal = stock_seconds * (stock_error / error) ** 2
         print(
             f"box {first}: {count} pictures of {seconds:.2f} s to {error:.2%}; stock {stock_seconds:.2f} s to "

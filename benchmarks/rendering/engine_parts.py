@@ -48,8 +48,8 @@ def _alternating(ways: dict[str, Callable[[], Any]], rounds: int, clock: Any = t
 def _error(image: RenderedImage) -> float:
     """Relative standard deviation of one batch, median over pixels without lamp, then over bands."""
     values = (image.coefficients @ image.spectra)[:, (image.coverage[..., -1] == 0) & (image.coverage.sum(-1) > 0.5)]
-    mean, lit = values.mean(axis=0), image.spectra.max(axis=0) > 0
-    ratio = (values.var(axis=0, ddof=1)[:, lit]) / np.maximum(mean[:, lit], 1e-30) ** 2
+    mean, lit_spectra = values.mean(axis=0), image.spectra.max(axis=0) > 0
+    ratio = (values.var(axis=0, ddof=1)[:, lit_spectra]) / np.maximum(mean[:, lit_spectra], 1e-30) ** 2
     return float(np.sqrt(np.median(np.median(ratio, axis=0))))
 
 

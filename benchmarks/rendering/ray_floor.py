@@ -71,7 +71,7 @@ def own_rays(
             with mock.patch.object(final_gather, "_view", return_value=view):
                 final_gather.gather(replace(light, tracer=tracer), camera, samples, 1)
     return tuple(  # type: ignore[return-value]
-        _rays(np.concatenate([_columns(*asked) for asked in rays], axis=1))
+        _rays(np.concatenate([_columns(*columns) for columns in rays], axis=1))
         for rays in (watched.segments, watched.tests)
     )
 

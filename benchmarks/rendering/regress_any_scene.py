@@ -247,12 +247,12 @@ def main() -> None:
     parser.add_argument("part", choices=["equal", "spoilt"])
     parser.add_argument("--scenes", default=",".join(SCENES))
     parser.add_argument("--runs", type=int, default=2)
-    chosen = parser.parse_args()
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        if chosen.part == "equal":
-            equal(chosen.scenes.split(","), chosen.runs, Path(folder))
+        if options.part == "equal":
+            equal(options.scenes.split(","), options.runs, Path(folder))
         else:
-            spoilt(chosen.scenes.split(","), Path(folder))
+            spoilt(options.scenes.split(","), Path(folder))
 
 
 if __name__ == "__main__":

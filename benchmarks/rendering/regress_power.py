@@ -89,19 +89,21 @@ def mean_flip(first: Side, second: Side) -> float:
     return float(evaluate(*pictures, "HDR", inputsRGB=False, applyMagma=False)[1])
 
 
-def made_up(clean: Side, rng: np.random.Generator, tails: float = 0, fireflies: float = 0, stated: float = 1) -> Side:
+def made_up(
+    clean: Side, rng: np.random.Generator, tails: float = 0, fireflies: float = 0, with_errors: float = 1
+) -> Side:
     """One side with noise of 8 % a pixel, nearly the same at all wavelengths."""
     radiance = clean.radiance
     shape = (BATCHES, *radiance.shape[:2])
     common = (rng.standard_gamma(1.0, shape) - 1) * np.where(rng.random(shape) < tails, 8.0, 1.0)
-    own = 0.15 * rng.standard_normal((*shape, radiance.shape[2]))
-    values = radiance * (1 + 0.08 * np.sqrt(BATCHES) * (common[..., None] + own))
+    batch_noise = 0.15 * rng.standard_normal((*shape, radiance.shape[2]))
+    values = radiance * (1 + 0.08 * np.sqrt(BATCHES) * (common[..., None] + batch_noise))
     hit = rng.random(radiance.shape[:2]) < fireflies
     values = values + np.where(hit, rng.standard_cauchy(hit.shape), 0.0)[..., None] * radiance.mean()
     variance = values.var(axis=0, ddof=1) / BATCHES
     mean = values.mean(axis=0).astype(np.float32).astype(float)
     side = replace(clean, radiance=mean, variance=variance, degrees=BATCHES - 1.0)
-    return side if stated else replace(side, variance=None, degrees=0.0)
+    return side if with_errors else replace(side, variance=None, degrees=0.0)
 
 
 def alarms(pairs: int) -> None:
@@ -210,20 +212,20 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
 
 def across_renderers(pairs: int) -> None:
     """Print how many equal pictures of different renderers are distinguished."""
-    found, rng = pools(["mitsuba", "radiance", "raysect"]), np.random.default_rng(2027)
+    pools_by_renderer, rng = pools(["mitsuba", "radiance", "raysect"]), np.random.default_rng(2027)
     wrong, failed, total = dict[tuple[str, str], int](), 0, dict[tuple[str, str], int]()
 
     def drawn(name: str) -> Side:
-        pictures, blank = found[name]
+        pictures, blank = pools_by_renderer[name]
         four = pictures[rng.choice(POOL, BATCHES, replace=False)]
         mean, variance = four.mean(axis=0), four.var(axis=0, ddof=1) / BATCHES
         return replace(blank, radiance=mean, variance=variance, degrees=BATCHES - 1.0)
 
     for _ in range(pairs):
-        one, other = sorted(rng.choice(list(found), 2, replace=False).tolist())
-        first, second = drawn(one), drawn(other)
-        total[one, other] = total.get((one, other), 0) + 1
-        wrong[one, other] = wrong.get((one, other), 0) + (not regress_sides(first, second)[0].same)
+        first_name, other = sorted(rng.choice(list(pools_by_renderer), 2, replace=False).tolist())
+        first, second = drawn(first_name), drawn(other)
+        total[first_name, other] = total.get((first_name, other), 0) + 1
+        wrong[first_name, other] = wrong.get((first_name, other), 0) + (not regress_sides(first, second)[0].same)
         failed += not pixel_rule(first, second)
     print(f"{pairs} pairs across renderers: false alarms {sum(wrong.values())}; per-pixel rule fails {failed}")
     for pair, count in total.items():
@@ -247,17 +249,17 @@ def power(seeds: int, size: int) -> None:
     usual = 0.0
     print(f"{size} x {size}, {SAMPLES * BATCHES} samples per pixel, {seeds} seeds")
     for index, (name, change) in enumerate(changes.items()):
-        seen, failed, sigmas, flips = 0, 0, [], []
+        detected, failed, sigmas, flips = 0, 0, [], []
         for run in range(seeds):
             candidate = change(1000 * (index + 1) + run)
             outcome = regress_sides(baseline, candidate)[0]
-            seen += not outcome.same
+            detected += not outcome.same
             failed += not pixel_rule(baseline, candidate)
             sigmas.append(abs(outcome.whole.statistic))
             flips.append(mean_flip(baseline, candidate))
         usual = max(flips) if index == 0 else usual
         print(
-            f"{name:22s} seen {seen}/{seeds} (whole picture {np.median(sigmas):.1f} sigma, would have seen "
+            f"{name:22s} seen {detected}/{seeds} (whole picture {np.median(sigmas):.1f} sigma, would have seen "
             f"{outcome.would_have_seen:.2%}); per-pixel rule fails {failed}/{seeds}; mean FLIP "
             f"{np.mean(flips):.4f}, above all unchanged ones {sum(f > usual for f in flips)}/{seeds}",
             flush=True,
@@ -290,29 +292,37 @@ def naming(seeds: int, size: int, rows: str) -> None:
     variants = build_variants(box, camera, baseline)
     print(f"{size} x {size}, {SAMPLES * BATCHES} samples per pixel, {seeds} seeds, the scene known")
     remember_pictures()
-    for index, (name, (change, asked, picture)) in enumerate(changes.items()):
+    for index, (name, (change, parameters, picture)) in enumerate(changes.items()):
         if rows and name not in rows.split(","):
             continue
         right, others, first = 0, [], None
         start = time.perf_counter()
         for run in range(seeds):
             outcome, compared = regress_sides(baseline, picture(50_000 * (index + 1) + run))
-            named = None if outcome.same else named_changes(compared, variants)[0]
-            found = named is not None and named.change == change and asked.items() <= dict(named.parameters).items()
-            right += found
-            first = named if found and first is None else first
-            if not found:
-                others.append("same" if named is None else f"{named.change} {dict(named.parameters)}")
+            change_named = None if outcome.same else named_changes(compared, variants)[0]
+            is_right = (
+                change_named is not None
+                and change_named.change == change
+                and parameters.items() <= dict(change_named.parameters).items()
+            )
+            right += is_right
+            first = change_named if is_right and first is None else first
+            if not is_right:
+                others.append(
+                    "same" if change_named is None else f"{change_named.change} {dict(change_named.parameters)}"
+                )
         each = (time.perf_counter() - start) / seeds
-        shown = "" if first is None else f"; one of them {dict(first.parameters)}, probability {first.probability:.2f}"
-        print(f"{name:24s} named first {right}/{seeds}, {each:.0f} s each{shown}", flush=True)
+        other_causes = (
+            "" if first is None else f"; one of them {dict(first.parameters)}, probability {first.probability:.2f}"
+        )
+        print(f"{name:24s} named first {right}/{seeds}, {each:.0f} s each{other_causes}", flush=True)
         for other in others:
             print(f"    instead: {other}", flush=True)
 
 
 def remember_pictures() -> None:
     """Pictures of the scene's changes are the same for all seeds: computed once, here and not in `cbox regress`."""
-    plain, build, known = PatchLight.picture, transport_explanations.build_variants, dict[object, object]()
+    plain, build, pictures = PatchLight.picture, transport_explanations.build_variants, dict[object, object]()
 
     def picture(light: PatchLight) -> NDArray:
         arrays = (
@@ -324,15 +334,15 @@ def remember_pictures() -> None:
             light.added,
         )
         key = (id(light.transport), light.max_bounces, *map(digest, arrays))
-        if key not in known:
-            known[key] = plain(light)
-        return known[key]  # type: ignore[return-value]
+        if key not in pictures:
+            pictures[key] = plain(light)
+        return pictures[key]  # type: ignore[return-value]
 
     def built(scene: Scene, camera: Camera, side: Side) -> Variants:
         key = scene.lamp.surface.vertices_mm.tobytes()
-        if key not in known:
-            known[key] = build(scene, camera, side)
-        return known[key]  # type: ignore[return-value]
+        if key not in pictures:
+            pictures[key] = build(scene, camera, side)
+        return pictures[key]  # type: ignore[return-value]
 
     PatchLight.picture = picture  # type: ignore[method-assign]
     transport_explanations.build_variants = built

@@ -56,14 +56,14 @@ def surfaces() -> Side:
 def noisy(picture: NDArray, seed: int) -> Side:
     """Side with skewed noise, nearly the same at all wavelengths; the lamp is quiet."""
     rng = np.random.default_rng(seed)
-    shown = surfaces()
-    assert shown.surfaces is not None
+    visible = surfaces()
+    assert visible.surfaces is not None
     shape = (BATCHES, SIZE, SIZE)
-    common = np.where(shown.surfaces.lamp, 0.02, 1.0) * (rng.standard_gamma(1.0, shape) - 1)
-    own = 0.15 * rng.standard_normal((*shape, WAVELENGTHS.size))
-    values = picture * (1 + NOISE * np.sqrt(BATCHES) * (common[..., None] + own * np.abs(common[..., None])))
+    common = np.where(visible.surfaces.lamp, 0.02, 1.0) * (rng.standard_gamma(1.0, shape) - 1)
+    batch_noise = 0.15 * rng.standard_normal((*shape, WAVELENGTHS.size))
+    values = picture * (1 + NOISE * np.sqrt(BATCHES) * (common[..., None] + batch_noise * np.abs(common[..., None])))
     mean, variance = values.mean(axis=0), values.var(axis=0, ddof=1) / BATCHES
-    return replace(shown, source=f"seed {seed}", radiance=mean, variance=variance, degrees=BATCHES - 1.0)
+    return replace(visible, source=f"seed {seed}", radiance=mean, variance=variance, degrees=BATCHES - 1.0)
 
 
 def axes() -> tuple[NDArray, NDArray]:
@@ -105,10 +105,10 @@ def with_paint(name: str, factor: float) -> NDArray:
 def without_blocks_shadow(part: float) -> NDArray:
     box = cornell_box()
     bare = replace(box, surfaces=tuple(s for s in box.surfaces if not s.name.endswith("-block")))
-    shown = surfaces().surfaces
-    assert shown is not None
-    walls = [n for n, name in enumerate(shown.names) if not name.endswith("-block")]
-    more = np.maximum(traced(bare, 1) - clean(1), 0) * np.isin(shown.index, walls)[..., None]
+    visible = surfaces().surfaces
+    assert visible is not None
+    walls = [n for n, name in enumerate(visible.names) if not name.endswith("-block")]
+    more = np.maximum(traced(bare, 1) - clean(1), 0) * np.isin(visible.index, walls)[..., None]
     return clean() + part * more
 
 
@@ -219,7 +219,7 @@ def main() -> None:
         plants = {name: plants[name] for name in arguments.kinds.split(",")}
     view = View(cornell_box(), cornell_camera(SIZE), True)
     counts = dict.fromkeys(("right", "unknown", "wrong", "same", "wrong above 0.9"), 0)
-    stated: list[tuple[float, bool]] = []
+    probabilities: list[tuple[float, bool]] = []
     for number, (kind, (names, picture, sizes)) in enumerate(plants.items()):
         for run, size in enumerate(sizes):
             start = time.perf_counter()
@@ -234,20 +234,20 @@ def main() -> None:
                 verdict = "unknown"
             else:
                 verdict = "right" if first.change in names else "wrong"
-                stated.append((first.probability, verdict == "right"))
+                probabilities.append((first.probability, verdict == "right"))
                 counts["wrong above 0.9"] += verdict == "wrong" and first.probability > 0.9
             counts[verdict] += 1
-            words = "" if first is None else f"{first.change} {dict(first.parameters)} {first.probability:.2f}"
+            cause = "" if first is None else f"{first.change} {dict(first.parameters)} {first.probability:.2f}"
             best = outcome.best_name
             then = "" if best is None or best is first else f"; best {best.change} {best.probability:.2f}"
             left = f"{outcome.left_chi2_per_number:.2f}"
             seconds = time.perf_counter() - start
-            print(f"{kind:20s} {size:6g} {verdict:8s} {words}{then}; left {left}, {seconds:.0f} s", flush=True)
+            print(f"{kind:20s} {size:6g} {verdict:8s} {cause}{then}; left {left}, {seconds:.0f} s", flush=True)
             if outcome.cancelling:
                 print(f"{'':28s}pattern: {outcome.cancelling}", flush=True)
     print(", ".join(f"{name} {count}" for name, count in counts.items()))
     for low, high in ((0, 0.5), (0.5, 0.9), (0.9, 0.99), (0.99, 1.01)):
-        inside = [right for probability, right in stated if low <= probability < high]
+        inside = [right for probability, right in probabilities if low <= probability < high]
         if inside:
             print(f"stated {low} to {min(high, 1)}: {sum(inside)} of {len(inside)} right")
 

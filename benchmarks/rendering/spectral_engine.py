@@ -139,10 +139,10 @@ def _floors(contenders: dict[str, Contender], size: int, samples: int, say: Call
     fractions: dict[str, list[float]] = {name: [] for name in traced}
     for seed in range(1000, 1000 + FLOOR_ROUNDS):
         for name, count in traced.items():
-            own = rays["path" if name == "long" else name]
-            before = bare_seconds(box, own, FLOOR_SECONDS)
+            floor_rays = rays["path" if name == "long" else name]
+            before = bare_seconds(box, floor_rays, FLOOR_SECONDS)
             contenders[name].turn(seed)
-            bare = (before + bare_seconds(box, own, FLOOR_SECONDS)) / 2 / (FLOOR_SIZE**2 * FLOOR_RECORDED)
+            bare = (before + bare_seconds(box, floor_rays, FLOOR_SECONDS)) / 2 / (FLOOR_SIZE**2 * FLOOR_RECORDED)
             fractions[name].append(bare * count / contenders[name].cpu[-1])
             say(f"floor: {name}, {fractions[name][-1]:.1%}")
     return {name: float(np.median(values)) for name, values in fractions.items()}
@@ -162,7 +162,7 @@ def main() -> None:
     parts = set(options.parts.split(","))
     if unknown := parts - set(PARTS):
         parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    say = (lambda *words: None) if options.json else (lambda *words: print(*words, flush=True))
+    say = (lambda *values_said: None) if options.json else (lambda *values_said: print(*values_said, flush=True))
 
     # here, before the long work, and not above, where each contender's process would import them
     from bias import furnace, refinement_bias, surface_bias
@@ -174,8 +174,8 @@ def main() -> None:
         os.environ[variable] = "1"
     contenders = {name: Contender(name, options.size, options.samples) for name in names}
     for seed in range(1, options.rounds + 1):
-        for one in contenders.values():
-            one.turn(seed)
+        for rival in contenders.values():
+            rival.turn(seed)
         say(f"round {seed}: CPU s", {name: round(c.cpu[-1], 2) for name, c in contenders.items()})
     used = _without_lamp(options.size)
     errors = {}
@@ -213,18 +213,18 @@ def main() -> None:
         result["fraction_of_ray_floor_long"] = fractions["long"]
         if result["default"] is not None:
             result["default"]["fraction_of_ray_floor"] = fractions["default"]
-    for one in contenders.values():
-        one.close()
+    for rival in contenders.values():
+        rival.close()
     if "bias" in parts:
-        found = surface_bias(options.bias_error, stock="specfilm" in parts)
+        biases = surface_bias(options.bias_error, stock="specfilm" in parts)
         white = furnace(2048)
-        result |= {**found.get("path", {}), "furnace": white["path"]}
+        result |= {**biases.get("path", {}), "furnace": white["path"]}
         if result["default"] is not None:
             finer = refinement_bias(256)
             # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
-            result["default"] |= {"against_path": found["default"], **finer, "furnace": white["default"]}
+            result["default"] |= {"against_path": biases["default"], **finer, "furnace": white["default"]}
             say("bias by patches' size:", json.dumps(finer))
-        say("bias:", json.dumps(found), "furnace:", json.dumps(white))
+        say("bias:", json.dumps(biases), "furnace:", json.dumps(white))
     for name in [part for part in SMALL if part in parts]:
         values = SMALL_PARTS[name]()
         result[name] = values

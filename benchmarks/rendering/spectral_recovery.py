@@ -56,7 +56,9 @@ class Pixels(NamedTuple):
     white: NDArray[np.float64]
 
 
-def pictures(dataset: cboxlab.Dataset, most: int | None, seen: NDArray[np.float64], albedo: bool) -> list[Pixels]:
+def pictures(
+    dataset: cboxlab.Dataset, most: int | None, sensitivities: NDArray[np.float64], albedo: bool
+) -> list[Pixels]:
     """Pixels of each picture, at most some of them by a fixed seed."""
     rows = []
     for number, row in enumerate(dataset.index):
@@ -71,11 +73,11 @@ def pictures(dataset: cboxlab.Dataset, most: int | None, seen: NDArray[np.float6
             some = np.random.default_rng(number).choice(len(values[0]), most, replace=False)
             values = [array[some] for array in values]
         if albedo:
-            channels = (values[0] * values[1]) @ seen / (values[1] @ seen)
+            channels = (values[0] * values[1]) @ sensitivities / (values[1] @ sensitivities)
             rows.append(Pixels(int(row["box"]), values[0], channels, np.ones(grid.size)))
         else:
             lamp = dataset.model(number).scene.lamp_radiance(grid)
-            rows.append(Pixels(int(row["box"]), values[0], values[0] @ seen, lamp))
+            rows.append(Pixels(int(row["box"]), values[0], values[0] @ sensitivities, lamp))
     return rows
 
 
@@ -93,10 +95,10 @@ def root_polynomials(channels: NDArray[np.float64], degree: int) -> NDArray[np.f
     """(n, k) features of (n, 3) channels that scale with the exposure; those of lower degrees are included."""
     logs, features = np.log(np.maximum(channels, 1e-30)), {}
     for order in range(1, degree + 1):
-        for chosen in combinations_with_replacement(range(3), order):
-            counts = tuple(chosen.count(k) for k in range(3))
+        for exponents in combinations_with_replacement(range(3), order):
+            counts = tuple(exponents.count(k) for k in range(3))
             divisor = gcd(*counts)  # powers of lower degrees come again
-            features[tuple(count // divisor for count in counts)] = np.exp(logs[:, list(chosen)].mean(axis=1))
+            features[tuple(count // divisor for count in counts)] = np.exp(logs[:, list(exponents)].mean(axis=1))
     return np.stack(list(features.values()), axis=1)
 
 
@@ -114,18 +116,18 @@ def ridge(spectra: NDArray[np.float64], features: NDArray[np.float64], weight: f
     return np.linalg.solve(inner, inputs.T @ targets)
 
 
-def errors(found: NDArray[np.float64], pixels: Pixels, to_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
+def errors(estimate: NDArray[np.float64], pixels: Pixels, to_xyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3,) relative RMS error, spectral angle in degrees, and CIEDE2000, means over pixels."""
     from colour import XYZ_to_Lab, XYZ_to_xy, delta_E
 
     true = pixels.spectra
     size = np.linalg.norm(true, axis=1)
-    relative = np.linalg.norm(found - true, axis=1) / size
-    cosine = np.sum(found * true, axis=1) / size / np.maximum(np.linalg.norm(found, axis=1), 1e-30)
-    whole = pixels.white @ to_xyz
-    luminance = whole[1] if (pixels.white == 1).all() else np.quantile((true @ to_xyz)[:, 1], WHITE)
-    white = XYZ_to_xy(whole)
-    labs = [XYZ_to_Lab(np.maximum(spectra @ to_xyz, 0) / luminance, white) for spectra in (found, true)]
+    relative = np.linalg.norm(estimate - true, axis=1) / size
+    cosine = np.sum(estimate * true, axis=1) / size / np.maximum(np.linalg.norm(estimate, axis=1), 1e-30)
+    white_xyz = pixels.white @ to_xyz
+    luminance = white_xyz[1] if (pixels.white == 1).all() else np.quantile((true @ to_xyz)[:, 1], WHITE)
+    white = XYZ_to_xy(white_xyz)
+    labs = [XYZ_to_Lab(np.maximum(spectra @ to_xyz, 0) / luminance, white) for spectra in (estimate, true)]
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     return np.array([relative.mean(), angle.mean(), delta_E(*labs, method="CIE 2000").mean()])
 
@@ -137,16 +139,16 @@ def main() -> None:
     parser.add_argument("--camera", default="nikon-d5100")
     parser.add_argument("--target", choices=("radiance", "albedo"), default="radiance")
     parser.add_argument("--without", nargs="+", default=[])
-    given = parser.parse_args()
+    options = parser.parse_args()
     warnings.filterwarnings("ignore", module="colour")
-    dataset = without(cboxlab.open_dataset(given.dataset), given.without)
+    dataset = without(cboxlab.open_dataset(options.dataset), options.without)
     with dataset[0] as picture:
         grid = picture["wavelength"].values.astype(float)
-    to_xyz, camera = xyz_weights(grid), load_camera(given.camera)
-    seen = np.stack([integration_weights(channel, grid) for channel in camera.channels.values()], axis=1)
-    seen /= seen.sum(axis=0)
+    to_xyz, camera = xyz_weights(grid), load_camera(options.camera)
+    sensitivities = np.stack([integration_weights(channel, grid) for channel in camera.channels.values()], axis=1)
+    sensitivities /= sensitivities.sum(axis=0)
     train, validation, test = (
-        pictures(dataset.part(name), most, seen, given.target == "albedo")
+        pictures(dataset.part(name), most, sensitivities, options.target == "albedo")
         for name, most in (("train", PIXELS), ("validation", PIXELS), ("test", None))
     )
     spectra, channels = (np.concatenate([getattr(p, name) for p in train]) for name in ("spectra", "channels"))
@@ -164,7 +166,7 @@ def main() -> None:
         return float(RIDGES[best]), lambda p: root_polynomials(p.channels, degree) @ learnt[best]
 
     three, level = axes[:3], unit_channels.mean(axis=0)
-    to_three = np.linalg.inv(three @ seen) @ three
+    to_three = np.linalg.inv(three @ sensitivities) @ three
     methods: dict[str, Callable[[Pixels], NDArray]] = {
         "mean spectrum": lambda p: (p.channels @ level / (level @ level))[:, None] * mean,
         "three components": lambda p: p.channels @ to_three,
@@ -175,10 +177,10 @@ def main() -> None:
     methods["(best three components)"] = lambda p: p.spectra @ three.T @ three
     boxes = sorted({pixels.box for pixels in test})
     counts = f"{len(train)} pictures to learn, {len(validation)} to choose, {len(test)} of {len(boxes)} boxes to test"
-    print(f"{given.target} by {camera.name}: {counts}")
+    print(f"{options.target} by {camera.name}: {counts}")
     for name, method in methods.items():
         rows = [(pixels.box, errors(method(pixels), pixels, to_xyz)) for pixels in test]
-        of_box = np.array([np.mean([row for box, row in rows if box == one], axis=0) for one in boxes])
+        of_box = np.array([np.mean([row for box, row in rows if box == number], axis=0) for number in boxes])
         average, error = of_box.mean(axis=0), of_box.std(axis=0, ddof=1) / np.sqrt(len(boxes))
         figures = (f"{100 * average[0]:.1f} +- {100 * error[0]:.1f} %", f"{average[1]:.1f} +- {error[1]:.1f} deg")
         print(f"{name}: {', '.join(figures)}, CIEDE2000 {average[2]:.1f} +- {error[2]:.1f}", flush=True)

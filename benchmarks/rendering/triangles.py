@@ -64,11 +64,11 @@ def main() -> None:
         run = subprocess.run(
             [sys.executable, __file__, way, str(divisions)], capture_output=True, text=True, check=True
         )
-        found = json.loads(run.stdout)
-        ratio = found["seconds"] / first.setdefault(way, found["seconds"])
+        timings = json.loads(run.stdout)
+        ratio = timings["seconds"] / first.setdefault(way, timings["seconds"])
         rows.append(
-            f"{way:12} {found['triangles']:6} triangles: {found['seconds']:6.2f} CPU s, "
-            f"{ratio:5.2f} of the published box, {found['mib']:5.0f} MiB"
+            f"{way:12} {timings['triangles']:6} triangles: {timings['seconds']:6.2f} CPU s, "
+            f"{ratio:5.2f} of the published box, {timings['mib']:5.0f} MiB"
         )
     print("\n".join(sorted(rows)))
 

@@ -28,16 +28,16 @@ def trial(page: str) -> bool:
     """Whether all commands of a page ended well."""
     print(page, flush=True)
     program, good, start = Path(sys.executable).with_name("cbox"), True, time.perf_counter()
-    with tempfile.TemporaryDirectory() as place:
-        (Path(place) / "validate").mkdir()
-        (Path(place) / "validate" / "data").symlink_to(ROOT / "validate" / "data")
-        environment = {**os.environ, "XDG_CACHE_HOME": str(Path(place) / "cache")}
-        for words in commands(page, "shell"):
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "validate").mkdir()
+        (Path(folder) / "validate" / "data").symlink_to(ROOT / "validate" / "data")
+        environment = {**os.environ, "XDG_CACHE_HOME": str(Path(folder) / "cache")}
+        for command in commands(page, "shell"):
             begun = time.perf_counter()
             done = subprocess.run(
-                [program, *words], cwd=place, env=environment, capture_output=True, text=True, check=False
+                [program, *command], cwd=folder, env=environment, capture_output=True, text=True, check=False
             )
-            print(f"  {time.perf_counter() - begun:6.1f} s, exit code {done.returncode}: cbox {shlex.join(words)}")
+            print(f"  {time.perf_counter() - begun:6.1f} s, exit code {done.returncode}: cbox {shlex.join(command)}")
             if done.returncode:
                 print(done.stderr)
                 good = False

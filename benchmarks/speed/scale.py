@@ -55,8 +55,8 @@ def many(folder: Path, count: int) -> None:
     for number in range(count):
         path = folder / f"capture-{number}"
         if number < _DISTINCT:
-            own = (perturbed_camera(16, number), CaptureSettings(), number)
-            write_model_capture(path, Model(), *own, relative_error=1e-2)
+            arguments = (perturbed_camera(16, number), CaptureSettings(), number)
+            write_model_capture(path, Model(), *arguments, relative_error=1e-2)
         else:
             shutil.copytree(folder / f"capture-{number % _DISTINCT}", path)
 
@@ -75,8 +75,8 @@ def main() -> int:
             passed.append(measured(f"render, {size} px, 31 wavelengths", *cube))
         in_bands(work / "bands", options.bands)
         for command in ("calibrate", "validate", "diagnose"):
-            given = (command, f"{work}/bands", "--out", f"{work}/{command}")
-            passed.append(measured(f"{command}, 128 px, {options.bands} bands", *given))
+            arguments = (command, f"{work}/bands", "--out", f"{work}/{command}")
+            passed.append(measured(f"{command}, 128 px, {options.bands} bands", *arguments))
         many(work / "many", options.captures)
         batch = ("batch", f"{work}/many", "--out", f"{work}/out", "--what", "calibrate", "--jobs", "2")
         passed.append(measured(f"batch, {options.captures} captures", *batch))

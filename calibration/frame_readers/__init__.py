@@ -18,6 +18,7 @@ from cboxlab.utils.other_packages import entries_of, loaded
 from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
+from ._of_other_packages import checked_reader
 
 __all__ = [
     "FrameFacts",
@@ -55,12 +56,12 @@ def catalogue() -> dict[str, FrameReader]:
     Raises
     ------
     InputError
-        For an entry point that cannot be loaded, is no FrameReader, or has the identifier or an ending of another.
+        For an entry point that cannot be loaded or is no sound FrameReader. For an identifier or an ending of another.
     """
     names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
     readers = {name: import_module(f"{__name__}.{name}").READER for name in names}
     for where, entry in entries_of(_GROUP):
-        reader = loaded(where, entry, FrameReader)
+        reader = checked_reader(loaded(where, entry, FrameReader), where)
         if reader.id in readers:
             raise InputError(where, f"'{reader.id}', which exists already", "a new identifier")
         endings = {ending for other in readers.values() for ending in other.suffixes}

@@ -7,20 +7,32 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import wraps
 from importlib.metadata import EntryPoint, entry_points
-from typing import TextIO, TypeVar
+from typing import Any, TextIO, TypeVar
 
 from .errors import InputError
 from .progress import Cancelled
 
-__all__ = ["entries_of", "guarded", "loaded"]
+__all__ = [
+    "checked_function",
+    "checked_generator",
+    "entries_of",
+    "guarded",
+    "loaded",
+    "require",
+    "require_fields",
+]
 
 #: Hint at a fault of another package.
 _HINT = "Mend or uninstall the package that it belongs to"
 #: Longest import without a warning, s: the packages that numerical code imports take 1 to 3 s.
 _LONGEST_IMPORT_S = 5.0
+
+#: Mark of a generator's end.
+_END = object()
 
 Kind = TypeVar("Kind")
 
@@ -154,3 +166,118 @@ def loaded(where: str, entry: EntryPoint, kind: type[Kind]) -> Kind:
     if not isinstance(record, kind):
         raise InputError(where, f"a {type(record).__name__}", expected, _HINT)
     return record
+
+
+def require(sound: bool, where: str, fault: str, expected: str) -> None:
+    """Check something of another package.
+
+    Parameters
+    ----------
+    sound
+        Whether it is as it should be.
+    where
+        The entry point, for messages.
+    fault
+        Words for what it is.
+    expected
+        Words for what it should be.
+
+    Raises
+    ------
+    InputError
+        If it is not sound.
+    """
+    if not sound:
+        raise InputError(where, fault, expected, _HINT)
+
+
+def require_fields(where: str, record: object, sound: Mapping[str, bool]) -> None:
+    """Check the fields of another package's record.
+
+    Parameters
+    ----------
+    where
+        The entry point, for messages.
+    record
+        The record.
+    sound
+        Whether a field is sound, by its name.
+
+    Raises
+    ------
+    InputError
+        For the first field that is not.
+    """
+    name = type(record).__name__
+    for field, right in sound.items():
+        article = "" if field.endswith("s") else "a "
+        require(right, where, f"a {name} with {article}wrong {field}", f"a {name} as the manual describes it")
+
+
+def checked_function(
+    function: Callable[..., Any], where: str, expected: str, check: Callable[..., Any]
+) -> Callable[..., Any]:
+    """Function of another package whose faults are InputErrors.
+
+    Parameters
+    ----------
+    function
+        The package's function.
+    where
+        The entry point, for messages.
+    expected
+        Words for what the function should give.
+    check
+        Function of the result and of the arguments. It gives the result as it is used, and raises InputError for a
+        wrong one.
+
+    Returns
+    -------
+    Callable
+        Function of the same arguments.
+    """
+
+    @wraps(function)
+    def call(*arguments: Any) -> Any:
+        with guarded(where, expected):
+            return check(function(*arguments), *arguments)
+
+    return call
+
+
+def checked_generator(
+    function: Callable[..., Iterator[Any]], where: str, expected: str, check: Callable[..., Any]
+) -> Callable[..., Iterator[Any]]:
+    """Generator of another package whose faults are InputErrors.
+
+    Parameters
+    ----------
+    function
+        The package's generator function.
+    where
+        The entry point, for messages.
+    expected
+        Words for what the generator should yield.
+    check
+        Function of one item and of the arguments. It gives the item as it is used, and raises InputError for a wrong
+        one.
+
+    Returns
+    -------
+    Callable
+        Generator function of the same arguments.
+    """
+
+    @wraps(function)
+    def generate(*arguments: Any) -> Iterator[Any]:
+        with guarded(where, expected):
+            items = iter(function(*arguments))
+        while True:
+            with guarded(where, expected):
+                item = next(items, _END)
+                checked = item if item is _END else check(item, *arguments)
+            if checked is _END:
+                return
+            yield checked
+
+    return generate

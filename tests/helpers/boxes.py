@@ -36,10 +36,10 @@ def walls(ceiling=True, front=True):
         "back": (2, 1),
         "front": (2, 0),
     }
-    kept = {n: s for n, s in sides.items() if (ceiling or n != "ceiling") and (front or n != "front")}
+    present = {n: s for n, s in sides.items() if (ceiling or n != "ceiling") and (front or n != "front")}
     return {
         name: square(middle + (2 * high - 1) * half * np.eye(3)[axis], half, axis, 1 - 2 * high)
-        for name, (axis, high) in kept.items()
+        for name, (axis, high) in present.items()
     }
 
 

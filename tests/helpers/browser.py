@@ -75,22 +75,22 @@ class Page:
             if not more:
                 raise AssertionError("the browser has gone")
             self._left += more
-        one, self._left = self._left.split(b"\0", 1)
-        return json.loads(one)
+        message, self._left = self._left.split(b"\0", 1)
+        return json.loads(message)
 
     def _heard(self, event: dict[str, Any]) -> None:
-        method, given = event.get("method"), event.get("params", {})
+        method, parameters = event.get("method"), event.get("params", {})
         if method == "Runtime.exceptionThrown":
-            details = given["exceptionDetails"]
+            details = parameters["exceptionDetails"]
             self.errors.append(details.get("exception", {}).get("description", details["text"]))
-        elif method == "Runtime.consoleAPICalled" and given["type"] in ("error", "warning", "assert"):
-            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in given["args"]))
+        elif method == "Runtime.consoleAPICalled" and parameters["type"] in ("error", "warning", "assert"):
+            self.errors.append(" ".join(str(a.get("value", a.get("description"))) for a in parameters["args"]))
         elif method == "Page.javascriptDialogOpening":
-            self.questions.append(given["type"])
+            self.questions.append(parameters["type"])
             yes = {"id": next(self._numbers), "method": "Page.handleJavaScriptDialog", "params": {"accept": True}}
             os.write(self._writing, json.dumps({**yes, "sessionId": event["sessionId"]}).encode() + b"\0")
-        elif method == "Log.entryAdded" and given["entry"]["level"] in ("error", "warning"):
-            self.errors.append(given["entry"]["text"])
+        elif method == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
+            self.errors.append(parameters["entry"]["text"])
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """One method of the DevTools protocol on this page."""
@@ -157,16 +157,16 @@ class Page:
 
     def key(self, key: str, shift: bool = False) -> None:
         """Press and release a key, by its name in JavaScript."""
-        known = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Escape": 27, "Tab": 9}
-        code = known.get(key, ord(key.upper()[0]))
+        key_codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Escape": 27, "Tab": 9}
+        code = key_codes.get(key, ord(key.upper()[0]))
         text = {"text": key} if len(key) == 1 else {}
-        given = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
-        self.call("Input.dispatchKeyEvent", type="keyDown", **given, **text)
-        self.call("Input.dispatchKeyEvent", type="keyUp", **given)
+        event = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **event, **text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **event)
 
-    def screenshot(self, path: Path, whole: bool = True) -> None:
+    def screenshot(self, path: Path, full_page: bool = True) -> None:
         """Write a PNG of the whole page, or of the window."""
-        data = self.call("Page.captureScreenshot", captureBeyondViewport=whole)["data"]
+        data = self.call("Page.captureScreenshot", captureBeyondViewport=full_page)["data"]
         path.write_bytes(base64.b64decode(data))
 
     def pdf(self) -> bytes:

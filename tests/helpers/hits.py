@@ -35,20 +35,20 @@ def blocked_by(accelerator, ray, **how):
     return np.array(accelerator.ray_test(ray, **how)).astype(bool)
 
 
-def differing(one, other, normals, direction):
+def differing(first, other, normals, direction):
     """(n,) whether two answers of ``asked`` differ by more than rounding, off the plane that is met."""
-    (hit, t, *_), (hit_tree, t_tree, triangle, _) = one, other
+    (hit, t, *_), (hit_tree, t_tree, triangle, _) = first, other
     met = hit & hit_tree
     angle = np.abs(np.einsum("ij,ij->i", normals[triangle % len(normals)], direction))
     off = np.abs(np.where(met, t, 0) - np.where(met, t_tree, 0)) * angle
     return (hit != hit_tree) | (off > ROUNDING_MM)
 
 
-def between_surfaces(vertices, normals, chosen, rng):
+def between_surfaces(vertices, normals, triangles, rng):
     """Rays between points of triangles ``chosen`` (2, n), and which of them leave and reach lit sides."""
-    weights = rng.dirichlet((1, 1, 1), size=chosen.shape)
-    ends = np.einsum("ekc,ekcx->ekx", weights, vertices[chosen]) + 0.01 * normals[chosen]
+    weights = rng.dirichlet((1, 1, 1), size=triangles.shape)
+    ends = np.einsum("ekc,ekcx->ekx", weights, vertices[triangles]) + 0.01 * normals[triangles]
     ray = rays(ends[0], ends[1] - ends[0])
     ray.maxt = 1 - 1e-4
-    facing = np.einsum("ij,ij->i", ends[1] - ends[0], normals[chosen[0]]) > 0
-    return ray, facing & (np.einsum("ij,ij->i", ends[0] - ends[1], normals[chosen[1]]) > 0)
+    facing = np.einsum("ij,ij->i", ends[1] - ends[0], normals[triangles[0]]) > 0
+    return ray, facing & (np.einsum("ij,ij->i", ends[0] - ends[1], normals[triangles[1]]) > 0)

@@ -57,19 +57,19 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
     fit = SimpleNamespace(lamp_scale=scale)
     rendered = SimpleNamespace(fit=fit, variance=np.zeros(SHAPE))
     linearised = LinearisedFit(rendered, predictor, model, (), predictor.signal(()), np.zeros((10, *SHAPE)))
-    known = [
+    hypotheses_by_name = [
         Hypothesis(Effect(name, "filter", name, (AMOUNT,), lambda value, amount: value, ""), (AMOUNT,), {})
         for name in patterns
     ]
-    return linearised, {h.effect.id: signature(predictor, (), everywhere, h) for h in known}
+    return linearised, {h.effect.id: signature(predictor, (), everywhere, h) for h in hypotheses_by_name}
 
 
-def taken(linearised, known, *names):
+def taken(linearised, candidates, *names):
     """Candidates of these names, fitted together."""
-    start = [Candidate(known[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names]
+    start = [Candidate(candidates[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names]
     return refitted_together(linearised, start)
 
 
-def names_of(chosen):
+def names_of(candidates):
     """The identifiers of candidates' effects."""
-    return {c.hypothesis.effect.id for c in chosen}
+    return {c.hypothesis.effect.id for c in candidates}

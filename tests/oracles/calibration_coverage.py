@@ -58,15 +58,15 @@ def region(error: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple
     return float(np.mean(inside[0])), float(np.mean(inside[1]))
 
 
-def _sensor(found: Calibration, truth: Truth) -> Shares:
-    settings, maps, noise = truth.settings, truth.maps, found.noise
+def _sensor(calibration: Calibration, truth: Truth) -> Shares:
+    settings, maps, noise = truth.settings, truth.maps, calibration.noise
     gain, read = settings.gain_e_per_dn, settings.read_noise_e
     shares = {
         "gain": interval(noise.gain_e_per_dn - gain, noise.gain_sigma),
         "read noise": interval(noise.read_noise_e - read, noise.read_noise_sigma),
     }
-    transfer, dark = found.sensor.transfer, found.sensor.dark_fit
-    first = float(found.dark.exposure_s[0])
+    transfer, dark = calibration.sensor.transfer, calibration.sensor.dark_fit
+    first = float(calibration.dark.exposure_s[0])
     shares |= {
         "K": interval(transfer.gain_dn_per_e - 1 / gain, transfer.gain_sigma),
         "dark noise": interval(
@@ -76,21 +76,21 @@ def _sensor(found: Calibration, truth: Truth) -> Shares:
         "DSNU": interval(transfer.dsnu_e - settings.bias_pattern_dn * gain, transfer.dsnu_sigma),
         "PRNU": interval(transfer.prnu - settings.prnu, transfer.prnu_sigma),
     }
-    ordinary = ordinary_pixels(found.dark, noise)
+    ordinary = ordinary_pixels(calibration.dark, noise)
     bias, rate = (float(values[ordinary].mean()) for values in (maps.bias_dn, maps.dark_current_e_s / gain))
-    level = found.dark.level[:, ordinary].mean(axis=1) - bias - rate * found.dark.exposure_s
+    level = calibration.dark.level[:, ordinary].mean(axis=1) - bias - rate * calibration.dark.exposure_s
     return shares | {
-        "dark level": interval(level, dark_level_sigma(found.dark, noise)),
+        "dark level": interval(level, dark_level_sigma(calibration.dark, noise)),
         "dark level at no exposure": interval(dark.bias_dn - bias, dark.bias_sigma, dark.degrees),
         "dark level's slope": interval(dark.rate_dn_s - rate, dark.rate_sigma, dark.degrees),
     }
 
 
-def _response(found: Calibration, truth: Truth) -> Shares:
-    band = list(found.capture.band_ids).index(SERIES_BAND)
-    true = truth.field[_order(found)[band], 0, 0] * truth.filters[_order(found)[band]] * truth.reference
+def _response(calibration: Calibration, truth: Truth) -> Shares:
+    band = list(calibration.capture.band_ids).index(SERIES_BAND)
+    true = truth.field[_order(calibration)[band], 0, 0] * truth.filters[_order(calibration)[band]] * truth.reference
     shares: Shares = {}
-    for series in found.sensor.responses:
+    for series in calibration.sensor.responses:
         if series.source == "reference":
             power = truth.settings.f_number**2 if series.key == "f_number" else 1.0
             steady = max(series.fit.setting) if series.key == "exposure" else None
@@ -98,22 +98,22 @@ def _response(found: Calibration, truth: Truth) -> Shares:
                 continue
             error = series.fit.slope - true / power
             shares["slope, signal over exposure time"] = interval(error, series.fit.slope_sigma)
-    linear = found.linearity
+    linear = calibration.linearity
     return shares | {
         "black level": interval(linear.black_level_dn, linear.black_level_sigma),
         "exposure offset": interval(linear.exposure_offset_s, linear.exposure_offset_sigma),
     }
 
 
-def _order(found: Calibration) -> list[int]:
+def _order(calibration: Calibration) -> list[int]:
     """Places of the capture's bands in the order of wavelength, which is that of ``Truth``."""
-    rank = sorted(found.capture.band_ids)
-    return [rank.index(band) for band in found.capture.band_ids]
+    rank = sorted(calibration.capture.band_ids)
+    return [rank.index(band) for band in calibration.capture.band_ids]
 
 
-def _signals(found: Calibration, truth: Truth) -> Shares:
-    capture, images = found.capture, found.images
-    order = _order(found)
+def _signals(calibration: Calibration, truth: Truth) -> Shares:
+    capture, images = calibration.capture, calibration.images
+    order = _order(calibration)
     exposure = np.array([b.exposure_s for b in capture.manifest.band])
     opened = np.array(
         [
@@ -124,7 +124,7 @@ def _signals(found: Calibration, truth: Truth) -> Shares:
     used = np.all(images["mask"].values == 0, axis=0)
     signal, rate = images["signal"].values[:, used], truth.rate[order][:, used]
     counted = rate * (truth.filters[order] * opened)[:, None]
-    sigma = np.sqrt(found.predicted_variance(truth.rate[order] * exposure[:, None, None])[:, used])
+    sigma = np.sqrt(calibration.predicted_variance(truth.rate[order] * exposure[:, None, None])[:, used])
     true_c = float(nominal_constant(capture) or np.nan)
     shares: Shares = {
         "signal of a pixel (variance of the model's signal)": interval(signal - counted, sigma),
@@ -132,10 +132,10 @@ def _signals(found: Calibration, truth: Truth) -> Shares:
             signal - counted, np.sqrt(images["variance"].values[:, used])
         ),
     }
-    scale = found.radiometry
+    scale = calibration.radiometry
     if scale.constant is None:
         return shares
-    shared, matrix = found.uncertainty, _xyz_per_dn(found)
+    shared, matrix = calibration.uncertainty, _xyz_per_dn(calibration)
     freedom = shared.band_degrees
     shares["C"] = interval(
         scale.constant - true_c,
@@ -160,33 +160,33 @@ def _signals(found: Calibration, truth: Truth) -> Shares:
         freedom,
         expected.mean(axis=1) * band[:, 0],
     )
-    return shares | _colours(found, truth, used, matrix, expected * scale.constant / true_c)
+    return shares | _colours(calibration, truth, used, matrix, expected * scale.constant / true_c)
 
 
-def _xyz_per_dn(found: Calibration) -> NDArray[np.float64]:
-    factors = np.array([response.factor for response in found.responses or ()])
-    return LUMINOUS_EFFICACY * found.weights.weights / factors
+def _xyz_per_dn(calibration: Calibration) -> NDArray[np.float64]:
+    factors = np.array([response.factor for response in calibration.responses or ()])
+    return LUMINOUS_EFFICACY * calibration.weights.weights / factors
 
 
 def _colours(
-    found: Calibration,
+    calibration: Calibration,
     truth: Truth,
     used: NDArray[np.bool_],
     matrix: NDArray[np.float64],
     signal: NDArray[np.float64],
 ) -> Shares:
     """XYZ against the same weights of the true signals, and against the exact integrals of the radiance."""
-    xyz = found.xyz()
+    xyz = calibration.xyz()
     value = np.moveaxis(xyz["xyz"].values, 0, -1)[used]
     pixel, shared = (xyz[f"covariance_{kind}"].values[used] for kind in ("pixel", "shared"))
     weighted = (matrix @ signal).T
     step = INTEGRAL_GRID.weights
     exact = LUMINOUS_EFFICACY * truth.radiance[used] @ (step * colour_matching_functions()).T
     error = value - weighted
-    middle = xyz_parts(signal.mean(axis=1), 0 * signal[:, 0], matrix, found.uncertainty)
+    middle = xyz_parts(signal.mean(axis=1), 0 * signal[:, 0], matrix, calibration.uncertainty)
     total = pixel.mean(axis=0) / len(value) + middle.total
-    freedom = found.uncertainty.band_degrees
-    parts = xyz_parts(found.images["signal"].values[:, used], 0 * signal, matrix, found.uncertainty)
+    freedom = calibration.uncertainty.band_degrees
+    parts = xyz_parts(calibration.images["signal"].values[:, used], 0 * signal, matrix, calibration.uncertainty)
     shares = {"XYZ of a pixel, as one": region(error, pixel + shared)}
     for axis, name in enumerate("XYZ"):
         shares[f"{name} of a pixel"] = interval(
@@ -210,16 +210,16 @@ def _colours(
         banded = np.einsum("ni,nij,nj->n", slope, parts.band, slope)
         shares[f"chromaticity {name} of a pixel"] = interval(off, np.sqrt(spread), freedom, np.sqrt(banded))
     if "covariance_weights" in xyz:
-        whole = pixel + shared + xyz["covariance_weights"].values[used]
+        covariance = pixel + shared + xyz["covariance_weights"].values[used]
         for axis, name in enumerate("XYZ"):
             shares[f"exact {name} of a pixel"] = interval(
-                value[:, axis] - exact[:, axis], np.sqrt(whole[:, axis, axis])
+                value[:, axis] - exact[:, axis], np.sqrt(covariance[:, axis, axis])
             )
     return shares
 
 
-def _camera(found: Calibration, truth: Truth) -> Shares:
-    camera = found.camera
+def _camera(calibration: Calibration, truth: Truth) -> Shares:
+    camera = calibration.camera
     error, sigma = camera.parameters - truth.camera.parameters, np.sqrt(np.diag(camera.covariance))
     groups = {
         "position": slice(0, 3),
@@ -234,18 +234,18 @@ def _camera(found: Calibration, truth: Truth) -> Shares:
     off = camera.project(corners) - truth.camera.project(corners)
     by = parameter_jacobian(camera, corners)
     spread = np.einsum("ni,ij,nj->n", by, camera.covariance, by)
-    seen = np.isfinite(off).ravel()
-    return shares | {"image positions of the box's corners": interval(off.ravel()[seen], np.sqrt(spread[seen]))}
+    visible = np.isfinite(off).ravel()
+    return shares | {"image positions of the box's corners": interval(off.ravel()[visible], np.sqrt(spread[visible]))}
 
 
-def _chart(found: Calibration, truth: Truth) -> Shares:
-    table = found.patches
+def _chart(calibration: Calibration, truth: Truth) -> Shares:
+    table = calibration.patches
     spectra = np.array([np.interp(table.grid.nm, WAVELENGTH_NM, reflectance) for reflectance in truth.reflectance])
-    known = spectra @ table.filters.T
-    dyed = slice(1, len(known))
+    expected = spectra @ table.filters.T
+    dyed = slice(1, len(expected))
     # Information of the patches on the light has this number of degrees of freedom.
     degrees = min(shading.degrees for shading in table.shading.values())
-    shares = {"reflectance of a patch": interval((table.reflectance - known)[dyed], table.sigma[dyed], degrees)}
+    shares = {"reflectance of a patch": interval((table.reflectance - expected)[dyed], table.sigma[dyed], degrees)}
     ratios, sigmas = [], []
     centre = (SIZE - 1) / 2
     for shading in table.shading.values():
@@ -257,7 +257,7 @@ def _chart(found: Calibration, truth: Truth) -> Shares:
             sigmas.append(float(shading.relative_sigma(u, v, (centre, centre))))
     shares["shading, corner over the middle"] = interval(ratios, sigmas, degrees)
     xyz, sigma = patch_xyz(table)
-    exact = replace(table, reflectance=known)
+    exact = replace(table, reflectance=expected)
     return shares | {
         "XYZ of a patch, for its band reflectances": interval((xyz - patch_xyz(exact)[0])[dyed], sigma[dyed], degrees)
     }
@@ -278,12 +278,12 @@ def score(folder: Path, seed: int) -> Shares:
 
 def coverage(results: Sequence[Mapping[str, Sequence[float]]]) -> dict[str, list[tuple[float, float]]]:
     """By quantity and level, the mean share over captures and its standard error; (share, error) pairs."""
-    found: dict[str, list[tuple[float, float]]] = {}
+    shares_by_quantity: dict[str, list[tuple[float, float]]] = {}
     for name in dict.fromkeys(name for result in results for name in result):
         values = np.array([result[name] for result in results if name in result])
         # Where a capture has one such interval, by what should hold; else by what the captures show.
         error = np.sqrt(np.array(LEVELS) * (1 - np.array(LEVELS)) / len(values))
         if np.any((values > 0) & (values < 1)):
             error = values.std(axis=0, ddof=1) / np.sqrt(len(values))
-        found[name] = list(zip(values.mean(axis=0).tolist(), error.tolist(), strict=True))
-    return found
+        shares_by_quantity[name] = list(zip(values.mean(axis=0).tolist(), error.tolist(), strict=True))
+    return shares_by_quantity

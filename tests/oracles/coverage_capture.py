@@ -84,10 +84,10 @@ def _illumination(rng: np.random.Generator) -> NDArray[np.float64]:
 
 def _patches(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """(9, wavelength) reflectances, the first white and the last black, and the (y, x) label image."""
-    chosen = rng.choice([c for c in measured_reflectances().values() if c.mean() > 2 * _BLACK], 7, replace=False)
+    curves = rng.choice([c for c in measured_reflectances().values() if c.mean() > 2 * _BLACK], 7, replace=False)
     ends = [np.full((1, WAVELENGTH_NM.size), value) for value in (_WHITE, _BLACK)]
     v, u = np.indices((SIZE, SIZE)) // (SIZE // 3)
-    return np.vstack([ends[0], chosen, ends[1]]), (3 * v + u + 1).astype(np.uint8)
+    return np.vstack([ends[0], curves, ends[1]]), (3 * v + u + 1).astype(np.uint8)
 
 
 def _series(manifest_shots: list[tuple[Shot, float, float]]) -> str:

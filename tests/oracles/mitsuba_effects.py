@@ -30,9 +30,9 @@ def haze(
     low, high = corners.min(axis=0) - aside_mm, corners.max(axis=0) + aside_mm
     low[2], high[2] = camera.position_mm[2] - 1.0, corners[:, 2].max() + 1.0
     with mi.scoped_set_variant(VARIANT):
-        place = mi.ScalarTransform4f().translate(((low + high) / 2).tolist())
-        place = place @ mi.ScalarTransform4f().scale(((high - low) / 2).tolist())
-    return {"sigma_t": extinction_per_m * 1e-3, "albedo": albedo, "to_world": place}
+        transform = mi.ScalarTransform4f().translate(((low + high) / 2).tolist())
+        transform = transform @ mi.ScalarTransform4f().scale(((high - low) / 2).tolist())
+    return {"sigma_t": extinction_per_m * 1e-3, "albedo": albedo, "to_world": transform}
 
 
 def reference(

@@ -63,8 +63,8 @@ class IndependentCamera:
         data = tomllib.loads((PACKAGED / f"{name}.toml").read_text(encoding="utf-8"))
         table = np.loadtxt(PACKAGED / "dcs200.csv", delimiter=",", skiprows=1)
         curves = np.array([np.interp(NM, table[:, 0], column) / NM for column in table[:, 1:].T])
-        whole = np.arange(380.0, 781.0)
-        peak = max((np.interp(whole, table[:, 0], column) / whole).max() for column in table[:, 1:].T)
+        grid_nm = np.arange(380.0, 781.0)
+        peak = max((np.interp(grid_nm, table[:, 0], column) / grid_nm).max() for column in table[:, 1:].T)
         solid = np.pi / 4 * (data["optics"]["pixel_pitch_um"] * 1e-6) ** 2 / data["optics"]["working_f_number"] ** 2
         quanta = NM * 1e-9 / (6.626e-34 * 2.998e8)
         scale = data["sensitivity"]["peak_quantum_efficiency"] / peak * solid
@@ -106,8 +106,8 @@ def chart_light(camera: IndependentCamera) -> NDArray[np.float64]:
 def metered(light: NDArray, generator: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What the spectroradiometer says of light (..., NM): its wavelengths and readings."""
     grid = np.arange(NM[0], NM[-1] + 1, METER_STEP)
-    seen = light @ np.array([bell(centre, METER_FWHM) for centre in grid]).T
-    return grid, seen * (1 + METER_SIGMA * generator.standard_normal(seen.shape))
+    signal = light @ np.array([bell(centre, METER_FWHM) for centre in grid]).T
+    return grid, signal * (1 + METER_SIGMA * generator.standard_normal(signal.shape))
 
 
 def measured_cube(light: NDArray, generator: np.random.Generator) -> NDArray[np.float64]:
@@ -119,10 +119,13 @@ def measured_cube(light: NDArray, generator: np.random.Generator) -> NDArray[np.
     grid, reference = metered(light[18], generator)
     cube = np.empty((len(light), PATCH_PX**2, BANDS.size))
     for k, centre in enumerate(BANDS):
-        seen = light @ bell(centre, FILTER_FWHM)
-        electrons = 0.8 * FULL * GAIN * seen / seen.max()
-        drawn = generator.poisson(electrons[:, None], (len(light), PATCH_PX**2))
-        counts = np.rint(drawn / GAIN + 100 + READ_E / GAIN * generator.standard_normal(drawn.shape)) - 100
+        signal = light @ bell(centre, FILTER_FWHM)
+        electrons = 0.8 * FULL * GAIN * signal / signal.max()
+        electrons_drawn = generator.poisson(electrons[:, None], (len(light), PATCH_PX**2))
+        counts = (
+            np.rint(electrons_drawn / GAIN + 100 + READ_E / GAIN * generator.standard_normal(electrons_drawn.shape))
+            - 100
+        )
         cube[..., k] = counts * np.interp(centre, grid, reference) / counts[18].mean()
     return np.maximum(cube, 0.0)
 
@@ -199,10 +202,10 @@ def calibrate(
             if camera.square_root_from is not None:  # its dark level is 25
                 usable = [(seconds, value) for seconds, value in usable if value >= 45]
             for seconds, value in usable[-READINGS:]:
-                known = light * (1 + power_error * generator.standard_normal())
+                measured_light = light * (1 + power_error * generator.standard_normal())
                 counts.append(value)
                 used.append(seconds)
-                spectra.append(np.interp(GRID, NM, np.convolve(known, np.ones(5) / 5, "same")) * seconds)
+                spectra.append(np.interp(GRID, NM, np.convolve(measured_light, np.ones(5) / 5, "same")) * seconds)
         values, seconds_used = np.array(counts), np.array(used)
         dark = np.array([detector.dark(seconds)[0] for seconds in seconds_used])
         response = detector.linearise(values) - dark

@@ -112,8 +112,8 @@ def predict(folder: Path, assumed: Assumptions) -> Cells:
     filters = read_spectra(folder / "spectra" / "filters.csv", "zero")
     ratios = read_spectra(folder / "spectra" / "channel-ratios.csv")
     labels, reflectance = capture.labels(), capture.label_reflectances()
-    known = {label.label: reflectance[label.column] for label in capture.label_names() if label.column in reflectance}
-    regions = {label: binary_erosion(labels == label, iterations=4) for label in known}
+    spectra = {label.label: reflectance[label.column] for label in capture.label_names() if label.column in reflectance}
+    regions = {label: binary_erosion(labels == label, iterations=4) for label in spectra}
     frames, strongest = frames_of(capture), band_channels(capture)
     assert strongest is not None
     rows = []
@@ -125,27 +125,27 @@ def predict(folder: Path, assumed: Assumptions) -> Cells:
             "B": float(ratios["blue_over_green"].at(nominal)),
         }
         strong = strongest[band]
-        own = [(seconds, frame - assumed.black_dn) for name, seconds, frame in frames if name == band]
+        exposures = [(seconds, frame - assumed.black_dn) for name, seconds, frame in frames if name == band]
         if assumed.own_ratios:
-            ratio = measured_ratios(own, regions, strong, assumed.late_s)
+            ratio = measured_ratios(exposures, regions, strong, assumed.late_s)
         strong_pixel = "G (red row)" if strong == "G" else strong
         curve = window(filters[band], (assumed.shifts_nm or {}).get(band, 0.0))
         base_s = capture.band(band).exposure_s
         base = next(frame for name, seconds, frame in frames if name == band and seconds == base_s)
         fall_off = shading(capture, base - assumed.black_dn, PIXELS[strong_pixel])
         camera = camera_of(curve, ratio, assumed)
-        cube = chart(fall_off, labels, known, curve)
+        cube = chart(fall_off, labels, spectra, curve)
         first = patch_means(expected_electrons(cube, camera, 1.0), regions, PIXELS[strong_pixel])
-        seen = patch_means(base, regions, PIXELS[strong_pixel]) - assumed.black_dn
-        usable = seen < CLIPPED_DN - 10
-        scale = float(seen[usable] @ first[usable] / (first[usable] @ first[usable]))
+        mean_counts = patch_means(base, regions, PIXELS[strong_pixel]) - assumed.black_dn
+        usable = mean_counts < CLIPPED_DN - 10
+        scale = float(mean_counts[usable] @ first[usable] / (first[usable] @ first[usable]))
         for name, seconds, frame in frames:
             if name != band:
                 continue
             expected = expected_counts(cube, camera, scale * (seconds + assumed.late_s) / (base_s + assumed.late_s))
-            for pixel, place in PIXELS.items():
-                measured, found = patch_means(frame, regions, place), patch_means(expected, regions, place)
-                brightest = patch_means(frame, regions, place, np.max)
+            for pixel, offset in PIXELS.items():
+                measured, forecast = patch_means(frame, regions, offset), patch_means(expected, regions, offset)
+                brightest = patch_means(frame, regions, offset, np.max)
                 for k, label in enumerate(regions):
                     rows.append(
                         (
@@ -156,7 +156,7 @@ def predict(folder: Path, assumed: Assumptions) -> Cells:
                             pixel[0] == strong,
                             brightest[k] >= CLIPPED_DN,
                             measured[k],
-                            found[k],
+                            forecast[k],
                         )
                     )
     return Cells(*(np.array(column) for column in zip(*rows, strict=True)))
@@ -166,15 +166,15 @@ def measured_ratios(
     frames: list[tuple[float, NDArray]], regions: dict[int, NDArray], strong: str, late_s: float
 ) -> dict[str, float]:
     """The channels' ratios to the strong one: medians over patches and exposures, neither faint nor clipped."""
-    seen: dict[str, list[NDArray]] = {letter: [] for letter in "RGB"}
+    ratios_by_channel: dict[str, list[NDArray]] = {letter: [] for letter in "RGB"}
     for seconds, frame in frames:
-        for pixel, place in PIXELS.items():
-            mean, top = patch_means(frame, regions, place), patch_means(frame, regions, place, np.max)
+        for pixel, offset in PIXELS.items():
+            mean, top = patch_means(frame, regions, offset), patch_means(frame, regions, offset, np.max)
             rate = np.where((mean > FAINTEST_DN / 2) & (top < CLIPPED_DN), mean, np.nan) / (seconds + late_s)
-            seen[pixel[0]].append(rate)
+            ratios_by_channel[pixel[0]].append(rate)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a channel that is faint everywhere has no median
-        rates = {letter: np.nanmedian(np.array(rows), axis=0) for letter, rows in seen.items()}
+        rates = {letter: np.nanmedian(np.array(rows), axis=0) for letter, rows in ratios_by_channel.items()}
         ratios = {letter: float(np.nanmedian(rate / rates[strong])) for letter, rate in rates.items()}
     return {letter: value if np.isfinite(value) else 0.0 for letter, value in ratios.items()}
 
@@ -187,21 +187,21 @@ def camera_of(curve: Spectrum, ratio: dict[str, float], assumed: Assumptions) ->
     return SensorCamera("Flea3", channels, PATTERN, detector, "published ratios")
 
 
-def chart(fall_off: NDArray, labels: NDArray, known: dict[int, Spectrum], curve: Spectrum) -> xr.Dataset:
+def chart(fall_off: NDArray, labels: NDArray, label_spectra: dict[int, Spectrum], curve: Spectrum) -> xr.Dataset:
     """The chart as a cube over one filter's pass band; paper and what is unknown are white."""
     spectra = np.ones((256, curve.wavelength_nm.size))
-    for label, reflectance in known.items():
+    for label, reflectance in label_spectra.items():
         spectra[label] = reflectance.at(curve.wavelength_nm)
     radiance = fall_off[..., None] * spectra[labels]
     return xr.Dataset({"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": curve.wavelength_nm})
 
 
 def patch_means(
-    frame: NDArray, regions: dict[int, NDArray], place: tuple[int, int], how=np.mean
+    frame: NDArray, regions: dict[int, NDArray], offset: tuple[int, int], how=np.mean
 ) -> NDArray[np.float64]:
     """(patch,) of the Bayer pixels at one place."""
-    own = (slice(place[0], None, 2), slice(place[1], None, 2))
-    return np.array([how(frame[own][region[own]]) for region in regions.values()])
+    lattice = (slice(offset[0], None, 2), slice(offset[1], None, 2))
+    return np.array([how(frame[lattice][region[lattice]]) for region in regions.values()])
 
 
 STEPS = {
@@ -214,11 +214,11 @@ STEPS = {
 
 def split(cells: Cells) -> tuple[float, float]:
     """Relative error, rms: the part common to all exposures of a patch in a band, and what is left next to it."""
-    kept = cells.chosen(cells.strong & ~cells.clipped & (cells.measured >= FAINTEST_DN))
-    error = np.log(kept.predicted / kept.measured)
+    strong_cells = cells.chosen(cells.strong & ~cells.clipped & (cells.measured >= FAINTEST_DN))
+    error = np.log(strong_cells.predicted / strong_cells.measured)
     common, rest = [], []
-    for key in set(zip(kept.band.tolist(), kept.patch.tolist(), strict=True)):
-        own = error[(kept.band == key[0]) & (kept.patch == key[1])]
-        common += [own.mean()] * own.size
-        rest += list(own - own.mean())
+    for key in set(zip(strong_cells.band.tolist(), strong_cells.patch.tolist(), strict=True)):
+        group_error = error[(strong_cells.band == key[0]) & (strong_cells.patch == key[1])]
+        common += [group_error.mean()] * group_error.size
+        rest += list(group_error - group_error.mean())
     return float(np.sqrt(np.mean(np.square(common)))), float(np.sqrt(np.mean(np.square(rest))))

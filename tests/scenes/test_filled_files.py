@@ -38,13 +38,13 @@ def test_spheres_and_closed_meshes_are_filled(folder, shape):
     surface = load(folder, text).surface("glass")
     corners = surface.vertices_mm[surface.faces]
     assert np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) > 0
-    for wrong, told in (
+    for wrong, phrase in (
         (faces.replace("f 3 1 4\n", ""), "an open surface"),
         ("f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n", "turned inside out"),
     ):
         (folder / "tetrahedron.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n" + wrong)
         if shape.startswith("mesh"):
-            assert "surface[2] (glass).inside: found " in (message := fault(folder, text)) and told in message
+            assert "surface[2] (glass).inside: found " in (message := fault(folder, text)) and phrase in message
 
 
 def test_what_cannot_be_filled_is_told(folder):

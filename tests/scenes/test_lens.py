@@ -31,54 +31,54 @@ def points():
 
 @pytest.mark.parametrize("name", LENSES)
 def test_points_appear_where_opencv_puts_them(name):
-    seen = camera(name)
-    lens, turn = seen.lens, cv2.Rodrigues(seen.rotation)[0]
+    lens_camera = camera(name)
+    lens, turn = lens_camera.lens, cv2.Rodrigues(lens_camera.rotation)[0]
     # near half a turn OpenCV's vector has lost digits, so both use the rotation that it describes
-    seen = replace(seen, rotation=cv2.Rodrigues(turn)[0])
-    shift = -seen.rotation @ seen.position_mm
-    matrix = np.diag([*seen.scales_px, 1.0])
-    matrix[:2, 2] = seen.principal_point_px
+    lens_camera = replace(lens_camera, rotation=cv2.Rodrigues(turn)[0])
+    shift = -lens_camera.rotation @ lens_camera.position_mm
+    matrix = np.diag([*lens_camera.scales_px, 1.0])
+    matrix[:2, 2] = lens_camera.principal_point_px
     if lens.model == "fisheye":
-        terms = np.array([seen.k1, lens.k2, lens.k3, lens.k4])
+        terms = np.array([lens_camera.k1, lens.k2, lens.k3, lens.k4])
         expected, _ = cv2.fisheye.projectPoints(points()[:, None], turn, shift, matrix, terms)
     else:
-        terms = np.array([seen.k1, lens.k2, lens.p1, lens.p2, lens.k3])
+        terms = np.array([lens_camera.k1, lens.k2, lens.p1, lens.p2, lens.k3])
         expected, _ = cv2.projectPoints(points(), turn, shift, matrix, terms)
-    assert np.allclose(seen.project(points()), expected.reshape(-1, 2), atol=1e-8)
+    assert np.allclose(lens_camera.project(points()), expected.reshape(-1, 2), atol=1e-8)
 
 
 @pytest.mark.parametrize("name", LENSES)
 def test_a_ray_through_a_pixel_comes_back_to_it(name):
-    seen = camera(name)
+    lens_camera = camera(name)
     u, v = np.meshgrid(np.linspace(-0.5, 255.5, 33), np.linspace(-0.5, 255.5, 33))
-    back = seen.project((seen.position_mm + 900.0 * seen.directions(u, v)).reshape(-1, 3))
+    back = lens_camera.project((lens_camera.position_mm + 900.0 * lens_camera.directions(u, v)).reshape(-1, 3))
     assert np.abs(back - np.stack([u, v], axis=-1).reshape(-1, 2)).max() < 1e-9
 
 
 def test_a_fisheye_sees_to_the_side_and_not_behind():
     """Without coefficients the radius is f times the angle: no ray beyond a quarter turn."""
-    seen = camera("fisheye", wide=5.0)
-    centre, angle = seen.principal_point_px, np.radians([0.0, 30.0, 80.0, 89.9, 90.1])
-    slopes = seen.slopes(centre[0] + seen.focal_length_px * angle, centre[1])
+    lens_camera = camera("fisheye", wide=5.0)
+    centre, angle = lens_camera.principal_point_px, np.radians([0.0, 30.0, 80.0, 89.9, 90.1])
+    slopes = lens_camera.slopes(centre[0] + lens_camera.focal_length_px * angle, centre[1])
     assert slopes[:4, 0] == pytest.approx(np.tan(angle[:4]), rel=1e-9)
     assert np.isnan(slopes[4]).all()
 
 
 def test_beyond_the_fold_of_the_polynomial_no_ray_exists():
     """r (1 + k1 r^2 + k2 r^4) with k1 = -0.5, k2 = 0.1 rises to r^2 = 1.5 - sqrt(2.25 - 2) = 1."""
-    seen = replace(camera("k2"), k1=-0.5, lens=Lens(k2=0.1, p1=1e-4))
+    lens_camera = replace(camera("k2"), k1=-0.5, lens=Lens(k2=0.1, p1=1e-4))
     fold = 1 - 0.5 + 0.1
-    right = seen.principal_point_px[0] + seen.focal_length_px * fold * np.array([0.999, 1.001])
-    slopes = seen.slopes(right, seen.principal_point_px[1])
+    right = lens_camera.principal_point_px[0] + lens_camera.focal_length_px * fold * np.array([0.999, 1.001])
+    slopes = lens_camera.slopes(right, lens_camera.principal_point_px[1])
     assert 0.95 < slopes[0, 0] < 1.0 and np.isnan(slopes[1]).all()
 
 
 def test_a_camera_keeps_its_lens():
-    seen = camera("all terms")
-    assert seen.with_parameters(seen.parameters + 0.01).lens == seen.lens
-    bent = seen.distorted_further(lambda image_px: 0.3 * np.sin(image_px / 100.0))
+    lens_camera = camera("all terms")
+    assert lens_camera.with_parameters(lens_camera.parameters + 0.01).lens == lens_camera.lens
+    bent = lens_camera.distorted_further(lambda image_px: 0.3 * np.sin(image_px / 100.0))
     closest = bent.closest_parameters()
-    assert closest.lens == seen.lens
+    assert closest.lens == lens_camera.lens
     assert np.allclose(closest.project(points()), bent.project(points()), atol=1e-6)
     assert not replace(cornell_camera(64), lens=Lens(aspect=1.01)).is_pinhole
 

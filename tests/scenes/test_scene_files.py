@@ -162,12 +162,12 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(("text", "told"), FAULTS.values(), ids=FAULTS)
-def test_a_fault_is_told_with_its_place(tmp_path, text, told):
+@pytest.mark.parametrize(("text", "phrases"), FAULTS.values(), ids=FAULTS)
+def test_a_fault_is_told_with_its_place(tmp_path, text, phrases):
     message = fault(tmp_path, text)
     assert "room.toml" in message
-    for words in told:
-        assert words in message
+    for phrase in phrases:
+        assert phrase in message
 
 
 def test_all_faults_are_told_at_once(tmp_path):
@@ -177,7 +177,7 @@ def test_all_faults_are_told_at_once(tmp_path):
         .replace('material = "white"', 'material = "wite"')
     )
     message = fault(tmp_path, text)
-    assert all(words in message for words in ("3 more", "7.5", "radiance -1", "surface[0]", "surface[1]", "'wite'"))
+    assert all(phrase in message for phrase in ("3 more", "7.5", "radiance -1", "surface[0]", "surface[1]", "'wite'"))
     message = fault(tmp_path, GOOD.replace("yaw_deg", "yaw").replace("hole", "whole"))
     assert "did you mean 'yaw_deg'" in message and "did you mean 'hole'" in message
 
@@ -282,11 +282,11 @@ def paths(value, path=()):
 def test_a_value_replaced_by_anything_is_read_or_told(tmp_path_factory, data, value):
     """One place of a good file is overwritten by an arbitrary value; nothing but InputError may come out."""
     content = tomllib.loads(GOOD + BALL + 'mesh = "ball.ply"\n')
-    place = data.draw(st.sampled_from([path for path in paths(content) if path]))
+    key_path = data.draw(st.sampled_from([path for path in paths(content) if path]))
     parent = content
-    for key in place[:-1]:
+    for key in key_path[:-1]:
         parent = parent[key]
-    parent[place[-1]] = value
+    parent[key_path[-1]] = value
     folder = tmp_path_factory.mktemp("scene")
     trimesh.creation.icosphere(subdivisions=1).export(folder / "ball.ply")
     (folder / "room.toml").write_text(as_toml(content), encoding="utf-8")

@@ -16,14 +16,14 @@ def assert_same(first, second):
     """Geometry, materials, lamps and media to the last digit; a ball's triangles to rounding."""
     assert first.name == second.name and first.source == second.source
     assert [s.name for s in first.all_surfaces] == [s.name for s in second.all_surfaces]
-    for one, other in zip(first.all_surfaces, second.all_surfaces, strict=True):
-        assert (one.material, one.ball) == (other.material, other.ball)
-        corners = [surface.vertices_mm[surface.faces] for surface in (one, other)]
-        np.testing.assert_allclose(*corners, rtol=0, atol=1e-9 if one.ball else 0)
-        if one.texture_uv is not None:
-            uv = [surface.texture_uv[surface.faces] for surface in (one, other)]
+    for surface_before, other in zip(first.all_surfaces, second.all_surfaces, strict=True):
+        assert (surface_before.material, surface_before.ball) == (other.material, other.ball)
+        corners = [surface.vertices_mm[surface.faces] for surface in (surface_before, other)]
+        np.testing.assert_allclose(*corners, rtol=0, atol=1e-9 if surface_before.ball else 0)
+        if surface_before.texture_uv is not None:
+            uv = [surface.texture_uv[surface.faces] for surface in (surface_before, other)]
             np.testing.assert_allclose(*uv, rtol=0, atol=1e-15)
-        assert (one.inside is None) == (other.inside is None)
+        assert (surface_before.inside is None) == (other.inside is None)
     np.testing.assert_array_equal(first.reflectances(WAVELENGTHS), second.reflectances(WAVELENGTHS))
     np.testing.assert_array_equal(first.lamp_radiance(WAVELENGTHS), second.lamp_radiance(WAVELENGTHS))
     assert (first.medium is None) == (second.medium is None)

@@ -121,11 +121,11 @@ def test_a_point_in_the_room_sees_the_front_of_every_wall_and_the_lamp(box):
 
 def test_left_wall_is_split_from_its_first_to_its_third_corner(box):
     """Corner 4 lies 3.2 mm off the plane of 1, 2, 3, so the diagonal is part of the wall's shape."""
-    left = box.surface("left")
+    left_wall = box.surface("left")
     first, third = [552.8, 0.0, 0.0], [556.0, 548.8, 559.2]
-    for triangle in corners(left):
+    for triangle in corners(left_wall):
         assert first in triangle.tolist() and third in triangle.tolist()
-    plane = normals(left)[0] / np.linalg.norm(normals(left)[0])
+    plane = normals(left_wall)[0] / np.linalg.norm(normals(left_wall)[0])
     assert abs((np.array([556.0, 548.8, 0.0]) - first) @ plane) == pytest.approx(3.2, abs=0.01)
 
 
@@ -186,7 +186,7 @@ SQUARE = [[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]]
 
 
 @pytest.mark.parametrize(
-    ("hole", "told"),
+    ("hole", "phrase"),
     [
         ([[1, 1, 0.1], [2, 1, 0.1], [2, 2, 0.1], [1, 2, 0.1]], "one plane"),
         ([[3, 3, 0], [5, 3, 0], [5, 5, 0], [3, 5, 0]], "not inside"),
@@ -195,8 +195,8 @@ SQUARE = [[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]]
         ([[1, 1, 0], [1, 1, 0], [2, 2, 0], [1, 2, 0]], "not convex"),
     ],
 )
-def test_a_hole_that_is_none_is_refused(hole, told):
-    with pytest.raises(ValueError, match=told):
+def test_a_hole_that_is_none_is_refused(hole, phrase):
+    with pytest.raises(ValueError, match=phrase):
         ring_mesh(SQUARE, hole)
 
 

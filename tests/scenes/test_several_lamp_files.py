@@ -34,8 +34,8 @@ def test_two_lamps_have_their_own_spectra_and_holes(tmp_path):
     assert scene.lamp_radiance([400, 550, 700]) == pytest.approx([2.0, 1.8, 1.6])
     assert scene.lamp_shares([400, 800]) == pytest.approx(np.array([[0.5, 1.0], [3.0, 1.0]]))
     assert scene.reflectances([550])[:, 0] == pytest.approx([0.75, 0.0, 0.5])
-    one = load(tmp_path, GOOD)
-    assert one.further_lamps == () and np.array_equal(one.lamp_radiance([550]), one.lamp.radiance.at([550]))
+    single = load(tmp_path, GOOD)
+    assert single.further_lamps == () and np.array_equal(single.lamp_radiance([550]), single.lamp.radiance.at([550]))
     assert load(tmp_path, GOOD.replace("[lamp]", "[[lamp]]")).lamps[0].surface.name == "light"
 
 
@@ -49,8 +49,8 @@ def test_a_reading_of_the_first_lamp_scales_all(tmp_path):
 
 def test_two_lamps_in_one_quad(tmp_path):
     """The ceiling as one quad leaves the same two holes as two quads do."""
-    one, two = (load(tmp_path, text) for text in (TWO.replace(HALVES[:-15], CEILING[:-15]), TWO))
-    ceilings = [scene.surface("ceiling") for scene in (one, two)]
+    joined, two = (load(tmp_path, text) for text in (TWO.replace(HALVES[:-15], CEILING[:-15]), TWO))
+    ceilings = [scene.surface("ceiling") for scene in (joined, two)]
     assert len(ceilings[0].vertices_mm) != 0
     areas = [np.sum(ceiling.areas_mm2) for ceiling in ceilings]
     assert areas == pytest.approx([100 - 4 - 1] * 2)
@@ -63,8 +63,8 @@ def test_lamps_that_overlap_are_refused(tmp_path):
     moved = text.replace(
         "[-4, 10, 4], [-4, 10, 3], [-3, 10, 3], [-3, 10, 4]", "[0, 10, 2], [0, 10, 0], [2, 10, 0], [2, 10, 2]"
     )
-    told = fault(tmp_path, moved)
-    assert "surface[0] (ceiling).quads_mm[0]: found 2 lamps (no straight line separates the holes)" in told
+    message = fault(tmp_path, moved)
+    assert "surface[0] (ceiling).quads_mm[0]: found 2 lamps (no straight line separates the holes)" in message
 
 
 def test_faults_of_several_lamps_name_the_lamp(tmp_path):

@@ -108,7 +108,7 @@ def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "phrases"),
     [
         ("wavelength_nm,a\n400,0.1\n410,nan\n", "line 3, a"),
         ("wavelength_nm,a\n400,0.1\n\n410,x\n", "line 4, a"),
@@ -126,10 +126,10 @@ def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
         (b"wavelength_nm\ta\n400\t1\n500\tx", "line 3"),
     ],
 )
-def test_a_fault_is_told_with_its_place(tmp_path, text, told):
+def test_a_fault_is_told_with_its_place(tmp_path, text, phrases):
     with pytest.raises(InputError) as error:
         read_spectra(write(tmp_path, text))
-    assert told in str(error.value) and "table.csv" in str(error.value)
+    assert phrases in str(error.value) and "table.csv" in str(error.value)
 
 
 @pytest.mark.parametrize("reference", ["../out.csv:a", "/etc/hostname:a", "table.csv", "table.csv:b", "no.csv:a", ":a"])

@@ -56,8 +56,8 @@ def test_a_mesh_brings_coordinates_of_its_own_with_v_upwards(folder):
     corners = "v -5 0 5\nv 5 0 5\nv 5 10 5\nv -5 10 5\n"
     (folder / "wall.obj").write_text(corners + "vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     wall = load(folder, GOOD + PAINT + MESH).surface("wall")
-    for place, uv in zip(wall.vertices_mm, wall.texture_uv, strict=True):
-        assert uv == pytest.approx([(place[0] + 5) / 20, 1 - place[1] / 10])
+    for vertex, uv in zip(wall.vertices_mm, wall.texture_uv, strict=True):
+        assert uv == pytest.approx([(vertex[0] + 5) / 20, 1 - vertex[1] / 10])
     (folder / "wall.obj").write_text(corners + "f 1 2 3\nf 1 3 4\n")
     assert "a mesh without texture coordinates" in fault(folder, GOOD + PAINT + MESH)
 

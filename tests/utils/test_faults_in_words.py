@@ -19,7 +19,7 @@ class Table(BaseModel):
     least: float = Field(1.0, ge=0)
     below: float = Field(0.0, lt=1)
     most: float = Field(0.0, le=1)
-    whole: int = 0
+    integer: int = 0
     text: str = Field("aa", min_length=2, max_length=4, pattern="^a")
     kind: Literal["box", "sphere"] = "box"
     flag: bool = False
@@ -36,8 +36,8 @@ FAULTS = (
     ("below", 1, "below 1"),
     ("most", 2, "1.0 or less"),
     ("most", float("nan"), "finite"),
-    ("whole", 1.5, "whole"),
-    ("whole", "4_00", "whole"),
+    ("integer", 1.5, "whole"),
+    ("integer", "4_00", "whole"),
     ("text", 5, "in quotes"),
     ("text", "a", "at least 2 characters"),
     ("text", "aaaaa", "at most 4 characters"),
@@ -59,5 +59,5 @@ def test_an_expectation_is_in_plain_words(tmp_path, key, value, expected):
         Table.model_validate({key: value})
     (error,) = faults_of_validation(tmp_path / "file.toml", fault.value, Table)
     assert expected in error.expected
-    for words in ("Input", "should", "valid", "instance", "dictionary", "parse", "documentation"):
-        assert words not in error.expected
+    for phrase in ("Input", "should", "valid", "instance", "dictionary", "parse", "documentation"):
+        assert phrase not in error.expected

@@ -48,12 +48,12 @@ def test_a_killed_process_leaves_no_temporary_folder_for_long(tmp_path, monkeypa
     with subprocess.Popen(program, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None
         process.stdout.readline()
-        with temporary_folder() as own:
-            assert len([*tmp_path.iterdir()]) == 2 and own.is_dir()
+        with temporary_folder() as folder:
+            assert len([*tmp_path.iterdir()]) == 2 and folder.is_dir()
         process.send_signal(signal.SIGKILL)
     assert len([*tmp_path.iterdir()]) == 1
-    with temporary_folder() as own:
-        assert [*tmp_path.iterdir()] == [own]
+    with temporary_folder() as folder:
+        assert [*tmp_path.iterdir()] == [folder]
     assert not [*tmp_path.iterdir()]
 
 
@@ -102,11 +102,11 @@ def test_what_is_kept_comes_back_only_whole_and_for_its_key(tmp_path):
     sound = path.read_bytes()
     assert load_checked(path, "made from this") == sound[32:] and len(sound) == 5032
     assert load_checked(path, "made from that") is None and load_checked(tmp_path / "absent", "made from this") is None
-    for place, length in zip(
+    for position, length in zip(
         random.integers(0, 8 * len(sound), 1000), random.integers(0, len(sound), 1000), strict=True
     ):
         flipped = bytearray(sound)
-        flipped[place // 8] ^= 1 << (place % 8)
+        flipped[position // 8] ^= 1 << (position % 8)
         for damaged in (bytes(flipped), sound[:length]):
             path.write_bytes(damaged)
             assert load_checked(path, "made from this") is None
@@ -134,8 +134,8 @@ assert xr.load_dataset(sys.argv[1]).identical(cube)
 
 
 def test_a_full_disk_is_an_error_and_no_crash_of_the_hdf5_library(tmp_path):
-    whole, part = tmp_path / "whole.nc", tmp_path / "part.nc"
-    program = [sys.executable, "-c", FULL_DISK, str(whole), str(part)]
+    complete, part = tmp_path / "whole.nc", tmp_path / "part.nc"
+    program = [sys.executable, "-c", FULL_DISK, str(complete), str(part)]
     done = subprocess.run(program, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.split()) == (0, ["0", "100", "3000", "40000", "80000"]), done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["whole.nc"]

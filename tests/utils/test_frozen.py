@@ -26,9 +26,9 @@ class Owner(FrozenMappings):
 
 
 def test_a_change_of_the_dictionary_passed_in_does_not_reach_the_object():
-    plain, nested, one = {"a": 1.0}, {"inner": {"list": [{"b": 2.0}]}}, {"c": 3.0}
-    owner = Owner(plain, nested, (one,), types.MappingProxyType(plain))
-    plain["a"] = one["c"] = 9.0
+    plain, nested, shared = {"a": 1.0}, {"inner": {"list": [{"b": 2.0}]}}, {"c": 3.0}
+    owner = Owner(plain, nested, (shared,), types.MappingProxyType(plain))
+    plain["a"] = shared["c"] = 9.0
     nested["inner"]["list"][0]["b"] = 9.0
     assert owner.plain == {"a": 1.0} == owner.optional
     assert owner.nested == {"inner": {"list": [{"b": 2.0}]}}
@@ -83,10 +83,10 @@ def test_a_scene_keeps_its_paints():
 def frozen_classes():
     for room in (scenes, calibration, rendering, validation):
         for module in pkgutil.walk_packages(room.__path__, room.__name__ + "."):
-            for thing in vars(importlib.import_module(module.name)).values():
-                mask = isinstance(thing, type) and thing.__module__ == module.name
-                if mask and is_dataclass(thing) and thing.__dataclass_params__.frozen:
-                    yield thing
+            for member in vars(importlib.import_module(module.name)).values():
+                mask = isinstance(member, type) and member.__module__ == module.name
+                if mask and is_dataclass(member) and member.__dataclass_params__.frozen:
+                    yield member
 
 
 def holds_dictionary(annotation) -> bool:
@@ -101,9 +101,11 @@ def test_every_frozen_class_with_a_dictionary_owns_it():
     checked = 0
     for cls in frozen_classes():
         names = {**vars(importlib.import_module(cls.__module__)), "dr": dr, "mi": mi}
-        for one in fields(cls):
-            told = one.init and ("dict[" in one.type or "Mapping[" in one.type) and "Callable" not in one.type
-            if told and holds_dictionary(eval(one.type, names)):
+        for entry in fields(cls):
+            is_dictionary = (
+                entry.init and ("dict[" in entry.type or "Mapping[" in entry.type) and "Callable" not in entry.type
+            )
+            if is_dictionary and holds_dictionary(eval(entry.type, names)):
                 checked += 1
-                assert issubclass(cls, FrozenMappings), f"{cls.__module__}.{cls.__name__}.{one.name}"
+                assert issubclass(cls, FrozenMappings), f"{cls.__module__}.{cls.__name__}.{entry.name}"
     assert checked > 30

@@ -28,10 +28,10 @@ def test_a_share_is_that_part_of_the_whole():
 
 def test_cancelled_at_the_next_step_whatever_it_is():
     for step in (lambda p: p.stage("next"), lambda p: p.part(0.5), lambda p: share(p, 0, 1).part(0.5)):
-        told = []
-        progress = ProgressReporter(lambda stage, done, told=told: told.append(stage))
+        stages = []
+        progress = ProgressReporter(lambda stage, done, stages=stages: stages.append(stage))
         progress.cancel()
         with pytest.raises(Cancelled):
             step(progress)
-        assert told == []
+        assert stages == []
     NO_PROGRESS.part(0.5)

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cboxlab.rendering.dataset import draw_box, sharing_rays
+from cboxlab.rendering.dataset import Recipe, draw_box, sharing_rays
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render_passes
 from cboxlab.rendering.model import labelled_cube, model_cube_inputs
@@ -110,23 +110,38 @@ def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress
         pictures.append((f"{box.number:06d} {name}", thumbnail(labelled_cube(render_passes(job)))))
         progress.part((number + 1) / (len(first) + 1))
     progress.stage("measuring one picture")
-    name = next(iter(boxes[0].cameras))
-    block = [draw_box(recipe, number, path.parent) for number in block_of(recipe, 0)]
-    group = sharing_rays(block)[0]
-    list(render_pictures(group, name, recipe, path.parent))  # the first pictures compile their kernels
-    begun = time.monotonic()
-    with temporary_folder() as folder:
-        file = folder / f"picture{PICTURE_ENDINGS[recipe.picture.format]}"
-        for cube in render_pictures(group, name, recipe, path.parent):
-            write_picture(file, cube)
-        seconds, size = (time.monotonic() - begun) / len(group), file.stat().st_size
+    names = camera_names(recipe)
+    seconds, size = _cost(recipe, path.parent, names)
     rejected = sum(sum(box.record["rejected"].values()) for box in boxes) / len(boxes)
-    count = recipe.boxes * len(camera_names(recipe))
+    count = recipe.boxes * len(names)
     preview = Preview(Path(page), count, seconds, size, rejected)
     plots = [("Distributions", histograms(drawn_values([box.record for box in boxes])))]
     write_page(Path(page), f"Preview of {recipe.name}", preview.lines(), pictures, plots)
     progress.part(1.0)
     return preview
+
+
+def _cost(recipe: Recipe, folder: Path, names: list[str]) -> tuple[float, int]:
+    """Mean time of a picture, s, and the size of one, bytes, over a block of boxes.
+
+    Pictures of the first block compile kernels. Those of the next one are measured; a further camera uses the solution
+    of the first one, so the second stands for all of them.
+    """
+    first = block_of(recipe, 0)
+    blocks, spent, size = [first, block_of(recipe, first.stop)], [0.0, 0.0], 0
+    with temporary_folder() as target:
+        for block in blocks:
+            groups = sharing_rays([draw_box(recipe, number, folder) for number in block])
+            for index, name in enumerate(names[: len(spent)]):
+                begun = time.monotonic()
+                for group in groups if block is not first else groups[:1]:
+                    for cube in render_pictures(group, name, recipe, folder):
+                        file = target / f"picture{PICTURE_ENDINGS[recipe.picture.format]}"
+                        write_picture(file, cube)
+                        size = file.stat().st_size
+                spent[index] = time.monotonic() - begun
+    cameras = spent[0] + (len(names) - 1) * spent[1]
+    return cameras / len(names) / len(blocks[1]), size
 
 
 def _smaller(camera: Camera) -> Camera:

@@ -69,7 +69,7 @@ class Separation:
     #: Chi2 between the two in this capture alone.
     now: float
     #: Description of the cheapest capture that is expected to be enough, or else of the best one.
-    words: str
+    description: str
     #: Time that it takes, s.
     seconds: float
     #: Chi2 between the two in this capture and the further one.
@@ -291,7 +291,7 @@ def separations(
                     effect=effect.candidate.hypothesis.effect.id,
                     alternative=alternative.hypothesis.effect.id,
                     now=distance(prepared, linearised, None, others, effect.candidate, alternative),
-                    words=capture.description,
+                    description=capture.description,
                     seconds=capture.seconds,
                     chi2=best,
                     enough=best > _DISTINGUISHED_CHI2,

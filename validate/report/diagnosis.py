@@ -245,10 +245,10 @@ def separation_sentence(s: Separation) -> str:
         Two or three sentences.
     """
     further = (
-        f"The fastest further capture that distinguishes them is {s.words} ({s.seconds:.0f} s; "
+        f"The fastest further capture that distinguishes them is {s.description} ({s.seconds:.0f} s; "
         f"{np.sqrt(max(s.chi2, 0)):.1f} standard deviations expected)."
         if s.enough
-        else f"No further capture of those considered distinguishes them; the best is {s.words} "
+        else f"No further capture of those considered distinguishes them; the best is {s.description} "
         f"({np.sqrt(max(s.chi2, 0)):.1f} standard deviations expected)."
     )
     return (

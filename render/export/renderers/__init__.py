@@ -12,6 +12,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.other_packages import entries_of, loaded
 
+from ._of_other_packages import checked_renderer
 from .renderer import PYTHON_SCRIPT, SHELL_SCRIPT, Renderer
 
 __all__ = ["PYTHON_SCRIPT", "SHELL_SCRIPT", "Renderer", "renderer_catalogue", "renderer_of"]
@@ -19,7 +20,7 @@ __all__ = ["PYTHON_SCRIPT", "SHELL_SCRIPT", "Renderer", "renderer_catalogue", "r
 #: Entry point group of other packages' renderers.
 _GROUP = "cboxlab.renderers"
 #: Modules of this package that hold no renderer.
-_NO_RENDERER = {"renderer"}
+_NO_RENDERER = {"_of_other_packages", "renderer"}
 
 
 @lru_cache(maxsize=1)
@@ -34,7 +35,7 @@ def renderer_catalogue() -> Mapping[str, Renderer]:
     Raises
     ------
     InputError
-        If an entry point of the group ``cboxlab.renderers`` cannot be loaded, is no Renderer, or bears the
+        If an entry point of the group ``cboxlab.renderers`` cannot be loaded, is no sound Renderer, or bears the
         identifier of another one.
     """
     modules = [module.name for module in iter_modules(__path__) if module.name not in _NO_RENDERER]
@@ -43,7 +44,7 @@ def renderer_catalogue() -> Mapping[str, Renderer]:
         renderer = import_module(f"{__name__}.{module}").RENDERER
         catalogue[renderer.id] = renderer
     for where, entry in entries_of(_GROUP):
-        renderer = loaded(where, entry, Renderer)
+        renderer = checked_renderer(loaded(where, entry, Renderer), where)
         if renderer.id in catalogue:
             raise InputError(where, f"'{renderer.id}', which exists already", "another identifier")
         catalogue[renderer.id] = renderer

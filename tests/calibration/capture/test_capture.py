@@ -135,12 +135,12 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "words"), MISTAKES, ids=[m[1][:40] or m[0] for m in MISTAKES])
-def test_each_mistake_is_named_in_one_line(folder, old, new, words):
+@pytest.mark.parametrize(("old", "new", "phrases"), MISTAKES, ids=[m[1][:40] or m[0] for m in MISTAKES])
+def test_each_mistake_is_named_in_one_line(folder, old, new, phrases):
     edit(folder, old, new)
     message = fault(folder)
     assert "\n" not in message
-    for word in [*words, "capture.toml" if "frames/" not in words[0] else "tif", "expected"]:
+    for word in [*phrases, "capture.toml" if "frames/" not in phrases[0] else "tif", "expected"]:
         assert word in message
 
 

@@ -39,8 +39,8 @@ def test_a_default_replaces_no_value_of_a_table(folder):
 def test_the_band_of_a_flat_comes_before_the_defaults(folder):
     path = folder / "capture.toml"
     head, *tables = path.read_text().split("[[")
-    kept = [t if t.startswith("band") else t.replace(f"f_number = {F_NUMBER}\n", "") for t in tables]
-    path.write_text("[[".join([head, *kept]) + "[defaults]\nf_number = 2.8\n")
+    remaining = [t if t.startswith("band") else t.replace(f"f_number = {F_NUMBER}\n", "") for t in tables]
+    path.write_text("[[".join([head, *remaining]) + "[defaults]\nf_number = 2.8\n")
     capture = load_capture(folder)
     assert capture.manifest.flats and all(capture.f_number(flat) == F_NUMBER for flat in capture.manifest.flats)
 

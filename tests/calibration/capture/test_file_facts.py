@@ -72,8 +72,8 @@ def test_a_manifest_without_them_is_the_same(original, folder):
     before, after = load_capture(original), load_capture(folder)
     assert after.manifest.mosaic == before.manifest.mosaic
     assert (after.shape, after.full_scale_dn) == (before.shape, before.full_scale_dn)
-    for one, other in zip(after.manifest.band, before.manifest.band, strict=True):
-        assert one.exposure_s == pytest.approx(other.exposure_s, rel=1e-5)
+    for band, other in zip(after.manifest.band, before.manifest.band, strict=True):
+        assert band.exposure_s == pytest.approx(other.exposure_s, rel=1e-5)
     assert after.manifest.camera.white_level_dn == 16383
 
 
@@ -108,7 +108,7 @@ def test_the_black_level_of_the_files_takes_the_place_of_darks(original, folder)
 
 
 @pytest.mark.parametrize(
-    ("levels", "words"),
+    ("levels", "message"),
     [
         ("{R = 512}", "expected one with R, G, B"),
         ("{R = 512, G = 511, B = 512, X = 3}", "expected one with R, G, B"),
@@ -117,7 +117,7 @@ def test_the_black_level_of_the_files_takes_the_place_of_darks(original, folder)
         ('"512"', "black_level_dn"),
     ],
 )
-def test_levels_that_cannot_be(original, folder, levels, words):
+def test_levels_that_cannot_be(original, folder, levels, message):
     copied(original, folder)
     path = folder / "capture.toml"
     if levels.startswith("{"):
@@ -125,7 +125,7 @@ def test_levels_that_cannot_be(original, folder, levels, words):
         path.write_text(path.read_text() + f"\n[camera.black_level_dn]\n{table}\n")
     else:
         path.write_text(path.read_text().replace("[camera]\n", f"[camera]\nblack_level_dn = {levels}\n"))
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         load_capture(folder)
 
 

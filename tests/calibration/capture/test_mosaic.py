@@ -47,8 +47,8 @@ def test_every_pixel_has_the_letter_of_its_place(rows, down, right, shape):
 @pytest.mark.parametrize(("down", "right"), [(0, 0), (1, 0), (0, 1), (2, 5)])
 def test_the_lattice_of_a_channel(rows, channel, step, down, right):
     pattern = written(shifted(rows, down, right))
-    row, column, found = channel_lattice(pattern, channel)
-    assert found == step and row < step and column < step
+    row, column, lattice_letter = channel_lattice(pattern, channel)
+    assert lattice_letter == step and row < step and column < step
     assert channel_mask(pattern, (36, 36), channel)[row::step, column::step].all()
 
 
@@ -75,11 +75,11 @@ def test_letters_of_any_alphabet(pattern):
 @pytest.mark.parametrize("rows", PATTERNS.values(), ids=PATTERNS)
 def test_numbered_pixels_of_a_channel_in_reading_order(rows):
     pattern = written(rows)
-    places = [(v, u) for v, row in enumerate(rows) for u, letter in enumerate(row) if letter == "G"]
-    for number, (v, u) in enumerate(places, 1):
+    positions = [(v, u) for v, row in enumerate(rows) for u, letter in enumerate(row) if letter == "G"]
+    for number, (v, u) in enumerate(positions, 1):
         mask = channel_mask(pattern, (2 * len(rows), 2 * len(rows[0])), f"G{number}")
         assert mask.sum() == 4 and mask[v, u] and mask[v + len(rows), u + len(rows[0])]
-    for wrong in ("G0", f"G{len(places) + 1}", "g", "GG", "G1x", "", "1"):
+    for wrong in ("G0", f"G{len(positions) + 1}", "g", "GG", "G1x", "", "1"):
         with pytest.raises(ValueError, match="not in the pattern"):
             channel_mask(pattern, (6, 6), wrong)
 

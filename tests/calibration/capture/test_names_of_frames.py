@@ -76,7 +76,7 @@ def test_filters(stem, band):
 
 
 @pytest.mark.parametrize(
-    ("stem", "kind", "words"),
+    ("stem", "kind", "other_words_expected"),
     [
         ("dark-4s-0", "dark", ()),
         ("Dark_4s_01", "dark", ()),
@@ -98,9 +98,9 @@ def test_filters(stem, band):
         ("dark-flat-f550", None, ("dark", "flat")),
     ],
 )
-def test_kinds(stem, kind, words):
+def test_kinds(stem, kind, other_words_expected):
     name = parse_name(stem)
-    assert (name.kind, name.other_words) == (kind, words)
+    assert (name.kind, name.other_words) == (kind, other_words_expected)
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,8 @@ def test_a_sum_is_the_count_of_a_larger_pixel(tmp_path):
     assert noise.gain_e_per_dn == pytest.approx(GAIN, abs=5 * noise.gain_sigma) and noise.gain_sigma < 0.1
     expected = 4 * np.hypot(READ_NOISE_E, GAIN / np.sqrt(12))
     assert noise.read_noise_e == pytest.approx(expected, abs=5 * noise.read_noise_sigma)
-    whole = written(tmp_path / "whole")
-    assert whole.reduction is None and whole.frame("scene-1.tif").dtype == np.uint16
+    unbinned = written(tmp_path / "whole")
+    assert unbinned.reduction is None and unbinned.frame("scene-1.tif").dtype == np.uint16
 
 
 def test_one_saturated_pixel_saturates_its_block(tmp_path):
@@ -97,15 +97,15 @@ GEOMETRY = '[geometry]\npoints = "points.csv"\npoint_sigma_px = 0.3\n'
 
 def test_the_camera_of_the_blocks_sees_what_the_camera_of_the_pixels_sees(tmp_path):
     """Points at the corners of a block are half a block from its centre; focal length and sigma scale with it."""
-    whole = cornell_camera(180)
-    survey(whole, tmp_path / "points.csv")
-    tables = GEOMETRY + f"[lens]\nfx_px = {whole.focal_length_px}\nfocal_length_mm = 1.26\n"
+    unbinned_camera = cornell_camera(180)
+    survey(unbinned_camera, tmp_path / "points.csv")
+    tables = GEOMETRY + f"[lens]\nfx_px = {unbinned_camera.focal_length_px}\nfocal_length_mm = 1.26\n"
     capture = written(tmp_path, "binning = 3\nwindow_px = [12, 9, 150, 162]", tables, shape=(180, 180), repeats=2)
     calibration = calibrate(capture)
     camera = calibration.camera
-    assert camera.focal_length_px == pytest.approx(whole.focal_length_px / 3)
+    assert camera.focal_length_px == pytest.approx(unbinned_camera.focal_length_px / 3)
     point = np.array([[200.0, 300.0, 100.0]])
-    expected = (whole.project(point) - [12, 9] + 0.5) / 3 - 0.5
+    expected = (unbinned_camera.project(point) - [12, 9] + 0.5) / 3 - 0.5
     assert camera.project(point) == pytest.approx(expected, abs=1e-4)
     assert calibration.camera_fit.point_sigma_px == pytest.approx(0.1)
     assert capture_points(capture).image_px.shape == (40, 2)
@@ -166,27 +166,27 @@ def test_edges_add_the_error_of_a_sum_to_its_variance(tmp_path):
     """
     capture = written(tmp_path, "binning = 5", CHANNELS.format("RGGB"), repeats=1, shape=(400, 400))
     part, fine = capture.reduction, 4
-    place = (np.arange(400 * fine) + 0.5) / fine - 0.5
-    lit = np.add.outer((place - 197) ** 2, (place - 203) ** 2) < 150**2
-    light = 200.0 + 1800.0 * lit.reshape(400, fine, 400, fine).mean(axis=(1, 3))
+    position = (np.arange(400 * fine) + 0.5) / fine - 0.5
+    disk = np.add.outer((position - 197) ** 2, (position - 203) ** 2) < 150**2
+    light = 200.0 + 1800.0 * disk.reshape(400, fine, 400, fine).mean(axis=(1, 3))
     counts = np.random.default_rng(1).poisson(light).astype(np.uint16)
     sums, spread = part.counts(counts), part.spread(counts)
     variance = part.sampling_variance(sums.astype(float), spread)
-    whole = light.reshape(80, 5, 80, 5).mean(axis=(1, 3)) * part.summed**2
+    block_means = light.reshape(80, 5, 80, 5).mean(axis=(1, 3)) * part.summed**2
     edge = np.ptp(light.reshape(80, 5, 80, 5).transpose(0, 2, 1, 3).reshape(80, 80, -1), axis=-1) > 0
-    assert variance[~edge].mean() < 0.02 * whole[~edge].mean()
-    squares = (sums - whole) ** 2
-    assert np.mean(squares[~edge] / whole[~edge]) == pytest.approx(1.0, abs=0.06)
-    assert squares[edge].sum() / (whole + variance)[edge].sum() == pytest.approx(1.0, abs=0.25)
-    assert squares[edge].sum() > 20 * whole[edge].sum()
+    assert variance[~edge].mean() < 0.02 * block_means[~edge].mean()
+    squares = (sums - block_means) ** 2
+    assert np.mean(squares[~edge] / block_means[~edge]) == pytest.approx(1.0, abs=0.06)
+    assert squares[edge].sum() / (block_means + variance)[edge].sum() == pytest.approx(1.0, abs=0.25)
+    assert squares[edge].sum() > 20 * block_means[edge].sum()
 
 
 def test_the_constant_counts_the_area_that_is_summed(tmp_path):
     """Nine pixels of a block of 25 collect nine times the light of one; the read noise is three times as large."""
     lens = "[lens]\nfocal_length_mm = 1.26\n"
-    one = written(tmp_path / "1", "binning = 1", CHANNELS.format("RGGB") + lens, repeats=1)
+    single = written(tmp_path / "1", "binning = 1", CHANNELS.format("RGGB") + lens, repeats=1)
     nine = written(tmp_path / "5", "binning = 5", CHANNELS.format("RGGB") + lens, repeats=1)
-    assert nominal_constant(nine) == pytest.approx(9 * nominal_constant(one))
+    assert nominal_constant(nine) == pytest.approx(9 * nominal_constant(single))
     camera = nine.manifest.camera
     assert (camera.pixel_pitch_um, camera.read_noise_e) == (25.0, 3 * READ_NOISE_E)
 
@@ -203,7 +203,7 @@ def test_a_label_is_that_of_whole_blocks(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("keys", "tables", "words"),
+    ("keys", "tables", "message"),
     [
         ("binning = 0", "", "camera.binning"),
         ("binning = 121", "", "found 121; expected at most 120"),
@@ -212,8 +212,8 @@ def test_a_label_is_that_of_whole_blocks(tmp_path):
         ("binning = 2", '[mosaic]\npattern = "RGGB"', "expected 1, 5, 9, 13 and so on"),
     ],
 )
-def test_wrong_values_are_named(keys, tables, words, tmp_path):
-    with pytest.raises(InputError, match=words):
+def test_wrong_values_are_named(keys, tables, message, tmp_path):
+    with pytest.raises(InputError, match=message):
         written(tmp_path, keys, tables, repeats=1)
 
 

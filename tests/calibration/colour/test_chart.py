@@ -89,12 +89,12 @@ def test_the_real_chart_is_found_and_measured_as_with_labels_made_by_hand(shared
     (tmp_path / "capture.toml").write_text(text.replace('image = "labels.png"\n', ""))
     capture = load_capture(tmp_path)
     calibration = calibrate(capture)
-    found, by_hand = find_chart(calibration.capture, calibration.bands), np.asarray(Image.open(real / "labels.png"))
-    shares = [np.mean(found[by_hand == label] == label) for label in range(1, 25)]
+    detected, by_hand = find_chart(calibration.capture, calibration.bands), np.asarray(Image.open(real / "labels.png"))
+    shares = [np.mean(detected[by_hand == label] == label) for label in range(1, 25)]
     assert min(shares) > 0.85
-    table, known = calibration.patches, capture.label_reflectances()
-    rows = [i for i, label in enumerate(table.labels) if label.column in known]
-    truth = np.array([table.filters @ known[table.labels[i].column].at(table.grid.nm) for i in rows])
+    table, spectrometer = calibration.patches, capture.label_reflectances()
+    rows = [i for i, label in enumerate(table.labels) if label.column in spectrometer]
+    truth = np.array([table.filters @ spectrometer[table.labels[i].column].at(table.grid.nm) for i in rows])
     assert len(rows) == 16 and np.abs(table.reflectance[rows] - truth).mean() < 0.0110
 
 

@@ -138,5 +138,5 @@ def test_flags_of_all_bands_are_joined():
     mask = np.zeros((3, 2, 2), np.uint8)
     mask[0, 0, 0], mask[2, 0, 0], mask[1, 1, 1] = Mask.HOT, Mask.SATURATED, Mask.LAMP
     responses = spanning_responses()
-    found = xyz_image(band_images("012", signal, signal, mask), fit_filter_weights(responses), responses)
-    assert found["mask"].values.tolist() == [[Mask.HOT | Mask.SATURATED, 0], [0, Mask.LAMP]]
+    joined = xyz_image(band_images("012", signal, signal, mask), fit_filter_weights(responses), responses)
+    assert joined["mask"].values.tolist() == [[Mask.HOT | Mask.SATURATED, 0], [0, Mask.LAMP]]

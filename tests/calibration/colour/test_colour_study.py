@@ -54,9 +54,9 @@ def test_trained_weights_err_least_over_their_ensemble(lamps, noise):
     """No other weights have a smaller mean square on fresh draws: paired differences within 3 of their errors."""
     trained = train_filter_weights(responses(), training_radiances(lamps, count=4000, seed=1), noise)
     fresh = training_radiances(lamps, count=4000, seed=2)
-    own = relative_error(trained, fresh, noise) ** 2
+    trained_error = relative_error(trained, fresh, noise) ** 2
     for other in (fit_filter_weights(responses()), fit_filter_weights(responses(), max(noise, 1e-3))):
-        gain = relative_error(other, fresh, noise) ** 2 - own
+        gain = relative_error(other, fresh, noise) ** 2 - trained_error
         assert np.all(gain.mean(axis=0) > -3 * gain.std(axis=0) / np.sqrt(len(gain)))
         assert gain.mean() > 0
 
@@ -98,8 +98,8 @@ def test_colour_differences_by_hand():
 def test_exact_weights_have_no_colour_error(lamps):
     rows = colour_matching_functions()
     bands = [BandResponse(n, INTEGRAL_GRID, row, 1.0) for n, row in zip("xyz", rows, strict=True)]
-    found = colour_error(fit_filter_weights(bands), bands, evaluation_radiances(lamps))
-    assert found.delta_e_2000.max() < 1e-3 and found.largest.max() < 1e-6
+    error_table = colour_error(fit_filter_weights(bands), bands, evaluation_radiances(lamps))
+    assert error_table.delta_e_2000.max() < 1e-3 and error_table.largest.max() < 1e-6
 
 
 def test_a_black_radiance_is_refused():
@@ -114,9 +114,9 @@ def test_the_best_subset_is_found_and_more_filters_never_hurt(training, lamps):
     choices = choose_filters(responses(), training, evaluation, range(1, 8), 0.003)
     assert [len(c.bands) for c in choices] == list(range(1, 8))
     assert np.all(np.diff([c.training_rms for c in choices]) <= 1e-12)
-    one = choose_filters(responses(), training, evaluation, [1], 0.003)[0]
+    single = choose_filters(responses(), training, evaluation, [1], 0.003)[0]
     alone = [choose_filters([r], training, evaluation, [1], 0.003)[0].training_rms for r in responses()]
-    assert one.training_rms == pytest.approx(min(alone))
+    assert single.training_rms == pytest.approx(min(alone))
 
 
 def test_a_capture_is_told_the_best_subset_of_every_size(tmp_path):

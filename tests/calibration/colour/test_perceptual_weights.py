@@ -40,8 +40,8 @@ def test_small_differences_are_those_of_ciede2000():
     xyz = white * generator.uniform(0.05, 0.9, (400, 1)) * generator.uniform(0.75, 1.0, (400, 3))
     step = 1e-4 * xyz * generator.standard_normal((400, 3))
     expected = lab_differences(xyz + step, xyz, white)[1]
-    found = np.linalg.norm(np.einsum("nda,na->nd", _difference_rows(xyz, white), step), axis=1)
-    ratio = found / expected
+    lengths = np.linalg.norm(np.einsum("nda,na->nd", _difference_rows(xyz, white), step), axis=1)
+    ratio = lengths / expected
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
     assert np.percentile(np.abs(np.log(ratio)), 90) < 0.3
 
@@ -62,7 +62,7 @@ def test_three_channels_are_better_than_by_relative_error(responses):
 def test_enough_bands_are_exact(responses):
     """Responses that are the colour-matching functions themselves get unit weights."""
     goal = colour_matching_functions()
-    exact = [dataclasses.replace(one, response=curve) for one, curve in zip(responses, goal, strict=True)]
+    exact = [dataclasses.replace(response, response=curve) for response, curve in zip(responses, goal, strict=True)]
     training = training_radiances(LAMPS, None, 300)
     weights = perceptual_weights(exact, training, training_whites(LAMPS, 300), 0.0).weights
     np.testing.assert_allclose(weights, np.eye(3), atol=1e-3)

@@ -29,9 +29,9 @@ def test_a_lamps_deviations_are_of_one_per_cent_and_50_nm_long(trained):
     shape = (trained / lamp)[::20] - 1
     assert shape.mean() == pytest.approx(0, abs=0.002)
     assert shape.std(axis=0) == pytest.approx(np.full(NM.size, 0.01), rel=0.12)
-    for distance, wanted in ((10, 0.980), (50, 0.607), (100, 0.135)):
-        found = np.mean(shape[:, :-distance] * shape[:, distance:]) / 1e-4
-        assert found == pytest.approx(wanted, abs=0.06)
+    for distance, correlation_expected in ((10, 0.980), (50, 0.607), (100, 0.135)):
+        correlation = np.mean(shape[:, :-distance] * shape[:, distance:]) / 1e-4
+        assert correlation == pytest.approx(correlation_expected, abs=0.06)
 
 
 def test_surfaces_reflect_between_nothing_and_a_white_in_an_enclosure(trained):
@@ -54,20 +54,20 @@ def test_lamps_have_a_mean_of_1_and_objects_reflect_a_part():
         assert spectrum.mean() == pytest.approx(1) and spectrum.min() >= 0
     objects = object_reflectances()
     assert objects.shape == (99, NM.size) and 0 <= objects.min() and objects.max() <= 1
-    known = measured_reflectances()
+    measured = measured_reflectances()
     table = cornell_box().materials["red"].reflectance
-    np.testing.assert_allclose(known["box red"], table.at(NM))
-    assert known["white 9.5 (.05 D)"][NM == 550] == pytest.approx(0.9, abs=0.02)
+    np.testing.assert_allclose(measured["box red"], table.at(NM))
+    assert measured["white 9.5 (.05 D)"][NM == 550] == pytest.approx(0.9, abs=0.02)
 
 
 def test_light_by_way_of_a_wall_is_reflected_once_or_more_in_half_an_enclosure():
     """rho (1 + rho/2 + rho^2/4 + ...), summed term by term, times the patch's own reflectance and the lamp."""
     lamp = np.linspace(1, 3, NM.size)
-    found = evaluation_radiances({"slope": lamp})
-    known = measured_reflectances()
-    place = found.names.index("slope, box green via box red")
-    wall = sum(known["box red"] * (known["box red"] / 2) ** n for n in range(60))
-    np.testing.assert_allclose(found.values[place], lamp / 2 * known["box green"] * wall)
-    direct = found.names.index("slope, box green")
-    np.testing.assert_allclose(found.values[direct], lamp / 2 * known["box green"])
-    np.testing.assert_allclose(found.white[place], lamp / 2)
+    ensemble = evaluation_radiances({"slope": lamp})
+    measured = measured_reflectances()
+    index = ensemble.names.index("slope, box green via box red")
+    wall = sum(measured["box red"] * (measured["box red"] / 2) ** n for n in range(60))
+    np.testing.assert_allclose(ensemble.values[index], lamp / 2 * measured["box green"] * wall)
+    direct = ensemble.names.index("slope, box green")
+    np.testing.assert_allclose(ensemble.values[direct], lamp / 2 * measured["box green"])
+    np.testing.assert_allclose(ensemble.white[index], lamp / 2)

@@ -75,9 +75,9 @@ def test_weights_from_the_measured_signal_would_favour_low_counts(reduced, fake)
     used = bands.images["mask"].values[index] == 0
     expected = fake.expected(bands.images.band.values[index])
     ratio = (bands.images["signal"].values[index] / expected)[used]
-    own = (bands.images["variance"].values[index] / expected**2)[used]
+    own_variance = (bands.images["variance"].values[index] / expected**2)[used]
     fair = (bands.predicted_variance(np.stack([expected] * 7))[index] / expected**2)[used]
-    assert np.average(ratio, weights=1 / own) < np.average(ratio, weights=1 / fair)
+    assert np.average(ratio, weights=1 / own_variance) < np.average(ratio, weights=1 / fair)
 
 
 def test_shared_dark_frames_are_counted_once(fake):
@@ -226,10 +226,10 @@ def test_a_flat_has_the_dark_of_its_own_exposure(tmp_path):
     fake.rate = np.linspace(0, 400 / seconds, fake.width) * np.ones((fake.height, 1))
     folder = fake.write()
     manifest = folder / "capture.toml"
-    stated = f'[[flat]]\nband = "{shortest}"\nexposure_s = '
+    table_head = f'[[flat]]\nband = "{shortest}"\nexposure_s = '
     text = manifest.read_text(encoding="utf-8")
-    assert text.count(f"{stated}{fake.exposure[shortest]}\n") == 1
-    manifest.write_text(text.replace(f"{stated}{fake.exposure[shortest]}\n", f"{stated}{seconds}\n"), "utf-8")
+    assert text.count(f"{table_head}{fake.exposure[shortest]}\n") == 1
+    manifest.write_text(text.replace(f"{table_head}{fake.exposure[shortest]}\n", f"{table_head}{seconds}\n"), "utf-8")
     for name in load_capture(folder).flats(shortest)[0].frames:
         tifffile.imwrite(folder / name, fake.counts(2000 * fake.flat, seconds))
     capture = load_capture(folder)
@@ -259,8 +259,8 @@ def test_a_flat_that_is_saturated_in_part_has_the_scale_of_the_others(tmp_path, 
     bands = [*FakeCapture(tmp_path).exposure][:saturated]
     fake, capture = with_saturated_flats(tmp_path / "capture", bands)
     dark = read_darks(capture)
-    found = correct_bands(capture, dark, measure_noise(capture, dark))
-    flat = found.flats[bands[0]]
+    corrected = correct_bands(capture, dark, measure_noise(capture, dark))
+    flat = corrected.flats[bands[0]]
     usable = ~flat.saturated
     assert 0.2 < usable.mean() < 0.8
     scale = float((flat.response[usable] / fake.flat[usable]).mean())
@@ -268,7 +268,7 @@ def test_a_flat_that_is_saturated_in_part_has_the_scale_of_the_others(tmp_path, 
     # counts and their variance are the same, whatever the scale
     scaled, read = ((f.response * f.mean_dn, f.relative_variance * f.mean_dn**2) for f in (flat, as_read))
     np.testing.assert_allclose(scaled, read)
-    unknown = [note for note in found.notes if "the scale of the band is uncertain" in note]
+    unknown = [note for note in corrected.notes if "the scale of the band is uncertain" in note]
     if saturated == 1:
         assert scale == pytest.approx(1.0, abs=4.5 * 0.01 / np.sqrt(300)) and not unknown
     else:
@@ -327,10 +327,10 @@ def test_the_smallest_hot_pixel_falls_with_the_number_of_dark_frames(reduced):
     capture, dark, noise, _ = reduced
     level = np.broadcast_to(dark.level.mean(axis=(1, 2), keepdims=True), dark.level.shape).copy()
     level[:, 50, 60] += np.sqrt(noise.floor_dn2)
-    known = DarkLibrary(
+    library = DarkLibrary(
         dark.exposure_s, np.full_like(dark.repeats, 100), level, level[0], np.zeros_like(dark.rate), False
     )
-    hot = correct_bands(capture, known, noise).images["mask"].values & Mask.HOT
+    hot = correct_bands(capture, library, noise).images["mask"].values & Mask.HOT
     assert np.argwhere(hot.all(axis=0)).tolist() == [[50, 60]]
 
 

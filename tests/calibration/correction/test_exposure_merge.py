@@ -163,7 +163,7 @@ def series(generator, true_times, times):
 
 
 def test_no_false_alarm_in_two_hundred_sound_series():
-    generator, alarms, found = np.random.default_rng(0), 0, []
+    generator, alarms, deviations = np.random.default_rng(0), 0, []
     for _ in range(200):
         times = generator.choice([0.05, 0.1, 0.2, 0.4, 0.8, 1.6], int(generator.integers(2, 5)), replace=False)
         used = np.ones((16, 24), bool)
@@ -174,5 +174,5 @@ def test_no_false_alarm_in_two_hundred_sound_series():
         wrong[-1] *= generator.choice([0.5, 2.0])
         findings = exposure_findings({"a": series(generator, wrong, times)}, {"a": used})
         if times.size > 2 and times.min() > 0.15:  # of two, or of short ones, a longer shutter explains a wrong time
-            found.append(bool(findings))
-    assert alarms == 0 and len(found) > 10 and all(found)
+            deviations.append(bool(findings))
+    assert alarms == 0 and len(deviations) > 10 and all(deviations)

@@ -86,8 +86,8 @@ def test_noise_comes_from_repeats_or_neighbours(tmp_path, kind, repeats):
     (note,) = [note for note in result.notes if note.startswith("merged pictures")]
     assert ("repeats" if kind == "repeats" else "estimated") in note
     expected = (light() / GAIN + (READ / GAIN) ** 2) / repeats
-    found = result.bands.predicted_variance(light()[None])[0]
-    assert np.abs(np.log(found / expected)).max() < np.log(1.25)
+    variance = result.bands.predicted_variance(light()[None])[0]
+    assert np.abs(np.log(variance / expected)).max() < np.log(1.25)
 
 
 def test_values_that_are_not_finite_are_saturated(tmp_path):
@@ -107,7 +107,7 @@ def fault(folder):
 
 
 @pytest.mark.parametrize(
-    ("noise", "words"),
+    ("noise", "phrases"),
     [
         ("", ("floating-point values", "[noise]")),
         ('[noise]\nkind = "poisson"\n', ("noise.gain_e_per_unit", "Add it")),
@@ -117,9 +117,9 @@ def fault(folder):
         ('[noise]\nkind = "poisson"\ngain_e_per_unit = -1.0\n', ("noise.gain_e_per_unit", "-1")),
     ],
 )
-def test_each_mistake_is_one_clear_message(tmp_path, noise, words):
+def test_each_mistake_is_one_clear_message(tmp_path, noise, phrases):
     message = fault(capture(tmp_path / "c", noise))
-    assert all(word in message for word in words), message
+    assert all(word in message for word in phrases), message
 
 
 def test_a_picture_of_several_channels_asks_which_one(tmp_path):

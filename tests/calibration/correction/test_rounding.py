@@ -41,8 +41,8 @@ def test_the_sigma_of_the_read_noise_is_that_of_lines_drawn_with_their_covarianc
     covariance = np.outer(sigma, sigma) * np.array([[1, correlation], [correlation, 1]])
     lines = np.random.default_rng(8).multivariate_normal([floor, slope], covariance, 200_000)
     electrons = np.sqrt(lines[:, 0] - ROUNDING_VARIANCE) / lines[:, 1]
-    read, stated = _read_noise(floor, 1 / slope, covariance, gain_is_fitted=True)
-    assert read == pytest.approx(2.0 / slope) and stated == pytest.approx(np.std(electrons), rel=0.02)
+    read, stated_read = _read_noise(floor, 1 / slope, covariance, gain_is_fitted=True)
+    assert read == pytest.approx(2.0 / slope) and stated_read == pytest.approx(np.std(electrons), rel=0.02)
     by_gain = np.sqrt(lines[:, 0] - ROUNDING_VARIANCE) / slope
     _, with_stated_gain = _read_noise(floor, 1 / slope, covariance, gain_is_fitted=False)
     assert with_stated_gain == pytest.approx(np.std(by_gain), rel=0.02)
@@ -70,8 +70,8 @@ def test_gain_and_read_noise_of_coarse_counts_are_as_uncertain_as_stated(tmp_pat
     fake.read_dn, fake.bias = read_dn, np.full_like(fake.bias, level)
     folder = fake.write()
     manifest = (folder / "capture.toml").read_text()
-    kept = [line for line in manifest.splitlines() if not line.startswith(("gain_e", "read_noise"))]
-    (folder / "capture.toml").write_text("\n".join(kept))
+    lines = [line for line in manifest.splitlines() if not line.startswith(("gain_e", "read_noise"))]
+    (folder / "capture.toml").write_text("\n".join(lines))
     capture = load_capture(folder)
     noise = measure_noise(capture, read_darks(capture))
     assert noise.gain_e_per_dn == pytest.approx(fake.gain_e, abs=3.5 * noise.gain_sigma)

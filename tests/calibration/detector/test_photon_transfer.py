@@ -103,10 +103,10 @@ def test_saturation_is_where_the_variance_turns():
         charge = np.minimum(rng.poisson(12.0 * level, (2, 40, 40)), 30000)
         counts = (charge + READ_E * rng.standard_normal(charge.shape)) / GAIN_E_PER_DN + BIAS
         stacks.append(np.rint(counts).astype(np.uint16))
-    found = figures(sensor(rng, (40, 40))[0], stacks)
-    assert found.saturation_e == pytest.approx(2400 * 12, rel=0.03)
-    assert found.gain_dn_per_e == pytest.approx(1 / 12, abs=4 * found.gain_sigma)
-    assert found.converter_limit_e == pytest.approx((SATURATION - BIAS) * 12, rel=0.02)
+    result = figures(sensor(rng, (40, 40))[0], stacks)
+    assert result.saturation_e == pytest.approx(2400 * 12, rel=0.03)
+    assert result.gain_dn_per_e == pytest.approx(1 / 12, abs=4 * result.gain_sigma)
+    assert result.converter_limit_e == pytest.approx((SATURATION - BIAS) * 12, rel=0.02)
 
 
 def test_a_flats_own_slope_is_no_pattern():
@@ -117,9 +117,9 @@ def test_a_flats_own_slope_is_no_pattern():
     gain = field * (1 + PRNU * rng.standard_normal(field.shape))
     dark, _ = sensor(rng, field.shape)
     bright = np.rint(rng.poisson(12 * 1500 * gain, (2, *field.shape)) / 12 + BIAS).astype(np.uint16)
-    found = figures(dark, [bright], flatten=True)
-    assert found.prnu == pytest.approx(PRNU, abs=4 * found.prnu_sigma)
-    assert found.prnu_sigma < 0.05 * PRNU
+    result = figures(dark, [bright], flatten=True)
+    assert result.prnu == pytest.approx(PRNU, abs=4 * result.prnu_sigma)
+    assert result.prnu_sigma < 0.05 * PRNU
 
 
 def test_the_pattern_is_relative_to_the_local_light():
@@ -129,8 +129,8 @@ def test_the_pattern_is_relative_to_the_local_light():
     gain = field * (1 + PRNU * rng.standard_normal(field.shape))
     dark, _ = sensor(rng, field.shape)
     bright = np.rint(rng.poisson(12 * 3000 * gain, (8, *field.shape)) / 12 + BIAS).astype(np.uint16)
-    found = figures(dark, [bright], flatten=True)
-    assert found.prnu == pytest.approx(PRNU, rel=0.05)
+    result = figures(dark, [bright], flatten=True)
+    assert result.prnu == pytest.approx(PRNU, rel=0.05)
 
 
 def test_the_gains_error_holds_that_of_the_dark():
@@ -144,8 +144,8 @@ def test_the_gains_error_holds_that_of_the_dark():
     pulls = []
     for _ in range(1000):
         levels = [statistics(BIAS + x, floor + gain * x) for x in charge]
-        found = transfer(statistics(BIAS, floor), levels, SATURATION)
-        pulls.append((found.gain_dn_per_e - gain) / found.gain_sigma)
+        result = transfer(statistics(BIAS, floor), levels, SATURATION)
+        pulls.append((result.gain_dn_per_e - gain) / result.gain_sigma)
     # a standard deviation from 1000 samples has a standard error of 2.2%
     assert np.std(pulls) == pytest.approx(1.0, abs=0.1)
 
@@ -158,9 +158,9 @@ def test_one_repeat_shows_no_temporal_noise():
 def test_levels_that_scatter_are_no_saturation():
     """Seven flats of nearly the same level, as a capture has them, at 55% of full scale."""
     dark, bright = sensor(np.random.default_rng(9), (30, 40), levels=np.linspace(2030, 2210, 7))
-    found = figures(dark, bright)
-    assert found.saturation_e is None
-    assert found.gain_dn_per_e == pytest.approx(1 / 12, abs=4 * found.gain_sigma)
+    result = figures(dark, bright)
+    assert result.saturation_e is None
+    assert result.gain_dn_per_e == pytest.approx(1 / 12, abs=4 * result.gain_sigma)
 
 
 def test_relative_errors_of_a_quotient_add_in_quadrature():
@@ -168,16 +168,16 @@ def test_relative_errors_of_a_quotient_add_in_quadrature():
     for dark_sigma, bright_sigma in ((1e-6, 4.0), (0.9, 1e-6), (0.9, 4.0)):
         dark = FrameStatistics(BIAS, 9.0, dark_sigma, 0.5, 0.1 * dark_sigma, 0.0)
         bright = FrameStatistics(BIAS + 1000, 9.0 + 80.0, bright_sigma, 101.0, 0.2, 0.0)
-        found = transfer(dark, [bright], SATURATION)
+        result = transfer(dark, [bright], SATURATION)
         gain_sigma = np.hypot(bright_sigma, dark_sigma) / 1000
-        assert (found.gain_dn_per_e, found.gain_sigma) == pytest.approx((0.08, gain_sigma), rel=1e-6)
+        assert (result.gain_dn_per_e, result.gain_sigma) == pytest.approx((0.08, gain_sigma), rel=1e-6)
         read = 9.0 - 1 / 12
         for value, sigma, part in (
-            (found.dark_noise_e, found.dark_noise_sigma, dark_sigma / (2 * read)),
-            (found.dsnu_e, found.dsnu_sigma, 0.1 * dark_sigma / (2 * 0.5)),
+            (result.dark_noise_e, result.dark_noise_sigma, dark_sigma / (2 * read)),
+            (result.dsnu_e, result.dsnu_sigma, 0.1 * dark_sigma / (2 * 0.5)),
         ):
             assert sigma / value == pytest.approx(np.hypot(part, gain_sigma / 0.08), rel=1e-6)
         # the pattern of the light: 100.5 DN^2 of 1000 DN
         prnu_sigma = np.hypot(0.2, 0.1 * dark_sigma) / (2 * 100.5)
-        assert found.prnu == pytest.approx(np.sqrt(100.5) / 1000, rel=1e-9)
-        assert found.prnu_sigma / found.prnu == pytest.approx(prnu_sigma, rel=1e-6)
+        assert result.prnu == pytest.approx(np.sqrt(100.5) / 1000, rel=1e-9)
+        assert result.prnu_sigma / result.prnu == pytest.approx(prnu_sigma, rel=1e-6)

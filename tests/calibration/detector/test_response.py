@@ -113,9 +113,9 @@ def test_the_curve_of_a_12_to_8_bit_camera():
     assert curve.statistics["rms"] < 0.0041 < curve.statistics["rms"] + 0.0035
     assert 0.7 * 0.476 < curve.statistics["rms_dn"] < 1.3 * 0.476
     assert curve.line_rms > 10 * curve.statistics["rms"]
-    for one in series:
-        light, unit = one.__dict__["true"]
-        assert curve.scales[one.name] * unit / top == pytest.approx(1.0, rel=0.01)
+    for frame in series:
+        light, unit = frame.__dict__["true"]
+        assert curve.scales[frame.name] * unit / top == pytest.approx(1.0, rel=0.01)
         assert light.max() <= 1
 
 

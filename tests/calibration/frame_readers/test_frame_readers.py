@@ -3,6 +3,7 @@
 import gzip
 import importlib.metadata
 import resource
+import sys
 from datetime import datetime
 
 import numpy as np
@@ -211,11 +212,11 @@ FITS_NAMES = ["f.fits", "f.fits.gz", "f.fits.fz"]
 
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(FITS_NAMES), st.integers(0, 20_000), st.integers(0, 255))
-def test_a_fits_frame_with_another_byte_is_read_or_refused(tmp_path_factory, name, place, byte):
+def test_a_fits_frame_with_another_byte_is_read_or_refused(tmp_path_factory, name, byte_index, byte):
     path = tmp_path_factory.mktemp("frame") / name
     write_fits(path, CUBE, EXPTIME=1.0, BAYERPAT="RGGB")
     content = bytearray(path.read_bytes())
-    content[place % len(content)] = byte
+    content[byte_index % len(content)] = byte
     path.write_bytes(content)
     try:
         assert read_pictures(path).dtype == np.uint16
@@ -273,13 +274,13 @@ def test_a_reader_of_another_package(tmp_path, plugged):
 
 
 @pytest.mark.parametrize(
-    ("reader", "words"),
+    ("reader", "phrases"),
     [(7, "a int"), (mine(id="fits"), "'fits', which exists"), (mine(suffixes=(".tif",)), "ending .tif")],
     ids=["no reader", "identifier", "ending"],
 )
-def test_a_reader_that_does_not_fit_is_refused(plugged, reader, words):
+def test_a_reader_that_does_not_fit_is_refused(plugged, reader, phrases):
     plugged(reader)
-    with pytest.raises(InputError, match=f"cboxlab.frames.*{words}"):
+    with pytest.raises(InputError, match=f"cboxlab.frames.*{phrases}"):
         frame_readers.catalogue()
 
 
@@ -288,6 +289,42 @@ def test_a_reader_whose_pictures_do_not_fit_its_header(tmp_path, plugged):
     (tmp_path / "a.mine").touch()
     with pytest.raises(InputError, match="as in the file's header"):
         read_pictures(tmp_path / "a.mine")
+
+
+#: What a reader of another package does, and words of the message.
+MISBEHAVIOUR = {
+    "its header raises": ({"header": lambda path: 1 / 0}, "ZeroDivisionError"),
+    "its header ends the program": ({"header": lambda path: sys.exit(3)}, "an attempt to end the program"),
+    "its header is nothing": ({"header": lambda path: None}, "a NoneType"),
+    "its pictures are negative": ({"header": lambda path: FrameHeader(SHAPE, -3)}, "-3 pictures"),
+    "its size is text": ({"header": lambda path: FrameHeader(("4", "5"), 3)}, "whole numbers"),
+    "it ends the program": ({"read": lambda path, pictures: sys.exit()}, "an attempt to end the program"),
+    "it raises what is no Exception": ({"read": lambda path, pictures: exec("raise GeneratorExit")}, "GeneratorExit"),
+    "it gives nothing": ({"read": lambda path, pictures: None}, "a NoneType"),
+    "it gives a list": ({"read": lambda path, pictures: CUBE.tolist()}, "a list"),
+    "it gives fractions": ({"read": lambda path, pictures: CUBE / np.nan}, "float64 numbers"),
+}
+
+
+@pytest.mark.parametrize("way", MISBEHAVIOUR)
+def test_a_reader_that_misbehaves_is_named_in_one_line(tmp_path, plugged, way):
+    fields, phrase = MISBEHAVIOUR[way]
+    plugged(mine(**fields))
+    (tmp_path / "a.mine").touch()
+    with pytest.raises(InputError) as refusal:
+        read_pictures(tmp_path / "a.mine")
+    message = str(refusal.value)
+    assert "cboxlab.frames: mine = mine:READER" in message and phrase in message and "a.mine" in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "fields", [{"id": 7}, {"suffixes": ()}, {"suffixes": "mine"}, {"read": None}, {"needs": 3}, {"name": None}]
+)
+def test_a_reader_with_a_wrong_field_is_refused(plugged, fields):
+    plugged(mine(**fields))
+    with pytest.raises(InputError, match=rf"cboxlab\.frames.*wrong .*{next(iter(fields))}"):
+        frame_readers.catalogue()
 
 
 def test_the_readers_are_the_files_of_the_folder():

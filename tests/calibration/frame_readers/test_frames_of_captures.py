@@ -58,18 +58,18 @@ def test_single_pictures_of_a_cube(folder, names, order):
 
 
 @pytest.mark.parametrize(
-    ("names", "words"),
+    ("names", "message"),
     [
         ('"a.fits[7]"', "the picture \\[7\\] of a.fits; expected 0 to 1"),
         ('"a.fits", "a.fits[0]"', "'a.fits\\[0\\]' next to 'a.fits'"),
         ('"b.fits[0]"', "'b.fits', which does not exist"),
     ],
 )
-def test_pictures_that_are_not_there(folder, names, words):
+def test_pictures_that_are_not_there(folder, names, message):
     before = load_capture(folder)
     write_fits(folder / "a.fits", before.frames(before.band("f450"))[:2])
     with_frames(folder, band_frames(before, folder), f"frames = [{names}]")
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         load_capture(folder)
 
 
@@ -92,8 +92,8 @@ def test_a_raw_file_in_a_capture(folder):
     np.testing.assert_array_equal(after.frames(after.band("f450"))[0], image)
 
 
-@pytest.mark.parametrize(("table", "words"), [("", "a sensor without mosaic"), ("GRBG", "the mosaic GRBG")])
-def test_a_mosaic_that_the_file_states_is_noted(folder, table, words):
+@pytest.mark.parametrize(("table", "phrases"), [("", "a sensor without mosaic"), ("GRBG", "the mosaic GRBG")])
+def test_a_mosaic_that_the_file_states_is_noted(folder, table, phrases):
     before = load_capture(folder)
     assert file_mosaic_notes(before) == []
     write_dng(folder / "box.dng", before.frame(before.band("f450").frames[0]))
@@ -103,7 +103,7 @@ def test_a_mosaic_that_the_file_states_is_noted(folder, table, words):
         text = re.sub(r'quantum_efficiency = (".*?")', r"quantum_efficiency = [\1, \1, \1]", text)
         (folder / "capture.toml").write_text(f'{text}\n[mosaic]\npattern = "{table}"\n')
     (note,) = file_mosaic_notes(load_capture(folder))
-    assert "box.dng: the file states the mosaic RGGB" in note and words in note
+    assert "box.dng: the file states the mosaic RGGB" in note and phrases in note
 
 
 def test_a_package_that_is_missing_for_many_frames_is_one_fault(folder, monkeypatch):

@@ -27,9 +27,16 @@ def level(path, image, **keys):
 
 def test_masked_pixels_give_the_black_level(tmp_path):
     """The mean of 8 x 64 pixels in four channels is known to 0.2 DN."""
-    found = level(tmp_path / "a.dng", sensor(1), masked_columns=MASKED)
-    assert set(found) <= {"R", "G", "G2", "B"}
-    assert found == {channel: pytest.approx(BLACK_DN, abs=0.8) for channel in found}
+    black_level = level(tmp_path / "a.dng", sensor(1), masked_columns=MASKED)
+    assert set(black_level) <= {"R", "G", "G2", "B"}
+    assert black_level == {channel: pytest.approx(BLACK_DN, abs=0.8) for channel in black_level}
+
+
+def test_each_channel_has_the_level_of_its_own_masked_pixels(tmp_path):
+    offsets = {"R": 0, "G": 6, "G2": 12, "B": 18}
+    image = sensor(1) + np.tile(np.reshape(list(offsets.values()), (2, 2)), (32, (96 + MASKED) // 2)).astype(np.uint16)
+    black_level = level(tmp_path / "a.dng", image, masked_columns=MASKED)
+    assert black_level == {channel: pytest.approx(BLACK_DN + dn, abs=1.0) for channel, dn in offsets.items()}
 
 
 @pytest.mark.parametrize(
@@ -50,5 +57,5 @@ def test_a_capture_without_darks_takes_the_mean_over_its_files(tmp_path):
     for number in range(2):
         write_dng(tmp_path / f"f{450 + 100 * number}-0.dng", sensor(number), masked_columns=MASKED)
     write_first_manifest(tmp_path)
-    stated = load_capture(tmp_path).manifest.camera.black_level_dn
-    assert all(value == pytest.approx(BLACK_DN, abs=0.6) for value in stated.values())
+    black_level = load_capture(tmp_path).manifest.camera.black_level_dn
+    assert all(value == pytest.approx(BLACK_DN, abs=0.6) for value in black_level.values())

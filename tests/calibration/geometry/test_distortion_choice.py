@@ -42,8 +42,8 @@ def test_a_lens_of_one_term_asks_for_no_more(k1):
 
 def test_noise_chooses_no_terms():
     """Ten lenses of one term: one with more terms has a probability of at most 1e-2."""
-    chosen = [choice_of(*survey([-0.08, 0, 0, 0, 0], count=30, seed=seed)).name for seed in range(10)]
-    assert set(chosen) == {"k1"}
+    names = [choice_of(*survey([-0.08, 0, 0, 0, 0], count=30, seed=seed)).name for seed in range(10)]
+    assert set(names) == {"k1"}
 
 
 def test_a_lens_of_two_terms_is_recognised():
@@ -81,8 +81,8 @@ def test_the_wireframe_is_the_box():
     alone = {s.name: len(wireframe(type(box)("one", (s,), {}, box.lamp))) - 4 for s in box.surfaces}
     assert alone["floor"] == 4 and alone["ceiling"] == 8
     assert len(edges) == sum(alone.values()) + 4
-    for one in edges:
-        assert np.linalg.norm(one[0] - one[1]) > 1
+    for edge in edges:
+        assert np.linalg.norm(edge[0] - edge[1]) > 1
 
 
 def test_the_picture_is_drawn(tmp_path):

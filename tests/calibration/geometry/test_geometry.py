@@ -102,31 +102,31 @@ def test_jacobian_agrees_with_finite_differences() -> None:
         assert np.all(np.abs(exact - np.stack(numeric, 1)) < 1e-6 * np.abs(exact).max(0))
 
 
-@pytest.mark.parametrize("stated", [True, False], ids=["sigma stated", "sigma estimated"])
-def test_covariance_covers_the_truth(stated: bool) -> None:
+@pytest.mark.parametrize("has_survey", [True, False], ids=["sigma stated", "sigma estimated"])
+def test_covariance_covers_the_truth(has_survey: bool) -> None:
     """Over simulated surveys the Mahalanobis square of the ten parameters follows chi2(10).
 
     Where the sigma is estimated from n = 2 * 50 - 10 degrees of freedom it follows 10 F(10, n). The test of
     the survey itself is calibrated too: p-values are uniform, and points are lost as seldom as stated.
     Each Kolmogorov-Smirnov test raises a false alarm once in 1000 seeds.
     """
-    rng = np.random.default_rng(4 + stated)
+    rng = np.random.default_rng(4 + has_survey)
     surveys, squares, p_values, lost = 240, [], [], 0
     for _ in range(surveys):
         true = box_camera(rng)
         points = survey(true, 50, rng, SIGMA_PX)
-        fit = fit_camera(points, **SENSOR, point_sigma_px=SIGMA_PX if stated else None, focal_length_px=NOMINAL_PX)
+        fit = fit_camera(points, **SENSOR, point_sigma_px=SIGMA_PX if has_survey else None, focal_length_px=NOMINAL_PX)
         squares.append(mahalanobis_square(fit.camera, true))
         lost += bool(fit.outliers)
-        assert fit.sigma_estimated != stated
-        if stated:
+        assert fit.sigma_estimated != has_survey
+        if has_survey:
             p_values.append(fit.p_value)
-    expected = stats.chi2(10) if stated else stats.f(10, 90, scale=10)
+    expected = stats.chi2(10) if has_survey else stats.f(10, 90, scale=10)
     assert stats.kstest(squares, expected.cdf).pvalue > 1e-3
     assert abs(np.mean(squares) - expected.mean()) < 3.3 * expected.std() / np.sqrt(surveys)
     # Lost surveys are Poisson with mean 0.24 at the stated false-alarm rate of 1e-3: 4 or more once in 8000.
     assert lost < 4
-    if stated:
+    if has_survey:
         assert stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 

@@ -27,8 +27,8 @@ SIGMA_PX = 0.05
 
 def box_camera(name):
     k1, lens = LENSES[name]
-    there = cornell_camera(512).with_parameters([270.0, 280.0, -560.0, 1.0, -2.0, 0.5, 520.0, 250.0, 262.0, k1])
-    return replace(there, lens=lens)
+    true_camera = cornell_camera(512).with_parameters([270.0, 280.0, -560.0, 1.0, -2.0, 0.5, 520.0, 250.0, 262.0, k1])
+    return replace(true_camera, lens=lens)
 
 
 def box_survey(camera, count, rng, sigma_px=SIGMA_PX):
@@ -153,13 +153,13 @@ def test_a_stated_lens_is_not_fitted_and_its_contradiction_is_noted(tmp_path):
     true, rng = box_camera("polynomial"), np.random.default_rng(9)
     points = box_survey(true, 60, rng)
     terms = f"[-0.2, {POLYNOMIAL.k2}, {POLYNOMIAL.p1}, {POLYNOMIAL.p2}, {POLYNOMIAL.k3}]"
-    stated = f"fx_px = 520.0\nfy_px = {520.0 * 1.02}\ndistortion = {terms}"
-    fit, _, notes = calibrate_camera(written(tmp_path / "right", true, points, stated))
+    lens_text = f"fx_px = 520.0\nfy_px = {520.0 * 1.02}\ndistortion = {terms}"
+    fit, _, notes = calibrate_camera(written(tmp_path / "right", true, points, lens_text))
     assert (fit.camera.focal_length_px, fit.camera.k1) == (520.0, -0.2)
     assert fit.camera.lens == replace(POLYNOMIAL, aspect=pytest.approx(1.02))
     assert fit.degrees_of_freedom == 120 - 8 and fit.p_value > 1e-3 and not notes
     assert np.all(np.linalg.eigvalsh(fit.camera.covariance) > 0)
-    wrong = stated.replace("fx_px = 520.0", "fx_px = 505.0")
+    wrong = lens_text.replace("fx_px = 520.0", "fx_px = 505.0")
     _, _, notes = calibrate_camera(written(tmp_path / "wrong", true, points, wrong))
     assert any("do not agree with the lens that [lens] states" in note for note in notes)
 
@@ -172,20 +172,20 @@ def board_capture(monkeypatch, folder, frames, rng, lens=""):
 
     frames : place of the board and camera of each picture.
     """
-    tables, found = [], {}
-    for number, (place, camera) in enumerate(frames):
+    tables, corners = [], {}
+    for number, (board, camera) in enumerate(frames):
         name = f"board-{number}.tif"
         folder.mkdir(parents=True, exist_ok=True)
         tifffile.imwrite(folder / name, np.full((512, 512), number, np.uint16))
-        image = camera.project(place.in_box(GRID))
+        image = camera.project(board.in_box(GRID))
         assert np.all((image > 0) & (image < 511))
-        found[name] = GRID, image + SIGMA_PX * rng.standard_normal(image.shape)
+        corners[name] = GRID, image + SIGMA_PX * rng.standard_normal(image.shape)
         table = f'[[target]]\nkind = "chessboard"\nrows = 6\ncolumns = 9\npitch_mm = 25.0\nframes = ["{name}"]\n'
         if number == 0:
-            right, down = (place.axes[:, i].tolist() for i in (0, 1))
-            table += f"origin_mm = {place.origin_mm.tolist()}\nright = {right}\ndown = {down}\n"
+            right, down = (board.axes[:, i].tolist() for i in (0, 1))
+            table += f"origin_mm = {board.origin_mm.tolist()}\nright = {right}\ndown = {down}\n"
         tables.append(table)
-    monkeypatch.setattr(camera_calibration, "detect_target", lambda *arguments: found[arguments[-1]])
+    monkeypatch.setattr(camera_calibration, "detect_target", lambda *arguments: corners[arguments[-1]])
     return written(folder, frames[0][1], None, lens, "\n".join(tables))
 
 
@@ -198,8 +198,8 @@ def test_a_board_at_a_known_place_gives_the_pose(monkeypatch, tmp_path):
     terms = f"[-0.2, {POLYNOMIAL.k2}, {POLYNOMIAL.p1}, {POLYNOMIAL.p2}, {POLYNOMIAL.k3}]"
     lens = f"fx_px = 520.0\nfy_px = {520.0 * 1.02}\ndistortion = {terms}"
     turned = Rotation.from_euler("xyz", [12.0, -20.0, 5.0], degrees=True).as_matrix()
-    place = replace(BACK, origin_mm=np.array([350.0, 330.0, 400.0]), axes=turned @ BACK.axes)
-    fit, targets, notes = calibrate_camera(board_capture(monkeypatch, tmp_path, [(place, true)], rng, lens))
+    board = replace(BACK, origin_mm=np.array([350.0, 330.0, 400.0]), axes=turned @ BACK.axes)
+    fit, targets, notes = calibrate_camera(board_capture(monkeypatch, tmp_path, [(board, true)], rng, lens))
     assert targets is not None and fit.reprojection_rms_px < 0.06
     assert any("camera's pose is that before board-0.tif" in note for note in notes)
     difference = fit.camera.parameters - true.parameters
@@ -214,8 +214,8 @@ def test_the_lens_of_the_pose_comes_from_all_boards(monkeypatch, tmp_path):
         turned = Rotation.from_euler("xyz", euler, degrees=True).as_matrix() @ BACK.axes
         middle = np.array([250.0, 300.0, 380.0]) - 25.0 * turned @ [4.0, 2.5, 0.0]
         others.append((replace(BACK, origin_mm=middle, axes=turned), true))
-    place = replace(BACK, origin_mm=np.array([350.0, 360.0, 400.0]))
-    fit, targets, _ = calibrate_camera(board_capture(monkeypatch, tmp_path, [(place, true), *others], rng))
+    board = replace(BACK, origin_mm=np.array([350.0, 360.0, 400.0]))
+    fit, targets, _ = calibrate_camera(board_capture(monkeypatch, tmp_path, [(board, true), *others], rng))
     assert len(targets.cameras) == 7 and not fit.camera.lens.one_term
     corners = np.random.default_rng(0).uniform([150, 200, 350], [350, 400, 550], (200, 3))
     assert fit.camera.motion_px(true, corners) < 0.3
@@ -240,7 +240,7 @@ def test_half_a_turn_of_the_pattern_does_not_turn_the_camera():
 
 
 @pytest.mark.parametrize(
-    ("lens", "target", "words"),
+    ("lens", "target", "message"),
     [
         ("fy_px = 500.0", "", "no fx_px with it"),
         ("distortion = [0.1, 0.2]", "", "2 numbers; expected 5: k1, k2, p1, p2, k3"),
@@ -253,8 +253,8 @@ def test_half_a_turn_of_the_pattern_does_not_turn_the_camera():
         ("", "origin_mm = [0, 0]\nright = [1, 0, 0]\ndown = [0, 1, 0]", "origin_mm"),
     ],
 )
-def test_wrong_values_are_named(lens, target, words, tmp_path):
+def test_wrong_values_are_named(lens, target, message, tmp_path):
     camera = cornell_camera(32)
     table = '[[target]]\nkind = "chessboard"\nrows = 4\ncolumns = 5\npitch_mm = 10.0\nframes = ["scene.tif"]\n'
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         written(tmp_path, camera, None, lens, table + target if target else "")

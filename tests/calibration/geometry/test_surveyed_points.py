@@ -24,18 +24,18 @@ def cloud(count=12, seed=1):
     return np.random.default_rng(seed).uniform([0, 0, 0], [550, 550, 560], (count, 3))
 
 
-def check(points, kept=None):
-    require_determined(points, np.ones(len(points.ids), bool) if kept is None else kept, WIDTH, HEIGHT)
+def check(points, inliers=None):
+    require_determined(points, np.ones(len(points.ids), bool) if inliers is None else inliers, WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("place", [0.0, 550.0])
-def test_points_of_one_wall_are_refused_wherever_it_stands(axis, place):
+@pytest.mark.parametrize("coordinate", [0.0, 550.0])
+def test_points_of_one_wall_are_refused_wherever_it_stands(axis, coordinate):
     """The thickness counts against the size: just below the limit refused, twice the limit taken."""
     world = cloud()
     thickness = world[:, axis] - world[:, axis].mean()
     for factor, flat in ((0.0, True), (0.5, True), (2.0, False)):
-        world[:, axis] = place
+        world[:, axis] = coordinate
         singular = np.linalg.svd(world - world.mean(axis=0), compute_uv=False)
         world[:, axis] += factor * FLATTEST * singular[0] * thickness / np.linalg.norm(thickness)
         if flat:
@@ -63,12 +63,12 @@ def test_points_close_together_in_the_picture_are_refused():
 
 @pytest.mark.parametrize(("lost", "refused"), [(6, False), (7, True)])
 def test_more_than_half_may_not_be_outliers(lost, refused):
-    points, kept = survey(cloud(14)), np.arange(14) >= lost + 1
+    points, inliers = survey(cloud(14)), np.arange(14) >= lost + 1
     if refused:
         with pytest.raises(InputError, match=f"{lost + 1} of 14 points"):
-            check(points, kept)
+            check(points, inliers)
     else:
-        check(points, kept)
+        check(points, inliers)
 
 
 def test_five_points_are_too_few():

@@ -204,11 +204,11 @@ def test_disks_cut_by_the_edge_are_left_out() -> None:
     rng = np.random.default_rng(3)
     camera = camera_before(centre(5, 7), (0, 0, 0), 330.0)
     image = photograph(camera, disks(5, 7, 6.0), rng)
-    left, top = np.round(camera.project(np.zeros((1, 3)))[0]).astype(int)
-    view = detect_target(image[top:, left:], "circles", 4, 6, PITCH_MM)
-    expected = camera.project(PITCH_MM * np.array([[1.0, 1.0, 0], [6.0, 4.0, 0]])) - [left, top]
-    for place in expected:
-        assert np.linalg.norm(view[1] - place, axis=1).min() < 0.1
+    column, top = np.round(camera.project(np.zeros((1, 3)))[0]).astype(int)
+    view = detect_target(image[top:, column:], "circles", 4, 6, PITCH_MM)
+    expected = camera.project(PITCH_MM * np.array([[1.0, 1.0, 0], [6.0, 4.0, 0]])) - [column, top]
+    for disk_centre in expected:
+        assert np.linalg.norm(view[1] - disk_centre, axis=1).min() < 0.1
 
 
 def test_a_charuco_board_may_be_partly_covered() -> None:
@@ -256,21 +256,21 @@ def square(covariance: np.ndarray, difference: np.ndarray) -> float:
     return float(difference @ np.linalg.solve(covariance, difference))
 
 
-@pytest.mark.parametrize("stated", [True, False], ids=["sigma stated", "sigma estimated"])
-def test_covariance_of_the_intrinsics_covers_the_truth(stated: bool) -> None:
+@pytest.mark.parametrize("has_survey", [True, False], ids=["sigma stated", "sigma estimated"])
+def test_covariance_of_the_intrinsics_covers_the_truth(has_survey: bool) -> None:
     """The Mahalanobis square of 80 calibrations follows chi2(4), or 4 F(4, n) (false alarm 1e-3)."""
-    rng = np.random.default_rng(6 + stated)
+    rng = np.random.default_rng(6 + has_survey)
     squares = []
     for _ in range(80):
         fit = fit_camera_targets(
             simulated_views(rng, 0.1),
             width_px=WIDTH,
             height_px=HEIGHT,
-            point_sigma_px=0.1 if stated else None,
+            point_sigma_px=0.1 if has_survey else None,
         )
         squares.append(square(fit.intrinsics_covariance, fit.intrinsics - INTRINSICS))
     assert fit.degrees_of_freedom == 5 * 70 - 4 - 5 * 6
-    expected = stats.chi2(4) if stated else stats.f(4, fit.degrees_of_freedom, scale=4)
+    expected = stats.chi2(4) if has_survey else stats.f(4, fit.degrees_of_freedom, scale=4)
     assert stats.kstest(squares, expected.cdf).pvalue > 1e-3
 
 

@@ -56,11 +56,11 @@ def test_a_radius_that_no_sensor_position_shows_is_nan() -> None:
 
 def test_without_distortion_the_conversion_is_exact() -> None:
     camera = camera_with(0.0)
-    there = to_tsai(camera, PITCH_MM)
-    assert there.largest_px < 1e-9 and abs(there.camera.kappa1_per_mm2) < 1e-12
-    assert there.camera.focal_length_mm == pytest.approx(357.0 * PITCH_MM)
-    np.testing.assert_allclose(there.camera.project(box_points()), camera.project(box_points()), atol=1e-9)
-    back = from_tsai(there.camera)
+    converted = to_tsai(camera, PITCH_MM)
+    assert converted.largest_px < 1e-9 and abs(converted.camera.kappa1_per_mm2) < 1e-12
+    assert converted.camera.focal_length_mm == pytest.approx(357.0 * PITCH_MM)
+    np.testing.assert_allclose(converted.camera.project(box_points()), camera.project(box_points()), atol=1e-9)
+    back = from_tsai(converted.camera)
     np.testing.assert_allclose(back.camera.parameters, camera.parameters, atol=1e-9)
 
 
@@ -68,18 +68,18 @@ def test_without_distortion_the_conversion_is_exact() -> None:
 def test_the_stated_residual_is_that_of_the_projected_box(k1: float) -> None:
     """To first order kappa1 f^2 = -k1; what is left is at most 3 k1^2 r^5 f, and is stated."""
     camera = camera_with(k1)
-    there = to_tsai(camera, PITCH_MM)
-    tsai = there.camera
+    converted = to_tsai(camera, PITCH_MM)
+    tsai = converted.camera
     assert tsai.kappa1_per_mm2 * tsai.focal_length_mm**2 == pytest.approx(-k1, rel=5 * abs(k1) + 0.01)
     corner = 0.5 * np.hypot(256, 256) / 357.0
-    assert there.rms_px < there.largest_px < 3 * k1**2 * corner**5 * 357.0
+    assert converted.rms_px < converted.largest_px < 3 * k1**2 * corner**5 * 357.0
     image = camera.project(box_points())
     inside = np.all((image > 0) & (image < 255), axis=1)
     difference = np.linalg.norm(tsai.project(box_points()[inside]) - image[inside], axis=1)
-    assert inside.sum() > 50 and difference.max() < 1.01 * there.largest_px
+    assert inside.sum() > 50 and difference.max() < 1.01 * converted.largest_px
     back = from_tsai(tsai)
     again = np.linalg.norm(back.camera.project(box_points()[inside]) - image[inside], axis=1)
-    assert again.max() < 1.01 * (there.largest_px + back.largest_px)
+    assert again.max() < 1.01 * (converted.largest_px + back.largest_px)
 
 
 def test_a_pixel_that_is_not_square_is_stated_as_a_difference() -> None:

@@ -28,8 +28,8 @@ def darks(seed, per_minute=0.0, jitter=0.0, tables=4, repeats=4, size=40):
 @pytest.mark.parametrize("per_minute", [4.0, -4.0, 15.0])
 def test_a_drift_is_named_with_its_size(per_minute):
     (suspicion,) = check_bias_drift(darks(1, per_minute), READOUT_S)
-    found = float(re.search(r"by ([-+0-9.e]+) \+- ", suspicion.why).group(1))
-    assert found == pytest.approx(per_minute, rel=0.15)
+    drift = float(re.search(r"by ([-+0-9.e]+) \+- ", suspicion.why).group(1))
+    assert drift == pytest.approx(per_minute, rel=0.15)
     assert "bias drifts" in suspicion.what
 
 

@@ -38,6 +38,6 @@ def test_exposures_off_by_one_factor_are_one_mistake(factors, count):
         )
         for factor, seconds in zip(factors, (0.5, 1.0, 2.0, 4.0), strict=True)
     ]
-    found = list(check_names(capture, stacks))
-    assert len(found) == count
-    assert ("all exposures are 1000 times" in found[0].what) == (factors == [1000.0] * 4)
+    mistakes = list(check_names(capture, stacks))
+    assert len(mistakes) == count
+    assert ("all exposures are 1000 times" in mistakes[0].what) == (factors == [1000.0] * 4)

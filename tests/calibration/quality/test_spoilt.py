@@ -41,10 +41,10 @@ def test_a_suspicion_says_what_where_and_why(tmp_path):
     header, *rows = table.read_text().splitlines()
     cells = [row.split(",") for row in rows]
     table.write_text("\n".join([header, *(f"{float(nm) / 1000},{y}" for nm, y in cells)]) + "\n")
-    (found,) = [s for s in suspicions(tmp_path / "capture") if "micromet" in s.record["what"]]
-    assert found.where == "spectra/lamp.csv:radiance"
-    assert "0.4 to 0.7" in found.why
-    assert set(found.record) == {"what", "where", "why"}
+    (suspicion,) = [s for s in suspicions(tmp_path / "capture") if "micromet" in s.record["what"]]
+    assert suspicion.where == "spectra/lamp.csv:radiance"
+    assert "0.4 to 0.7" in suspicion.why
+    assert set(suspicion.record) == {"what", "where", "why"}
 
 
 @pytest.mark.filterwarnings("error")
@@ -60,22 +60,22 @@ def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
     capture = load_capture(draft.folder)
     noise = measure_noise(capture, read_darks(capture))
     assert (noise.gain_sigma is None) == (spoilt != "one copied")
-    found = suspicions(draft.folder)
-    assert found
-    assert all("flat" in suspicion.where for suspicion in found), found
+    alarms = suspicions(draft.folder)
+    assert alarms
+    assert all("flat" in suspicion.where for suspicion in alarms), alarms
 
 
 @pytest.mark.parametrize("with_exposures", [False, True])
 def test_exchanged_references_are_told_with_both_bands(tmp_path, with_exposures):
     draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
-    one, other = draft.tables("reference")[1], draft.tables("reference")[4]
+    first, other = draft.tables("reference")[1], draft.tables("reference")[4]
     for key in ("frames", "exposure_s") if with_exposures else ("frames",):
-        one[key], other[key] = other[key], one[key]
+        first[key], other[key] = other[key], first[key]
     draft.save()
-    told = [(s.what, s.where) for s in suspicions(draft.folder)]
-    for table in (one, other):
-        what = f"the references of {one['band']} and {other['band']} are exchanged"
-        assert (what, f"reference ({table['band']})") in told
+    alarms = [(s.what, s.where) for s in suspicions(draft.folder)]
+    for table in (first, other):
+        what = f"the references of {first['band']} and {other['band']} are exchanged"
+        assert (what, f"reference ({table['band']})") in alarms
 
 
 def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
@@ -89,6 +89,6 @@ def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
             values = draft.image(path).astype(float)
             draft.put(path, values + rng.normal(0, 8, (values.shape[0], 1)))
     draft.save()
-    told = [suspicion.what for suspicion in suspicions(draft.folder)]
-    assert any("of a row share" in what for what in told)
-    assert not [what for what in told if "gamma" in what or "a repeat of" in what], told
+    alarms = [suspicion.what for suspicion in suspicions(draft.folder)]
+    assert any("of a row share" in what for what in alarms)
+    assert not [what for what in alarms if "gamma" in what or "a repeat of" in what], alarms

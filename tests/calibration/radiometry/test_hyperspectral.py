@@ -27,8 +27,8 @@ def chart(shift=(0.0, 0.0), magnification=1.0, seed=5):
     picture = np.full((SIZE, SIZE), 0.03)
 
     def profile(offset, start, end):
-        place = (pixels - middle - offset) / magnification + middle
-        return (erf((place - start) / 0.7 / 2**0.5) - erf((place - end) / 0.7 / 2**0.5)) / 2
+        position = (pixels - middle - offset) / magnification + middle
+        return (erf((position - start) / 0.7 / 2**0.5) - erf((position - end) / 0.7 / 2**0.5)) / 2
 
     for row in range(5):
         for column in range(6):
@@ -90,11 +90,11 @@ def test_the_cube_holds_no_value_but_light_and_nan(measured):
     capture, bands, reading, region, _ = measured
     cube = hyperspectral_cube(capture, bands, region, reading).cube
     sigma = cube["standard_error"].values
-    known = np.isfinite(cube["radiance"].values)
-    assert 0.95 < known.mean() < 1
-    np.testing.assert_array_equal(known, np.isfinite(sigma))
-    assert (cube["radiance"].values[known] > -6 * sigma[known]).all()
-    assert (cube["radiance"].values[known] < 20 * np.median(cube["radiance"].values[known])).all()
+    finite = np.isfinite(cube["radiance"].values)
+    assert 0.95 < finite.mean() < 1
+    np.testing.assert_array_equal(finite, np.isfinite(sigma))
+    assert (cube["radiance"].values[finite] > -6 * sigma[finite]).all()
+    assert (cube["radiance"].values[finite] < 20 * np.median(cube["radiance"].values[finite])).all()
 
 
 def test_without_edges_nothing_is_moved():
@@ -136,13 +136,13 @@ def truth_of(fake, band):
 def test_radiance_comes_back(measured):
     """In the patches' insides within 5.5 standard errors (once in 2.6e7 pixels) and 0.5% for the scale."""
     capture, bands, reading, region, fake = measured
-    found = hyperspectral_cube(capture, bands, region, reading)
-    cube = found.cube
+    merged = hyperspectral_cube(capture, bands, region, reading)
+    cube = merged.cube
     inside = np.hypot(*np.gradient(chart())) < 1e-3
     inside = minimum_filter(inside, 5)[8:-8, 8:-8]
     assert inside.mean() > 0.1
     assert cube["radiance"].dims == ("y", "x", "wavelength") and np.all(np.diff(cube["wavelength"]) > 0)
-    for index, band in enumerate(found.bands):
+    for index, band in enumerate(merged.bands):
         error = (cube["radiance"].values[..., index] - truth_of(fake, band))[8:-8, 8:-8]
         sigma = cube["standard_error"].values[..., index][8:-8, 8:-8]
         true = truth_of(fake, band)[8:-8, 8:-8]
@@ -150,16 +150,16 @@ def test_radiance_comes_back(measured):
         assert good.mean() > 0.99
         good &= inside
         assert np.all(np.abs(error[good]) < 5.5 * sigma[good] + 0.005 * true[good]), band
-    assert np.all(found.scale_relative_sigma < 0.004)
+    assert np.all(merged.scale_relative_sigma < 0.004)
 
 
 def test_registration_is_what_makes_the_edges_right(measured):
     capture, bands, reading, region, fake = measured
     worst = []
     for aligned in (True, False):
-        found = hyperspectral_cube(capture, bands, region, reading, aligned=aligned)
-        index = found.bands.index("f700")
-        worst.append(np.nanstd((found.cube["radiance"].values[..., index] - truth_of(fake, "f700"))[8:-8, 8:-8]))
+        merged = hyperspectral_cube(capture, bands, region, reading, aligned=aligned)
+        index = merged.bands.index("f700")
+        worst.append(np.nanstd((merged.cube["radiance"].values[..., index] - truth_of(fake, "f700"))[8:-8, 8:-8]))
     assert worst[0] < 0.3 * worst[1]
 
 
@@ -211,8 +211,8 @@ def test_the_command_writes_what_the_library_finds(measured, readings, tmp_path,
         )
         == 0
     )
-    shown = capsys.readouterr().out
-    assert "registered to f550" in shown and "f700" in shown
+    output = capsys.readouterr().out
+    assert "registered to f550" in output and "f700" in output
     cube = hyperspectral_cube(capture, bands, region, reading).cube
     written = read_cube(out)
     np.testing.assert_allclose(written["radiance"], cube["radiance"], rtol=1e-5)
@@ -248,8 +248,8 @@ def test_a_measured_scene_can_be_photographed_by_another_camera(measured, readin
         assert run("hyperspectral", capture.folder, *arguments, *options) == 0
     holes, scene = (read_cube(tmp_path / name)["radiance"].values for name in ("holes.nc", "scene.nc"))
     assert np.isnan(holes).any() and np.all(scene >= 0)
-    known = np.isfinite(holes)
-    np.testing.assert_array_equal(scene[known], np.maximum(holes[known], 0))
+    finite = np.isfinite(holes)
+    np.testing.assert_array_equal(scene[finite], np.maximum(holes[finite], 0))
     assert run("simulate", tmp_path / "holes.nc", "--out", tmp_path / "a.tif") == 2
     assert run("simulate", tmp_path / "scene.nc", "--out", tmp_path / "b.tif") == 0
     assert (tmp_path / "b.tif").exists() and not (tmp_path / "a.tif").exists()

@@ -69,14 +69,14 @@ def named(original, tmp_path, reference="camera:nikon 5100 (npl)"):
 
 
 def test_levels_come_from_the_references_and_colours_are_those_of_the_tables(original, tmp_path):
-    stated, found = calibrate(load_capture(original)), calibrate(load_capture(named(original, tmp_path)))
-    levels = {column[-1]: level for column, level in found.capture.channel_levels.items()}
+    nominal, calibration = calibrate(load_capture(original)), calibrate(load_capture(named(original, tmp_path)))
+    levels = {column[-1]: level for column, level in calibration.capture.channel_levels.items()}
     for letter, level in LEVELS.items():
         assert levels[letter] == pytest.approx(level / max(LEVELS.values()), rel=3e-3)
-    for one, other in zip(found.responses, stated.responses, strict=True):
-        np.testing.assert_allclose(one.weights, other.weights, rtol=4e-3, atol=1e-6 * other.weights.max())
-    assert any(NAME in note and "from the references" in note for note in found.notes)
-    assert not any("constant" in s.what.lower() or "gain" in s.what.lower() for s in found.suspicions)
+    for response, other in zip(calibration.responses, nominal.responses, strict=True):
+        np.testing.assert_allclose(response.weights, other.weights, rtol=4e-3, atol=1e-6 * other.weights.max())
+    assert any(NAME in note and "from the references" in note for note in calibration.notes)
+    assert not any("constant" in s.what.lower() or "gain" in s.what.lower() for s in calibration.suspicions)
 
 
 def test_without_references_the_levels_are_unknown(original, tmp_path):

@@ -58,28 +58,28 @@ def test_bands_agree_on_one_constant(ensemble):
 def test_a_band_with_another_throughput_is_named(tmp_path):
     """2% more throughput in one band than its tables say, references included, against a sigma of 1e-4."""
     folder = FakeCapture(tmp_path / "c", seed=1, centres=(450, 550, 650), gains={"f550": 1.02}).write()
-    _, found = radiometry(folder)
-    assert found.probability < 1e-6
-    assert any("most in f550" in note for note in found.notes)
-    by_band = {c.band: c.constant for c in found.by_band}
+    _, result = radiometry(folder)
+    assert result.probability < 1e-6
+    assert any("most in f550" in note for note in result.notes)
+    by_band = {c.band: c.constant for c in result.by_band}
     assert by_band["f550"] / by_band["f450"] == pytest.approx(1.02, abs=2e-3)
 
 
 @pytest.mark.parametrize("name", ["baseline", "mystery-1", "mystery-2", "mystery-3"])
 def test_shared_captures_show_their_stated_sensor(shared, name):
     """Gain 12, read noise 10, the nominal C within 4 of their sigmas (5 for C: rounded tables)."""
-    noise, found = radiometry(shared / "captures" / name)
+    noise, result = radiometry(shared / "captures" / name)
     assert abs(noise.gain_e_per_dn - 12.0) < 4 * noise.gain_sigma < 0.3
     assert abs(noise.read_noise_e - 10.0) < 4 * noise.read_noise_sigma < 0.3
-    assert abs(found.constant - found.nominal) < 5 * found.sigma
-    assert found.sigma / found.constant < 5e-5
-    assert found.probability > 1e-3
+    assert abs(result.constant - result.nominal) < 5 * result.sigma
+    assert result.sigma / result.constant < 5e-5
+    assert result.probability > 1e-3
 
 
 def test_without_references_the_nominal_constant_is_used_and_said(tmp_path):
-    _, found = radiometry(FakeCapture(tmp_path / "c", centres=(550,)).write(references=False))
-    assert found.constant == pytest.approx(CONSTANT) and found.sigma is None
-    assert any("no reference frames" in note for note in found.notes)
+    _, result = radiometry(FakeCapture(tmp_path / "c", centres=(550,)).write(references=False))
+    assert result.constant == pytest.approx(CONSTANT) and result.sigma is None
+    assert any("no reference frames" in note for note in result.notes)
 
 
 def test_without_repeats_noise_is_only_stated(tmp_path):
@@ -147,9 +147,9 @@ def test_responses_on_a_wider_grid_are_those_of_the_integral(tmp_path):
     outside = np.ones(421, bool)
     outside[FILTER_GRID.part(INTEGRAL_GRID)] = False
     assert not wide.rest[:, outside].any()
-    for own, stated in zip(wide.responses(), band_responses(capture, CONSTANT), strict=True):
-        assert own.band == stated.band
-        np.testing.assert_array_equal(own.weights, stated.weights)
+    for response, reference_response in zip(wide.responses(), band_responses(capture, CONSTANT), strict=True):
+        assert response.band == reference_response.band
+        np.testing.assert_array_equal(response.weights, reference_response.weights)
 
 
 def test_bands_weigh_by_noise_and_scatter_together():

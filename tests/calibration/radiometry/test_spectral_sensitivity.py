@@ -34,12 +34,12 @@ def readings(seed=1, noise=SIGMA) -> NarrowBandReadings:
 @pytest.mark.parametrize("name", ESTIMATES)
 def test_every_estimate_is_positive_fits_and_is_near_the_truth(name):
     data = readings()
-    found = ESTIMATES[name](data)
-    assert found.min() >= 0
+    estimate = ESTIMATES[name](data)
+    assert estimate.min() >= 0
     # within 1% of the largest reading, where noise is 0.15%
-    assert np.abs(data.predicted(found) - data.response).max() < 2.0
+    assert np.abs(data.predicted(estimate) - data.response).max() < 2.0
     inside = (GRID >= 400) & (GRID <= 700)
-    assert np.sqrt(np.mean((found - TRUTH)[inside] ** 2)) < 0.03
+    assert np.sqrt(np.mean((estimate - TRUTH)[inside] ** 2)) < 0.03
 
 
 @pytest.mark.parametrize("name", ESTIMATES)
@@ -79,9 +79,9 @@ def test_the_smoothest_fit_misses_by_as_much_as_noise_does():
 
 def test_convex_sets_are_met_or_it_is_told():
     data = readings()
-    found, met = convex_sets(data)
+    estimate, met = convex_sets(data)
     assert met
-    assert np.all(np.abs(data.predicted(found) - data.response) <= 2 * data.sigma * (1 + 1e-6))
+    assert np.all(np.abs(data.predicted(estimate) - data.response) <= 2 * data.sigma * (1 + 1e-6))
     apart = NarrowBandReadings(
         GRID, np.vstack([data.stimuli, data.stimuli[:1]]), np.append(data.response, 500.0), np.full(32, SIGMA)
     )

@@ -84,23 +84,23 @@ def test_constant_and_bands_share_their_errors():
     through C, scatter by the stated covariance. False alarms: 4 standard errors each, below 1e-3 together.
     """
     rng, sets, scatter, noise = np.random.default_rng(8), 5000, 0.004, 0.0015
-    inside, residual, stated = np.zeros(2), np.zeros((7, 7)), np.zeros((7, 7))
+    inside, residual, stated_covariance = np.zeros(2), np.zeros((7, 7)), np.zeros((7, 7))
     for _ in range(sets):
-        own = scatter * rng.standard_normal(7)
-        values = 1 + own + noise * rng.standard_normal(7)
+        deviations = scatter * rng.standard_normal(7)
+        values = 1 + deviations + noise * rng.standard_normal(7)
         constants = join_constants([BandConstant(b, v, noise, 100) for b, v in zip(BANDS, values, strict=True)], 1.0)
         limits = stats.t.ppf([0.84134, 0.97725], constants.degrees) * constants.sigma
         inside += np.abs(constants.constant - 1) < limits
-        off = 1 + own - constants.constant
+        off = 1 + deviations - constants.constant
         shared = measure_uncertainty(constants, BANDS)
         residual += np.outer(off, off)
-        stated += shared.band_covariance + shared.common**2
+        stated_covariance += shared.band_covariance + shared.common**2
     expected = np.array([0.68268, 0.9545])
     # A scatter of 0 is all that is known of a small one: up to 1% too few.
     assert np.all(np.abs(inside / sets - expected) < 0.01 + 4 * np.sqrt(expected * (1 - expected) / sets))
-    spread = np.diag(residual) / np.diag(stated)
+    spread = np.diag(residual) / np.diag(stated_covariance)
     assert np.all(np.abs(spread - 1) < 0.03 + 4 * np.sqrt(2 / sets))
-    assert residual.sum() / stated.sum() == pytest.approx(1.0, abs=0.15)
+    assert residual.sum() / stated_covariance.sum() == pytest.approx(1.0, abs=0.15)
 
 
 def test_bands_known_unequally_well_err_less_the_error_of_their_mean():
@@ -110,9 +110,11 @@ def test_bands_known_unequally_well_err_less_the_error_of_their_mean():
     values = 1 + np.hypot(0.008, noise) * rng.standard_normal(7)
     constants = join_constants([BandConstant(b, v, n, 100) for b, v, n in zip(BANDS, values, noise, strict=True)], 1)
     assert constants.scatter > 0 and np.ptp(constants.weights) > 0.05
-    own = np.eye(7) - np.outer(np.ones(7), constants.weights)
+    projection = np.eye(7) - np.outer(np.ones(7), constants.weights)
     shared = measure_uncertainty(constants, tuple(c.band for c in constants.by_band))
-    np.testing.assert_allclose(shared.band_covariance, constants.scatter**2 * own @ own.T, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(
+        shared.band_covariance, constants.scatter**2 * projection @ projection.T, rtol=1e-9, atol=1e-15
+    )
 
 
 def test_two_references_of_a_band_are_one_band():
@@ -121,6 +123,6 @@ def test_two_references_of_a_band_are_one_band():
         BandConstant("a", 1.01, 0.001, 9),
         BandConstant("b", 1.0, 0.001, 9),
     ]
-    found = join_constants(constants, None)
-    assert [c.band for c in found.by_band] == ["a", "b"] and found.chi2_degrees == 1
-    assert found.constant == pytest.approx(1.005, abs=2e-4) and found.degrees == pytest.approx(1.0, rel=0.1)
+    joined = join_constants(constants, None)
+    assert [c.band for c in joined.by_band] == ["a", "b"] and joined.chi2_degrees == 1
+    assert joined.constant == pytest.approx(1.005, abs=2e-4) and joined.degrees == pytest.approx(1.0, rel=0.1)

@@ -135,10 +135,10 @@ def test_real_captures_say_what_they_lack(shared, tmp_path, name):
 def test_the_camera_behind_the_real_captures_has_one_shutter(shared, colorchecker):
     """Same camera, two days: black level -0.2 to -0.4 DN, exposure offset 0.3 to 0.6 ms, in both."""
     disks = calibrate(load_capture(shared / "real" / "seven-band-disks"))
-    for found in (colorchecker.linearity, disks.linearity):
-        assert 0.15 < found.black_level_dn < 0.45
-        assert 3e-4 < found.exposure_offset_s < 7e-4
-        assert all(found.rms_corrected[b] < found.rms_deviation[b] for b in found.rms_deviation)
+    for linearity in (colorchecker.linearity, disks.linearity):
+        assert 0.15 < linearity.black_level_dn < 0.45
+        assert 3e-4 < linearity.exposure_offset_s < 7e-4
+        assert all(linearity.rms_corrected[b] < linearity.rms_deviation[b] for b in linearity.rms_deviation)
 
 
 def test_visible_patches_against_the_spectrometer(colorchecker):
@@ -146,17 +146,17 @@ def test_visible_patches_against_the_spectrometer(colorchecker):
 
     Only the white patch's table entered. The scoring target is 0.014.
     """
-    table, known = colorchecker.patches, colorchecker.capture.label_reflectances()
-    rows = [i for i, label in enumerate(table.labels) if label.column in known]
-    truth = [table.filters @ known[table.labels[i].column].at(table.grid.nm) for i in rows]
+    table, spectrometer = colorchecker.patches, colorchecker.capture.label_reflectances()
+    rows = [i for i, label in enumerate(table.labels) if label.column in spectrometer]
+    truth = [table.filters @ spectrometer[table.labels[i].column].at(table.grid.nm) for i in rows]
     error = np.abs(table.reflectance[rows] - truth)
     assert len(rows) == 16 and error.mean() < 0.012 and error.max() < 0.08
 
 
 def test_patch_colours_against_the_spectrometer(colorchecker):
     """Delta E*ab over the visible patches but white, under D65: mean 2.83, largest 7.66 when this was written."""
-    known = colorchecker.capture.label_reflectances()
-    errors = patch_errors(colorchecker.patches, known)
+    spectrometer = colorchecker.capture.label_reflectances()
+    errors = patch_errors(colorchecker.patches, spectrometer)
     assert len(errors.labels) == 15 and 19 not in errors.labels
     assert errors.delta_e_ab.mean() < 3.0 and errors.delta_e_ab.max() < 8.0
     assert np.abs(errors.reflectance).mean() < 0.012
@@ -168,11 +168,11 @@ def test_patches_file(colorchecker, tmp_path):
     rows = {int(row["label"]): row for row in csv.DictReader((tmp_path / "patches.csv").open())}
     assert len(rows) == 24 and rows[19]["illuminant"] == "D65"
     assert float(rows[19]["Y"]) == pytest.approx(100.0, abs=1e-4)
-    known = colorchecker.patches.filters @ colorchecker.capture.label_reflectances()["p19_white_95"].at(
+    expected = colorchecker.patches.filters @ colorchecker.capture.label_reflectances()["p19_white_95"].at(
         colorchecker.patches.grid.nm
     )
     written = [float(rows[19][band]) for band in colorchecker.patches.bands]
-    np.testing.assert_allclose(written, known, atol=6e-6)
+    np.testing.assert_allclose(written, expected, atol=6e-6)
     assert all(float(row[f"{band}_sigma"]) > 0 for row in rows.values() for band in colorchecker.patches.bands)
 
 

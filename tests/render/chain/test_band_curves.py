@@ -47,11 +47,11 @@ def test_filters_alike_at_all_angles_take_one_projection():
 def test_pixels_beyond_the_largest_angle_have_its_response(times):
     """Not that of a cubic continued: 2 times as far off the axis it would be wrong by more than the signal."""
     curves = SHIFT.apply(over_field(factors(), CAMERA))
-    there = wider(CAMERA, times)
-    beyond = field_sine_squared(there) > curves.sine_squared[-1]
+    wide_camera = wider(CAMERA, times)
+    beyond = field_sine_squared(wide_camera) > curves.sine_squared[-1]
     assert 0.01 < beyond.mean() < 0.9
     spectrum = 1e-4 * (1 + (INTEGRAL_GRID.nm - 400) / 300)
-    signal = band_signals(uniform_light(spectrum), curves, field_shares(curves, there))
+    signal = band_signals(uniform_light(spectrum), curves, field_shares(curves, wide_camera))
     last = np.array([response.signal(spectrum) for response in curves.responses(FIELD_ANGLES - 1)])
     np.testing.assert_allclose(signal[:, beyond], np.broadcast_to(last[:, None], signal[:, beyond].shape), rtol=1e-9)
     bounds = [[r.signal(spectrum) for r in curves.responses(angle)] for angle in range(FIELD_ANGLES)]
@@ -61,12 +61,12 @@ def test_pixels_beyond_the_largest_angle_have_its_response(times):
 
 def test_pixels_without_a_ray_have_a_signal():
     """A lens so distorted that no ray reaches the corners: they hold no scene, but no NaN either."""
-    there = replace(CAMERA, k1=-0.9)
-    assert np.isnan(field_sine_squared(there)).any()
-    curves = SHIFT.apply(over_field(factors(), there))
-    shares = field_shares(curves, there)
+    wide_camera = replace(CAMERA, k1=-0.9)
+    assert np.isnan(field_sine_squared(wide_camera)).any()
+    curves = SHIFT.apply(over_field(factors(), wide_camera))
+    shares = field_shares(curves, wide_camera)
     assert np.isfinite(shares).all()
-    without = np.isnan(field_sine_squared(there))
+    without = np.isnan(field_sine_squared(wide_camera))
     np.testing.assert_allclose(shares[-1][without], 1.0, atol=1e-9)
 
 

@@ -27,13 +27,13 @@ def image():
 
 
 def test_signals_are_the_integral_and_variances_means_of_relative_ones(image):
-    found = render_bands(image, RESPONSES)
+    bands = render_bands(image, RESPONSES)
     weights = np.full(NM.size, 1.0)
     weights[[0, -1]] = 0.5
     for index, response in enumerate(RESPONSES):
         each = (image.coefficients.astype(float) @ image.spectra) @ (response.factor * response.response * weights)
         mean, variance = each.mean(axis=0), each.var(axis=0, ddof=1) / 4
-        np.testing.assert_allclose(found.signal.values[index], mean, rtol=1e-6)
+        np.testing.assert_allclose(bands.signal.values[index], mean, rtol=1e-6)
         pooled = variance.copy()
         mask = image.coverage.max(axis=-1) == 1
         for v, u in np.argwhere(mask):
@@ -41,7 +41,7 @@ def test_signals_are_the_integral_and_variances_means_of_relative_ones(image):
             rows, columns = ([max(i - 1, 0), i, min(i + 1, last)] for i, last in ((v, 6), (u, 8)))
             near = [(r, c) for r in rows for c in columns if mask[r, c]]
             pooled[v, u] = mean[v, u] ** 2 * np.mean([variance[p] / mean[p] ** 2 for p in near])
-        np.testing.assert_allclose(found.variance.values[index], pooled, rtol=1e-5)
+        np.testing.assert_allclose(bands.variance.values[index], pooled, rtol=1e-5)
 
 
 def test_the_lamp_and_its_neighbours_are_masked(image):

@@ -70,9 +70,9 @@ class AffectedCapture(FakeCapture):
         directions = CAMERA.directions(*np.meshgrid(np.arange(56), np.arange(40)))
         sine_squared = 1 - directions[..., 2:] ** 2
         centre = float(band[1:])
-        places = GRID / np.sqrt(1 - sine_squared / self.index**2)
+        path_nm = GRID / np.sqrt(1 - sine_squared / self.index**2)
         # The filters' table ends at 700 nm, and is 0 from the next wavelength on.
-        passed = np.interp(places, np.append(GRID, 701.0), np.append(bell(centre), 0.0))
+        passed = np.interp(path_nm, np.append(GRID, 701.0), np.append(bell(centre), 0.0))
         weights = response(centre) / bell(centre) * light
         weights[[0, -1]] /= 2
         return (passed + self.leak * (0.7 - passed)) @ weights / (bell(centre) @ weights)
@@ -129,8 +129,8 @@ NOISE = 4 * np.sqrt(2 / (3 * 40 * 56))
 
 @pytest.mark.parametrize("identifier", CASES)
 def test_a_laboratory_finds_what_is_expected(tmp_path, identifier):
-    made, values = CASES[identifier]
-    fake = AffectedCapture(tmp_path / "c", seed=3, **made)
+    capture_kind, values = CASES[identifier]
+    fake = AffectedCapture(tmp_path / "c", seed=3, **capture_kind)
     folder = fake.write()
     explained, unexplained = (chi2(folder, fake, e) for e in ([effect(identifier, **values)], []))
     assert abs(explained - 1) < NOISE
@@ -177,9 +177,9 @@ def test_without_effects_it_is_the_render(plain):
     np.testing.assert_allclose(expected_signal(render, constants, [], CAMERA), expected, rtol=1e-10)
     nulls = [effect(i) for i in ("filter-shift", "filter-leak", "ghost", "crosstalk", "nonlinearity")]
     np.testing.assert_allclose(expected_signal(render, constants, nulls, CAMERA), expected, rtol=1e-10)
-    for own, stated in zip(constants.curves.responses(), calibration.responses, strict=True):
-        np.testing.assert_allclose(own.weights, stated.weights, rtol=1e-12)
-        assert own.band == stated.band
+    for predicted_response, reference_response in zip(constants.curves.responses(), calibration.responses, strict=True):
+        np.testing.assert_allclose(predicted_response.weights, reference_response.weights, rtol=1e-12)
+        assert predicted_response.band == reference_response.band
 
 
 def test_optics_act_on_the_picture_alone(plain):
@@ -197,8 +197,8 @@ def test_optics_act_on_the_picture_alone(plain):
 def test_effects_of_one_stage_act_in_their_order(plain):
     fake, _, constants = plain
     blur, glare = effect("defocus", sigma_px=2.0), effect("vignetting", edge_loss=0.5)
-    one, other = (expected_signal(image(fake), constants, e, CAMERA) for e in ([blur, glare], [glare, blur]))
-    assert np.abs(one / other - 1).max() > 1e-4
+    first, other = (expected_signal(image(fake), constants, e, CAMERA) for e in ([blur, glare], [glare, blur]))
+    assert np.abs(first / other - 1).max() > 1e-4
 
 
 def test_light_given_saves_the_projection_and_changes_nothing(plain):
@@ -228,9 +228,9 @@ def test_nine_field_angles_are_as_good_as_every_pixels_own(plain):
 def test_effective_wavelength_is_that_of_the_signal(plain):
     fake, calibration, constants = plain
     light = scene_light(image(fake), constants.curves, CAMERA)
-    for band, found in zip(calibration.responses, light.effective_nm, strict=True):
+    for band, centre_nm in zip(calibration.responses, light.effective_nm, strict=True):
         density = band.weights * fake.spectrum
-        assert found == pytest.approx(float(GRID @ density / density.sum()), abs=1e-6)
+        assert centre_nm == pytest.approx(float(GRID @ density / density.sum()), abs=1e-6)
 
 
 def test_a_change_of_the_reference_rescales_the_prediction(plain):

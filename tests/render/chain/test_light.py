@@ -10,14 +10,14 @@ def test_a_factor_acts_on_the_signal_and_on_what_edges_do_in_their_pixels():
     before, factor = light(), np.array([2.0, 3.0, 0.5])[:, None, None]
     picture = np.random.default_rng(1).standard_normal(before.signal.shape)
     camera = cornell_camera(48)
-    known = Light(
+    light_before = Light(
         before.signal,
         before.effective_nm,
         before.camera,
-        lambda there: there.focal_length_px * picture,
+        lambda another_camera: another_camera.focal_length_px * picture,
         lambda sigma_px: sigma_px[:, None, None] * picture,
     )
-    after, sigma = known.scaled(factor), np.array([0.1, 0.2, 0.4])
+    after, sigma = light_before.scaled(factor), np.array([0.1, 0.2, 0.4])
     np.testing.assert_allclose(after.signal, factor * before.signal)
     np.testing.assert_allclose(after.moved(camera), factor * camera.focal_length_px * picture)
     np.testing.assert_allclose(after.beyond_pixels(sigma), factor * sigma[:, None, None] * picture)

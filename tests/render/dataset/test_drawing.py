@@ -215,7 +215,7 @@ def test_the_recipe_of_the_manual_draws_boxes():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrases"),
     [
         (("seed = 11", "seeed = 11"), "seeed: found an unknown key"),
         (("width_mm = [450, 650]", "width_mm = [650, 450]"), "room.width_mm"),
@@ -234,10 +234,10 @@ def test_the_recipe_of_the_manual_draws_boxes():
         (("[picture]", '[picture]\ntruths = ["albdo"]'), "did you mean 'albedo'"),
     ],
 )
-def test_a_faulty_recipe_is_refused_with_file_and_key(tmp_path, change, words):
+def test_a_faulty_recipe_is_refused_with_file_and_key(tmp_path, change, phrases):
     with pytest.raises(InputError) as raised:
         load_recipe(write_recipe(tmp_path, change))
-    assert "recipe.toml" in str(raised.value) and words in str(raised.value)
+    assert "recipe.toml" in str(raised.value) and phrases in str(raised.value)
 
 
 def test_a_picture_that_no_reader_accepts_is_refused(tmp_path):

@@ -98,7 +98,7 @@ def test_the_albedo_of_tiles_is_exact_and_their_light_unbiased(box):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "phrase"),
     [
         (('"tiles.png"', '"none.png"'), "pattern.pixels.image"),
         (('paints = ["colour", "light"]', 'paints = ["colour", "pixels"]'), "pattern.pixels.paints: found 'pixels'"),
@@ -108,11 +108,11 @@ def test_the_albedo_of_tiles_is_exact_and_their_light_unbiased(box):
         (("[pattern.checks]", "[pattern.light]"), "the name of a paint"),
     ],
 )
-def test_a_faulty_pattern_is_refused_with_its_key(tmp_path, change, words):
+def test_a_faulty_pattern_is_refused_with_its_key(tmp_path, change, phrase):
     Image.fromarray(LEVELS).save(tmp_path / "tiles.png")
     with pytest.raises(InputError) as raised:
         load_recipe(write_recipe(tmp_path, PATTERNS, change))
-    assert words in str(raised.value)
+    assert phrase in str(raised.value)
 
 
 def test_an_image_has_one_grey_level_for_each_paint(tmp_path):

@@ -33,12 +33,12 @@ def scenes(boxes):
 
 def test_boxes_of_other_geometry_have_their_own_rays(tmp_path):
     recipe = load_recipe(write_recipe(tmp_path, *RECIPE))
-    drawn = [draw_box(recipe, number, tmp_path) for number in range(24)]
+    boxes = [draw_box(recipe, number, tmp_path) for number in range(24)]
     for geometry in range(8):
-        groups = sharing_rays(drawn[3 * geometry :][:3])
+        groups = sharing_rays(boxes[3 * geometry :][:3])
         assert sorted(box.number for group in groups for box in group) == list(range(3 * geometry, 3 * geometry + 3))
         assert all(len(group) == 1 for group in groups if any(box.model.effects for box in group))
-    assert {bool(box.model.effects) for box in drawn} == {True, False}
+    assert {bool(box.model.effects) for box in boxes} == {True, False}
 
 
 def test_each_box_has_the_light_that_it_has_alone(boxes, scenes):

@@ -173,11 +173,11 @@ def test_points_and_albedo_are_those_of_stock_mitsuba(scene, image, alone):
         view["sampler"] = {"type": "stratified", "sample_count": 1, "jitter": False}
         aovs = mi.load_dict({"type": "aov", "aovs": "t:depth,p:position,n:sh_normal,a:albedo"})
         picture = np.array(mi.render(loaded, sensor=mi.load_dict(view), integrator=aovs), float)[..., -10:]
-    found = (points.surface >= 0) & (points.surface < len(scene.surfaces))
-    assert found.mean() > 0.8
-    rows, columns = np.indices(found.shape)
+    hit = (points.surface >= 0) & (points.surface < len(scene.surfaces))
+    assert hit.mean() > 0.8
+    rows, columns = np.indices(hit.shape)
     depth = picture[..., 0] * (CAMERA.directions(columns, rows) @ CAMERA.rotation[2]) + view["near_clip"]
-    np.testing.assert_allclose(points.depth_mm[found], depth[found], rtol=1e-6)
-    np.testing.assert_allclose(points.position_mm[found], picture[..., 1:4][found], atol=1e-3)
-    np.testing.assert_allclose(points.normal[found], picture[..., 4:7][found], atol=1e-5)
+    np.testing.assert_allclose(points.depth_mm[hit], depth[hit], rtol=1e-6)
+    np.testing.assert_allclose(points.position_mm[hit], picture[..., 1:4][hit], atol=1e-3)
+    np.testing.assert_allclose(points.normal[hit], picture[..., 4:7][hit], atol=1e-5)
     np.testing.assert_allclose(parts.albedo[alone], picture[..., 7:][alone], rtol=1e-6, atol=1e-7)

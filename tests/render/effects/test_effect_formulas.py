@@ -104,7 +104,7 @@ def test_lateral_colour_of_a_known_scene_is_a_focal_length_for_each_band():
         np.ones((3, 16, 16)),
         nm,
         camera,
-        lambda there: (there.focal_length_px / camera.focal_length_px - 1) * pattern,
+        lambda moved_camera: (moved_camera.focal_length_px / camera.focal_length_px - 1) * pattern,
     )
     after = apply("lateral-colour", before, ppm_per_nm=50).signal - 1
     expected = 50e-6 * (nm - 550)[:, None, None] * pattern
@@ -123,8 +123,8 @@ def test_resampled_light_does_not_ring_below_nothing():
 
 
 def test_vignetting_loses_its_amount_in_the_corner_and_nothing_in_the_centre():
-    ones = Light(np.ones((1, 41, 51)), np.array([550.0]), cornell_camera(41))
-    after = apply("vignetting", ones, edge_loss=0.3).signal[0]
+    uniform = Light(np.ones((1, 41, 51)), np.array([550.0]), cornell_camera(41))
+    after = apply("vignetting", uniform, edge_loss=0.3).signal[0]
     assert after[0, 0] == pytest.approx(0.7) and after[20, 25] == 1
     assert after[20, 0] == pytest.approx(1 - 0.3 * 25**2 / (25**2 + 20**2))
 
@@ -205,13 +205,16 @@ def test_the_null_of_the_lamps_reflectance_is_the_scenes_own():
     effect, box = catalogue()["lamp-reflectance"], cornell_box()
     for level in (0.0, 0.3):
         scene = apply("lamp-reflectance", box, reflectance=level)
-        (own,) = effect.within(scene).parameters
-        assert own.null == pytest.approx(level) and own.low <= own.null + own.coordinate_step <= own.high
-        np.testing.assert_allclose(
-            effect.apply(scene, reflectance=own.null).reflectances(NM), scene.reflectances(NM), rtol=1e-12
+        (parameter,) = effect.within(scene).parameters
+        assert (
+            parameter.null == pytest.approx(level)
+            and parameter.low <= parameter.null + parameter.coordinate_step <= parameter.high
         )
-        known = [h for h in hypotheses(("b",), scene, RenderSettings()) if h.effect.id == effect.id]
-        assert len(known) == 1 and known[0].at({}).values["reflectance"] == own.null
+        np.testing.assert_allclose(
+            effect.apply(scene, reflectance=parameter.null).reflectances(NM), scene.reflectances(NM), rtol=1e-12
+        )
+        lamp_hypotheses = [h for h in hypotheses(("b",), scene, RenderSettings()) if h.effect.id == effect.id]
+        assert len(lamp_hypotheses) == 1 and lamp_hypotheses[0].at({}).values["reflectance"] == parameter.null
     assert effect.within(box).parameters[0].null == pytest.approx(effect.parameters[0].null)
 
 
@@ -287,6 +290,9 @@ def test_counts_effects_follow_their_formulas():
     np.testing.assert_allclose(bent.scene, c.scene * (1 - 0.02 * c.scene / 4095))
     np.testing.assert_allclose(bent.dark_reference, c.dark_reference * (1 - 0.02 * c.dark_reference / 4095))
 
+    above = apply("nonlinearity", replace(c, scene=4095.0 + 100 * c.scene / c.scene.max()), b=-0.02).scene
+    np.testing.assert_allclose(above, 4095 * 0.98 + 0.96 * 100 * c.scene / c.scene.max())  # the slope at full scale
+
     def ratio(after: Counts, of: str = "scene") -> np.ndarray:
         """Signal above dark over that without the effect, by band; the same in all pixels."""
         dark = getattr(c, f"dark_{of}")[:, None, None]
@@ -317,13 +323,15 @@ def test_reflectance_gradient_darkens_along_one_axis(surface, axis, low, extent)
     transport, column = before.transport, "xyz".index(axis)
     patches = transport.light.patches
     index = [s.name for s in before.scene.surfaces].index(surface)
-    for own, position, old, new in (
+    for reflectance_factor, position, old, new in (
         (patches.surface, patches.centre, before.patch_reflectance, after.patch_reflectance),
         (transport.surface, transport.position, before.fragment_reflectance, after.fragment_reflectance),
     ):
         s = (position[:, column] - low) / extent
-        assert np.all((s > 0) & (s < 1) | (own != index)) and np.any(own == index)
-        np.testing.assert_allclose(new, old * np.where(own == index, 1 - 0.4 * s, 1.0)[:, None], rtol=1e-12)
+        assert np.all((s > 0) & (s < 1) | (reflectance_factor != index)) and np.any(reflectance_factor == index)
+        np.testing.assert_allclose(
+            new, old * np.where(reflectance_factor == index, 1 - 0.4 * s, 1.0)[:, None], rtol=1e-12
+        )
 
 
 def test_fluorescence_emits_the_quanta_it_absorbs():

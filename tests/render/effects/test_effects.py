@@ -136,29 +136,29 @@ def test_effects_name_what_the_scene_holds():
         apply_checked("block-pose", {"block": "tall"}, "x", names)
     with pytest.raises(InputError, match="blue"):
         apply_checked("wall-reflectance", {"material": "violet", "scale": 1.1}, "x").apply(scene)
-    known = hypotheses(("b1", "b2"), scene, RenderSettings())
-    assert {h.fixed["surface"] for h in known if h.effect.id == "reflectance-gradient"} == {
+    catalogue = hypotheses(("b1", "b2"), scene, RenderSettings())
+    assert {h.fixed["surface"] for h in catalogue if h.effect.id == "reflectance-gradient"} == {
         "round-block",
         "floor",
     }
-    assert {h.fixed["band"] for h in known if h.effect.id == "band-gain"} == {"b1", "b2"}
-    assert "blue" in {h.fixed["material"] for h in known if h.effect.id == "fluorescence"}
+    assert {h.fixed["band"] for h in catalogue if h.effect.id == "band-gain"} == {"b1", "b2"}
+    assert "blue" in {h.fixed["material"] for h in catalogue if h.effect.id == "fluorescence"}
 
 
 @pytest.mark.parametrize(
-    ("value", "found"),
+    ("value", "message"),
     [
         ("nowhere:EFFECT", "nowhere"),
         ("math:pi", "a float"),
         ("cboxlab.rendering.effects.ghost:EFFECT", "'ghost'"),
     ],
 )
-def test_an_entry_point_that_is_no_new_effect_is_named(monkeypatch, value, found):
+def test_an_entry_point_that_is_no_new_effect_is_named(monkeypatch, value, message):
     entry = EntryPoint("dust", value, "cboxlab.effects")
     monkeypatch.setattr(other_packages, "entry_points", lambda group: [entry])
     catalogue.cache_clear()
     try:
-        with pytest.raises(InputError, match=f"dust = {value}.*{found}"):
+        with pytest.raises(InputError, match=f"dust = {value}.*{message}"):
             catalogue()
     finally:
         catalogue.cache_clear()

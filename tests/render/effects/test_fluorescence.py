@@ -84,8 +84,8 @@ def photons(seed):
     leaving["floor"] += len(glowing)
 
     def arrived(point, axis, side, goes_on):
-        for name, (own, place) in WALLS.items():
-            leaving[name] += np.sum(goes_on & (axis == own) & (side == (place > 0)))
+        for name, (photon_share, corner) in WALLS.items():
+            leaving[name] += np.sum(goes_on & (axis == photon_share) & (side == (corner > 0)))
 
     up = np.full(len(glowing), 1)
     followed(random, glowing, cosine(random, up, 1.0), 1, arrived)
@@ -105,8 +105,8 @@ def test_fluorescence_reaches_every_wall_as_photons_do():
     surface = field.patches.surface
     names = [s.name for s in scene.surfaces]
     results = [
-        np.average(change[own], weights=field.patches.area[own])
-        for own in (surface == names.index(name) for name in WALLS)
+        np.average(change[mask], weights=field.patches.area[mask])
+        for mask in (surface == names.index(name) for name in WALLS)
     ]
 
     batches = np.array([photons(seed) for seed in range(BATCHES)])

@@ -63,15 +63,15 @@ def expected(light, air, sigma, albedo):
     direct = exchange.direct[:, 0] * to_patch
     factors = exchange.form_factors * passed(patches.centre, patches.centre, sigma)
     gather = t.gather.toarray() * passed(t.position, patches.centre, sigma)
-    seen = air.patch_coverage * passed(air.centres, patches.centre, sigma)
-    onto = 4 * air.volume[None] * seen.T / patches.area[:, None]
+    air_transmission = air.patch_coverage * passed(air.centres, patches.centre, sigma)
+    onto = 4 * air.volume[None] * air_transmission.T / patches.area[:, None]
     between = air.between_cells(sigma)
     pictures = []
     for band, surround in enumerate(light.surround):
         rho, source, b = light.patch_reflectance[:, band], np.zeros(8), np.zeros(3)
         for _ in range(200):
             b = rho * (direct + exchange.escape * surround + factors @ b + onto @ source)
-            smooth = surround * air.escape + seen @ b + between @ source
+            smooth = surround * air.escape + air_transmission @ b + between @ source
             source = sigma * albedo * (air.lamps[0].cells * to_cell + smooth)
         arriving = t.direct[:, 0] * to_fragment + gather @ b + t.escape * surround
         arriving = arriving + (onto @ source)[t.face]  # each face holds one patch
@@ -81,9 +81,11 @@ def expected(light, air, sigma, albedo):
         for step in range(STEPS):
             along = (step + 0.5) / STEPS * air.depth
             point = eye + along[..., None] * air.direction
-            here = air.at(point, smooth[:, None])[..., 0]
-            here = here + air.lamps[0].rays[..., step] * np.exp(-sigma * np.linalg.norm(point - LAMP, axis=-1))
-            picture = picture + albedo * sigma * here * np.exp(-sigma * along) * air.depth / STEPS
+            scattered = air.at(point, smooth[:, None])[..., 0]
+            scattered = scattered + air.lamps[0].rays[..., step] * np.exp(
+                -sigma * np.linalg.norm(point - LAMP, axis=-1)
+            )
+            picture = picture + albedo * sigma * scattered * np.exp(-sigma * along) * air.depth / STEPS
         pictures.append(picture)
     return np.array(pictures)
 
@@ -91,9 +93,9 @@ def expected(light, air, sigma, albedo):
 @pytest.mark.parametrize(("extinction", "albedo"), [(0.4, 0.0), (0.4, 0.9), (1.5, 0.6)])
 def test_the_picture_is_the_sum_over_all_ways(hazy, extinction, albedo):
     before, air, after = hazy
-    found = after(extinction, albedo).picture()
-    np.testing.assert_allclose(found, expected(before, air, extinction * 1e-3, albedo), rtol=2e-5)
-    assert np.abs(found / before.picture() - 1).max() > 0.1
+    picture = after(extinction, albedo).picture()
+    np.testing.assert_allclose(picture, expected(before, air, extinction * 1e-3, albedo), rtol=2e-5)
+    assert np.abs(picture / before.picture() - 1).max() > 0.1
 
 
 def test_clear_air_changes_nothing(hazy):

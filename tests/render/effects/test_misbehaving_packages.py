@@ -85,21 +85,21 @@ def dusty():
 
 @pytest.mark.parametrize("way", IMPORTS)
 def test_at_import(package, way):
-    text, words = IMPORTS[way]
+    text, phrase = IMPORTS[way]
     with pytest.raises(InputError) as refusal:
         package(text)
     message = str(refusal.value)
     assert "entry point cboxlab.effects: dust = misbehaving:EFFECT" in message
-    assert words in message and "\n" not in message
+    assert phrase in message and "\n" not in message
 
 
 @pytest.mark.parametrize("way", CALLS)
 def test_when_it_acts(package, way):
-    body, words = CALLS[way]
+    body, phrase = CALLS[way]
     package(f"def broken(light, fraction):\n    {body}\nEFFECT = effect(broken)")
     with np.errstate(all="ignore"), pytest.raises(InputError) as refusal:
         dusty().apply(light())
-    assert "dust = misbehaving:EFFECT" in str(refusal.value) and words in str(refusal.value)
+    assert "dust = misbehaving:EFFECT" in str(refusal.value) and phrase in str(refusal.value)
 
 
 def test_what_it_prints_and_where_it_goes(package, capsys, tmp_path, monkeypatch):

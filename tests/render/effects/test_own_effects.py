@@ -36,5 +36,5 @@ def test_the_catalogue_holds_them_and_every_one_is_a_hypothesis():
     assert {h.fixed["where"] for h in truncated if h.effect.id == "washed-surface"} == {
         surface.name for surface in cornell_box().surfaces
     }
-    whole = {h.effect.id for h in hypotheses(("f450",), cornell_box(), RenderSettings())}
-    assert members - whole == {"interreflection", "one-more-bounce"}
+    ids = {h.effect.id for h in hypotheses(("f450",), cornell_box(), RenderSettings())}
+    assert members - ids == {"interreflection", "one-more-bounce"}

@@ -30,27 +30,27 @@ def albedo(incoming):
 
 @pytest.fixture
 def applied(monkeypatch):
-    before, given = fake_patch_light(), {}
+    before, arguments = fake_patch_light(), {}
     before = before.change(added=np.full(before.added.shape, 0.002))
 
     def traced(field, camera, radiance, reflectances, lamp_shares, reflection, **options):
-        given.update(options, **vars(reflection), radiance=radiance, reflectances=reflectances)
+        arguments.update(options, **vars(reflection), radiance=radiance, reflectances=reflectances)
         np.testing.assert_array_equal(lamp_shares, before.lamp_shares)
         return np.full((3, camera.height_px, camera.width_px), 0.01)
 
     monkeypatch.setattr(brdf_change, "changed_reflection", traced)
-    return before, apply("rough-diffuse", before, material="white", sigma_rad=SIGMA), given
+    return before, apply("rough-diffuse", before, material="white", sigma_rad=SIGMA), arguments
 
 
 def test_what_the_rays_change_is_added(applied):
-    before, after, given = applied
+    before, after, arguments = applied
     np.testing.assert_allclose(after.added, 0.012)
-    assert given["coat"] is None and given["samples"] == (before.samples, before.samples)
-    np.testing.assert_allclose(given["radiance"], after.patch_radiance())
+    assert arguments["coat"] is None and arguments["samples"] == (before.samples, before.samples)
+    np.testing.assert_allclose(arguments["radiance"], after.patch_radiance())
 
 
 def test_the_rays_are_given_the_formula(applied):
-    *_, given = applied
+    *_, arguments = applied
     random = np.random.default_rng(2)
     angles = np.arccos(random.uniform(0.05, 1.0, (2, 300)))
     azimuth = random.uniform(0, 2 * np.pi, 300)
@@ -67,19 +67,19 @@ def test_the_rays_are_given_the_formula(applied):
         )
         for angle, turn in zip(angles, (0.3 + 0 * azimuth, 0.3 + azimuth), strict=True)
     ]
-    values = np.array(given["base"](*ways))
+    values = np.array(arguments["base"](*ways))
     np.testing.assert_allclose(values, reflection(*angles, azimuth), rtol=2e-4)
     cosines = np.linspace(0.05, 1.0, 20)
-    base, lobe = given["albedo"](mi.Float(cosines.astype(np.float32)))
+    base, lobe = arguments["albedo"](mi.Float(cosines.astype(np.float32)))
     np.testing.assert_allclose(np.array(base), [albedo(a) for a in np.arccos(cosines)], rtol=2e-3)
     assert not np.array(lobe).any()
 
 
 def test_patches_reflect_the_means_of_the_formula(applied):
     """Diffuse light by the mean over both hemispheres, the lamp's by that over the ways out at its angle."""
-    before, after, given = applied
+    before, after, arguments = applied
     patches, lamp = before.transport.light.patches, before.transport.light.lamps[0].centre
-    mask = patches.material == given["material"]
+    mask = patches.material == arguments["material"]
     angle = (np.arange(200) + 0.5) / 200 * np.pi / 2
     mean = np.mean([albedo(a) * np.sin(2 * a) for a in angle]) * np.pi / 2
     np.testing.assert_allclose(after.patch_reflectance[mask], before.patch_reflectance[mask] * mean, rtol=2e-3)
@@ -94,7 +94,9 @@ def test_patches_reflect_the_means_of_the_formula(applied):
 
 def test_rays_are_traced_again_for_another_roughness_even_where_patches_stay_dark(monkeypatch):
     traced, direct = [], fake_patch_light(max_bounces=1)
-    monkeypatch.setattr(brdf_change, "changed_reflection", lambda *given, **_: traced.append(given) or np.zeros(1))
+    monkeypatch.setattr(
+        brdf_change, "changed_reflection", lambda *arguments, **_: traced.append(arguments) or np.zeros(1)
+    )
     for sigma, material, times in ((0.3, "white", 1), (0.3, "white", 1), (0.4, "white", 2), (0.4, "red", 3)):
         apply("rough-diffuse", direct, material=material, sigma_rad=sigma)
         assert len(traced) == times

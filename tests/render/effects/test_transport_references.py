@@ -78,9 +78,9 @@ def test_an_effect_grows_out_of_nothing(published, identifier):
         applied = apply_checked(identifier, fixed | strengths, "test")
         return float(np.sqrt(np.mean(np.square(applied.apply(light).picture() - before))))
 
-    whole = change(1.0)
-    assert change(0.0) <= 1e-6 * whole
-    assert change(0.01) <= 1.1e-2 * whole
+    complete = change(1.0)
+    assert change(0.0) <= 1e-6 * complete
+    assert change(0.01) <= 1.1e-2 * complete
 
 
 def test_haze(published):
@@ -105,10 +105,10 @@ def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
     for half in (rows < SIZE // 2, rows >= SIZE // 2):
         where = (transport.covered == 0) & half
         assert where.sum() > 50
-        found, expected = (x[:, where].mean(axis=1) for x in (predicted, truth))
+        predicted_mean, expected = (x[:, where].mean(axis=1) for x in (predicted, truth))
         error = np.sqrt(variance[:, where].sum(axis=1)) / where.sum()
-        assert np.all(np.abs(found - expected) <= 0.1 * expected + SIGMAS * error), (
-            found / expected,
+        assert np.all(np.abs(predicted_mean - expected) <= 0.1 * expected + SIGMAS * error), (
+            predicted_mean / expected,
             error / expected,
         )
 
@@ -129,8 +129,8 @@ def test_ambient_light(published):
     scene, camera, picture, light, masks = published
     truth, variance = mitsuba_effects.reference(scene, camera, NM, 256, batches=4, surround=0.005)
     level = light.over_lamp(np.full(GRID.size, 0.005))
-    lit = light.change(surround=level)
-    change = lit.picture() - light.picture()
+    lighter = light.change(surround=level)
+    change = lighter.picture() - light.picture()
     for where in masks.values():
         error = np.sqrt(variance[:, where].sum(axis=1)) / where.sum()
         expected = (truth - picture)[:, where].mean(axis=1)

@@ -53,7 +53,7 @@ def test_the_point_looked_at_is_in_the_middle_and_up_is_up(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "phrases"),
     [
         ({"look_at_mm": None}, "neither rotation nor look_at_mm"),
         ({"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}, "rotation and look_at_mm"),
@@ -67,6 +67,6 @@ def test_the_point_looked_at_is_in_the_middle_and_up_is_up(tmp_path):
         ({"position_mm": [1, 2]}, "position_mm"),
     ],
 )
-def test_a_faulty_file_is_refused_in_one_message(tmp_path, changes, words):
-    with pytest.raises(InputError, match=words):
+def test_a_faulty_file_is_refused_in_one_message(tmp_path, changes, phrases):
+    with pytest.raises(InputError, match=phrases):
         read_camera(written(tmp_path, **changes))

@@ -43,25 +43,25 @@ def test_meshes_are_exactly_our_triangles(exported):
     folder, _ = exported
     scene, entry = cornell_box(), json.loads((folder / "scene.json").read_text())
     assert [s["name"] for s in entry["surfaces"]] == [s.name for s in scene.surfaces]
-    for surface, stated in zip(scene.surfaces, entry["surfaces"], strict=True):
-        vertices, faces = file_mesh(folder / stated["mesh"], 1.0)
+    for surface, reference in zip(scene.surfaces, entry["surfaces"], strict=True):
+        vertices, faces = file_mesh(folder / reference["mesh"], 1.0)
         assert np.array_equal(vertices, surface.vertices_mm) and np.array_equal(faces, surface.faces)
-        assert stated["material"] == surface.material
+        assert reference["material"] == surface.material
 
 
 def test_a_ball_is_a_sphere_and_its_mesh_has_the_spheres_normals(tmp_path):
-    box, place = box_with_lamp(0.5), ([300.0, 120.0, 400.0], 120.0)
-    ball = Surface("ball", "grey", *sphere_mesh(*place), ball=True)
+    box, sphere = box_with_lamp(0.5), ([300.0, 120.0, 400.0], 120.0)
+    ball = Surface("ball", "grey", *sphere_mesh(*sphere), ball=True)
     scene = replace(box, surfaces=(*box.surfaces, ball))
     write_export(tmp_path / "box", exported_scene(scene, camera_inside(SIZE), SETTINGS))
     entries = json.loads((tmp_path / "box" / "scene.json").read_text())["surfaces"]
     assert [entry["name"] for entry in entries if "sphere" in entry] == ["ball"]
-    stated = entries[-1]["sphere"]
-    np.testing.assert_allclose([*stated["center_mm"], stated["radius_mm"]], [*place[0], place[1]], rtol=1e-9)
+    sphere = entries[-1]["sphere"]
+    np.testing.assert_allclose([*sphere["center_mm"], sphere["radius_mm"]], [*sphere[0], sphere[1]], rtol=1e-9)
     mesh = trimesh.load(tmp_path / "box" / entries[-1]["mesh"], process=False)
     np.testing.assert_array_equal(mesh.vertices, ball.vertices_mm)
     np.testing.assert_array_equal(mesh.faces, ball.faces)
-    outwards = (ball.vertices_mm - place[0]) / place[1]
+    outwards = (ball.vertices_mm - sphere[0]) / sphere[1]
     rows = (tmp_path / "box" / entries[-1]["mesh"]).read_text().split("end_header")[1].split()
     normals = np.array(rows[: 6 * len(outwards)], float).reshape(-1, 6)[:, 3:]
     np.testing.assert_allclose(normals, outwards, atol=2e-4)

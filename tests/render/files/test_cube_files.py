@@ -158,9 +158,9 @@ def test_raw_frames_come_back_with_their_metadata(tmp_path):
     counts = np.random.default_rng(2).integers(0, 65536, (9, 4), np.uint16)
     metadata = {"camera": "dcs200", "exposure_s": 0.25, "seed": 3, "note": "µ-lens \U0001f4f7"}
     write_raw(tmp_path / "raw.tif", counts, metadata)
-    back, told = read_raw(tmp_path / "raw.tif")
+    back, metadata_read = read_raw(tmp_path / "raw.tif")
     np.testing.assert_array_equal(back, counts)
-    assert told == metadata
+    assert metadata_read == metadata
     with tifffile.TiffFile(tmp_path / "raw.tif") as file:
         assert (file.pages.first.bitspersample, file.pages.first.samplesperpixel) == (16, 1)
 

@@ -139,10 +139,10 @@ def test_a_wavelength_twice_is_told(tmp_path):
 
 def test_an_envi_header_asks_for_units_and_wavelengths(tmp_path):
     write_cube(tmp_path / "a.hdr", as_cube(GREY, [400.0, 500.0, 600.0]))
-    whole = (tmp_path / "a.hdr").read_text().splitlines()
+    header_lines = (tmp_path / "a.hdr").read_text().splitlines()
 
     def header(*without, **changed):
-        lines = [line for line in whole if not line.startswith(without)]
+        lines = [line for line in header_lines if not line.startswith(without)]
         (tmp_path / "a.hdr").write_text(
             "\n".join([*lines, *(f"{k.replace('_', ' ')} = {v}" for k, v in changed.items())])
         )
@@ -289,10 +289,10 @@ def test_a_radiance_picture_is_told_from_an_envi_header(tmp_path):
     assert abs((picture - expected).mean()) < 2e-3 * expected.mean()
 
 
-def run(program, *arguments, given=None):
+def run(program, *arguments, stdin=None):
     pyradiance = pytest.importorskip("pyradiance", reason="Radiance's own programs as an oracle")
     folder = Path(pyradiance.__file__).parent
-    return subprocess.run([folder / "bin" / program, *arguments], input=given, capture_output=True, check=True).stdout
+    return subprocess.run([folder / "bin" / program, *arguments], input=stdin, capture_output=True, check=True).stdout
 
 
 @pytest.mark.parametrize("flat", [[], ["-u"]])
@@ -300,7 +300,7 @@ def test_pictures_of_radiances_own_programs(tmp_path, flat):
     """pvalue packs the values, ra_xyze turns them into XYZE, with an exposure of 2 that is divided out again."""
     wide = np.repeat(GREY, 3, axis=1)
     text = "\n".join(" ".join(f"{v:.6g}" for v in pixel) for pixel in wide.reshape(-1, 3))
-    rgbe = run("pvalue", "-r", "-h", "-H", "-d", "-y", "6", "+x", "27", given=text.encode())
+    rgbe = run("pvalue", "-r", "-h", "-H", "-d", "-y", "6", "+x", "27", stdin=text.encode())
     (tmp_path / "rgbe.hdr").write_bytes(rgbe)
     (tmp_path / "xyze.hdr").write_bytes(run("ra_xyze", *flat, "-e", "2", str(tmp_path / "rgbe.hdr")))
     assert b"32-bit_rle_xyze" in (tmp_path / "xyze.hdr").read_bytes()
@@ -313,7 +313,7 @@ def test_pictures_of_radiances_own_programs(tmp_path, flat):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 2\n\x01", "1 bytes|bytes"),
         (b"#?RADIANCE\nFORMAT=ascii\n\n-Y 2 +X 2\n", "FORMAT"),
@@ -323,9 +323,9 @@ def test_pictures_of_radiances_own_programs(tmp_path, flat):
         (b"neither", "ENVI"),
     ],
 )
-def test_malformed_pictures_are_one_clear_message(tmp_path, content, words):
+def test_malformed_pictures_are_one_clear_message(tmp_path, content, message):
     (tmp_path / "a.hdr").write_bytes(content)
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError, match=message):
         read_picture(tmp_path / "a.hdr", Declared("cd m^-2", colour_space="radiance"))
 
 

@@ -40,10 +40,10 @@ def test_a_bad_bands_values_and_wavelength_do_not_matter(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("bbl", "words"), [("{0,0,0,0,0,0}", "no good band"), ("{1,1}", "2 values"), ("{x}", "finite")]
+    ("bbl", "message"), [("{0,0,0,0,0,0}", "no good band"), ("{1,1}", "2 values"), ("{x}", "finite")]
 )
-def test_lists_of_bad_bands_without_meaning_are_refused(tmp_path, bbl, words):
-    with pytest.raises(InputError, match=f"bbl.*{words}"):
+def test_lists_of_bad_bands_without_meaning_are_refused(tmp_path, bbl, message):
+    with pytest.raises(InputError, match=f"bbl.*{message}"):
         read(tmp_path, header_text(bbl=bbl))
 
 

@@ -127,7 +127,7 @@ def test_bytes_need_no_order(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entry", "words"),
+    ("entry", "message"),
     [
         ({"data_type": 6}, "complex"),
         ({"data_type": 99}, "data type: found 99"),
@@ -141,8 +141,8 @@ def test_bytes_need_no_order(tmp_path):
         ({"samples": "5.0"}, "a whole number"),
     ],
 )
-def test_files_of_another_kind_are_refused(tmp_path, entry, words):
-    with pytest.raises(InputError, match=words):
+def test_files_of_another_kind_are_refused(tmp_path, entry, message):
+    with pytest.raises(InputError, match=message):
         read(tmp_path, header_text(**entry))
 
 
@@ -162,15 +162,15 @@ def test_files_of_another_kind_are_refused(tmp_path, entry, words):
 )
 def test_units_of_length_are_read_as_they_are_spelled(tmp_path, unit, size):
     assert nanometres_per_unit(unit) == size
-    stated = ", ".join(f"{w / size:.9g}" for w in NM)
-    cube = read(tmp_path, header_text(wavelength_units=unit, wavelength=f"{{{stated}}}"))
+    wavelength_text = ", ".join(f"{w / size:.9g}" for w in NM)
+    cube = read(tmp_path, header_text(wavelength_units=unit, wavelength=f"{{{wavelength_text}}}"))
     np.testing.assert_allclose(cube["wavelength"], NM, rtol=1e-7)
 
 
 @pytest.mark.parametrize("unit", ["Wavenumber", "cm-1", "1/cm"])
 def test_wavenumbers_are_turned_into_wavelengths(tmp_path, unit):
-    stated = ", ".join(f"{1e7 / w:.9g}" for w in NM)
-    cube = read(tmp_path, header_text(wavelength_units=unit, wavelength=f"{{{stated}}}"))
+    wavenumber_text = ", ".join(f"{1e7 / w:.9g}" for w in NM)
+    cube = read(tmp_path, header_text(wavelength_units=unit, wavelength=f"{{{wavenumber_text}}}"))
     np.testing.assert_allclose(cube["wavelength"], NM, rtol=1e-7)
 
 
@@ -247,8 +247,8 @@ def test_a_declared_unit_may_repeat_the_headers(tmp_path):
 )
 def test_lists_are_read_as_they_are_written(tmp_path, text):
     for end in ("\n", "\r\n", "\r"):
-        stated = header_text(wavelength=text).replace("\n", end)
-        np.testing.assert_array_equal(read(tmp_path, stated)["wavelength"], NM)
+        header = header_text(wavelength=text).replace("\n", end)
+        np.testing.assert_array_equal(read(tmp_path, header)["wavelength"], NM)
 
 
 @pytest.mark.parametrize(
@@ -283,7 +283,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entries", "expected", "words"),
+    ("entries", "expected", "phrase"),
     [
         ({"data_gain_values": "{2}"}, 2 * LIGHT, "data gain values"),
         ({"data_gain_values": "{1, 2, 3, 4, 5, 6}"}, LIGHT * np.arange(1, 7), "data gain values"),
@@ -297,11 +297,11 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
         ({"reflectance_scale_factor": "10000.0 ; as integers"}, LIGHT / 1e4, "reflectance scale factor"),
     ],
 )
-def test_scales_are_applied_and_noted(tmp_path, entries, expected, words):
+def test_scales_are_applied_and_noted(tmp_path, entries, expected, phrase):
     cube = read(tmp_path, header_text(**entries))
     np.testing.assert_allclose(cube["radiance"], expected, rtol=1e-6)
     assert cube["radiance"].dtype == np.float32
-    assert f"applied to the stored numbers: {words}" in cube.attrs["reading_notes"]
+    assert f"applied to the stored numbers: {phrase}" in cube.attrs["reading_notes"]
 
 
 def test_scales_that_change_nothing_are_not_noted(tmp_path):
@@ -322,7 +322,7 @@ def test_scales_come_before_the_unit_and_after_missing_samples(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("entries", "words"),
+    ("entries", "message"),
     [
         ({"data_gain_values": "{1, 2}"}, "data gain values: found 2 values"),
         ({"data_gain_values": "{0}"}, "numbers above 0"),
@@ -332,8 +332,8 @@ def test_scales_come_before_the_unit_and_after_missing_samples(tmp_path):
         ({"reflectance_scale_factor": "100", "data_gain_values": "{2}"}, "one of the two"),
     ],
 )
-def test_scales_without_meaning_are_refused(tmp_path, entries, words):
-    with pytest.raises(InputError, match=words):
+def test_scales_without_meaning_are_refused(tmp_path, entries, message):
+    with pytest.raises(InputError, match=message):
         read(tmp_path, header_text(**entries))
 
 

@@ -13,13 +13,16 @@ PICTURE = np.random.default_rng(3).random((12, 20, 3)).astype(np.float32) + 0.1
 SPECTRAL = ["S0.400,0nm", "S0.500,0nm", "S0.600,0nm"]
 
 
-def exr(path, left=0, top=0, width=20, height=12, display=(0, 0, 19, 11), names=SPECTRAL, **header):
+def exr(path, x_offset=0, top=0, width=20, height=12, display=(0, 0, 19, 11), names=SPECTRAL, **header):
     """Part of the picture; beyond its borders it is 99."""
     wide = np.pad(PICTURE, ((9, 9), (9, 9), (0, 0)), constant_values=99)
-    part = wide[9 + top : 9 + top + height, 9 + left : 9 + left + width]
+    part = wide[9 + top : 9 + top + height, 9 + x_offset : 9 + x_offset + width]
     planes = {name: np.ascontiguousarray(part[..., k % 3]) for k, name in enumerate(names)}
     windows = {
-        "dataWindow": (np.array([left, top], np.int32), np.array([left + width - 1, top + height - 1], np.int32)),
+        "dataWindow": (
+            np.array([x_offset, top], np.int32),
+            np.array([x_offset + width - 1, top + height - 1], np.int32),
+        ),
         "displayWindow": (np.array(display[:2], np.int32), np.array(display[2:], np.int32)),
     }
     unit = {"emissiveUnits": "W.m^-2.sr^-1.nm^-1"} if names is SPECTRAL else {}
@@ -44,18 +47,18 @@ def test_a_complete_picture_has_no_window(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("left", "top", "width", "height"), [(3, 2, 9, 7), (0, 0, 19, 12), (0, 1, 20, 11), (19, 11, 1, 1)]
+    ("x_offset", "top", "width", "height"), [(3, 2, 9, 7), (0, 0, 19, 12), (0, 1, 20, 11), (19, 11, 1, 1)]
 )
-def test_a_part_is_read_with_its_place(tmp_path, left, top, width, height):
-    cube = read_cube(exr(tmp_path / "a.exr", left, top, width, height))
-    np.testing.assert_array_equal(cube["radiance"], PICTURE[top : top + height, left : left + width])
-    assert window_of(cube) == Window(left, top, width, height, (0, 0, 20, 12))
-    assert f"part of the display window: x {left} to" in cube.attrs["reading_notes"]
+def test_a_part_is_read_with_its_place(tmp_path, x_offset, top, width, height):
+    cube = read_cube(exr(tmp_path / "a.exr", x_offset, top, width, height))
+    np.testing.assert_array_equal(cube["radiance"], PICTURE[top : top + height, x_offset : x_offset + width])
+    assert window_of(cube) == Window(x_offset, top, width, height, (0, 0, 20, 12))
+    assert f"part of the display window: x {x_offset} to" in cube.attrs["reading_notes"]
 
 
-@pytest.mark.parametrize(("left", "top", "width", "height"), [(-4, -2, 28, 16), (0, 0, 22, 12), (-1, 0, 21, 12)])
-def test_what_lies_outside_the_picture_is_left_out(tmp_path, left, top, width, height):
-    cube = read_cube(exr(tmp_path / "a.exr", left, top, width, height))
+@pytest.mark.parametrize(("x_offset", "top", "width", "height"), [(-4, -2, 28, 16), (0, 0, 22, 12), (-1, 0, 21, 12)])
+def test_what_lies_outside_the_picture_is_left_out(tmp_path, x_offset, top, width, height):
+    cube = read_cube(exr(tmp_path / "a.exr", x_offset, top, width, height))
     np.testing.assert_array_equal(cube["radiance"], PICTURE)
     assert window_of(cube) is None
     assert "overscan" in cube.attrs["reading_notes"]
@@ -117,15 +120,15 @@ def test_pixels_in_common(first, second, common):
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "words"),
+    ("first", "second", "message"),
     [
         (WHOLE, Window(3, 2, 9, 7, (0, 0, 21, 12)), "display window"),
         (WHOLE, Window(20, 0, 20, 12, (20, 0, 20, 12)), "display window"),
         (Window(0, 0, 5, 5, (0, 0, 20, 12)), Window(5, 0, 5, 5, (0, 0, 20, 12)), "some of x 0 to 4"),
     ],
 )
-def test_pictures_without_common_pixels_are_refused(first, second, words):
-    with pytest.raises(InputError, match=words):
+def test_pictures_without_common_pixels_are_refused(first, second, message):
+    with pytest.raises(InputError, match=message):
         common_pixels(first, second, ("a", "b"))
 
 
@@ -134,7 +137,7 @@ PASSES = [*(f"ViewLayer.Combined.{c}" for c in "RGBA"), "ViewLayer.Depth.Z", *(f
 
 
 @pytest.mark.parametrize(
-    ("names", "header", "words"),
+    ("names", "header", "message"),
     [
         (
             AOVS,
@@ -149,10 +152,10 @@ PASSES = [*(f"ViewLayer.Combined.{c}" for c in "RGBA"), "ViewLayer.Depth.Z", *(f
         (["ch1", "ch2", "depth.Z"], {}, r"layers \(without a name, depth\)"),
     ],
 )
-def test_one_layer_of_several_is_asked_for(tmp_path, names, header, words):
+def test_one_layer_of_several_is_asked_for(tmp_path, names, header, message):
     path = exr(tmp_path / "a.exr", names=names, **header)
     for declared in (Declared(), Declared("W m^-2 sr^-1 nm^-1", wavelengths_nm=(400, 500))):
-        with pytest.raises(InputError, match=words) as fault:
+        with pytest.raises(InputError, match=message) as fault:
             read_picture(path, declared)
         assert "\n" not in str(fault.value)
 

@@ -55,8 +55,10 @@ def test_what_is_shared_covers_means_of_noisy_surfaces(tmp_path, spread):
         level = rng.uniform([0.6, 0.1, 0.02], [0.9, 0.4, 0.05])
         rgb = level + spread * step * rng.standard_normal((17, 17, 3))
         picture, error = read(tmp_path, rgb)
-        own = np.sqrt((picture["rounding"].values ** 2).sum(axis=(0, 1))) / 17**2
-        over.append(error.mean(axis=(0, 1)) / np.hypot(own, picture["rounding_shared"].values.mean(axis=(0, 1))))
+        pooled_error = np.sqrt((picture["rounding"].values ** 2).sum(axis=(0, 1))) / 17**2
+        over.append(
+            error.mean(axis=(0, 1)) / np.hypot(pooled_error, picture["rounding_shared"].values.mean(axis=(0, 1)))
+        )
     assert np.all(np.sqrt(np.square(over).mean(axis=0)) < 1.1)
 
 

@@ -24,8 +24,8 @@ def test_a_smear_is_its_three_second_moments(angle_deg: float) -> None:
     smeared = np.mean([_spot(step * right, step * down) for step in steps], axis=0)
     variance = _LENGTH**2 / 12
     moments = np.array([1.0, right**2 - down**2, right * down]) * variance / 2
-    found = np.tensordot(moments, with_moments(_spot()), 1)
-    assert_allclose(found, smeared - _spot(), atol=0.05 * np.abs(smeared - _spot()).max())
+    after_smear = np.tensordot(moments, with_moments(_spot()), 1)
+    assert_allclose(after_smear, smeared - _spot(), atol=0.05 * np.abs(smeared - _spot()).max())
 
 
 @pytest.mark.parametrize(("angle_deg", "axis"), [(0.0, 1), (90.0, 0)])

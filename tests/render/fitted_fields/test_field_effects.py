@@ -91,18 +91,18 @@ def _changed(effect, amplitude):
 
 @pytest.mark.parametrize("cause", CAUSES)
 def test_the_effect_written_of_a_cause_does_what_the_cause_did(tmp_path, cause):
-    found, effect = _written(tmp_path, CAUSES[cause])
-    assert found.family == cause.split(",")[0]
+    written, effect = _written(tmp_path, CAUSES[cause])
+    assert written.family == cause.split(",")[0]
     once = _changed(effect, 1.0)
-    assert np.abs(once - found.change).max() < 1e-3 * np.abs(found.change).max()
+    assert np.abs(once - written.change).max() < 1e-3 * np.abs(written.change).max()
     assert np.sum((once - CAUSES[cause]) ** 2) < 0.25 * np.sum(CAUSES[cause] ** 2)
     assert np.allclose(_changed(effect, -0.5), -0.5 * once)
     assert np.abs(_changed(effect, 0.0)).max() < 1e-9
 
 
 def test_a_line_of_the_lamp_stands_about_its_band(tmp_path):
-    found, effect = _written(tmp_path, SIGNAL * np.array([0.0, 0.03, 0.02, 0])[:, None, None])
-    assert (found.family, effect.stage) == ("lamp-spectrum", "scene")
+    written, effect = _written(tmp_path, SIGNAL * np.array([0.0, 0.03, 0.02, 0])[:, None, None])
+    assert (written.family, effect.stage) == ("lamp-spectrum", "scene")
     scene = cornell_box()
     radiance = apply_checked(effect, {}, "test").apply(scene).lamp.radiance
     ratio = radiance.at(NM) / scene.lamp.radiance.at(NM)
@@ -130,8 +130,8 @@ def test_interference_goes_by_the_wavelength():
     maps = ImageMaps("wave", per_px=tuple(per_px), curvature=0.0008 * 2 / 0.45, nm=450.0)
     for nm in (450.0, 600.0):
         waves = np.cos(4 * np.pi * gap_um / (nm / 1000)).ravel()
-        left = np.linalg.lstsq(maps.at(nm).matrix((SIZE, SIZE)).T, waves, rcond=None)[1]
-        assert left.item() < 1e-18 * len(waves)
+        residual_squares = np.linalg.lstsq(maps.at(nm).matrix((SIZE, SIZE)).T, waves, rcond=None)[1]
+        assert residual_squares.item() < 1e-18 * len(waves)
 
 
 def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
@@ -143,23 +143,23 @@ def test_paints_that_each_changed_otherwise_are_one_cause(tmp_path):
         "all paints"
     )
     relative = explanation.change / SIGNAL
-    asked = relative[:, ROWS >= 30].mean(axis=1) - relative[:, ROWS < 30].mean(axis=1)
-    assert asked == pytest.approx(floor - wall, abs=0.003)
+    mean_change = relative[:, ROWS >= 30].mean(axis=1) - relative[:, ROWS < 30].mean(axis=1)
+    assert mean_change == pytest.approx(floor - wall, abs=0.003)
     field, maps = (
         field_of_record(json.loads(json.dumps(field_record(explanation.field))), tmp_path),
         smooth_surface_maps(excess),
     )
-    first = [int(np.argmax(maps.surface == excess.names.index(one.surface))) for one in field.surfaces]
-    values = np.array([one.spectrum * field.spectrum for one in field.surfaces])
+    first = [int(np.argmax(maps.surface == excess.names.index(surface.surface))) for surface in field.surfaces]
+    values = np.array([surface.spectrum * field.spectrum for surface in field.surfaces])
     again = [values[:, band] @ maps.reflectance(band, first) for band in range(BANDS)]
     assert np.reshape(again, SIGNAL.shape) == pytest.approx(explanation.change, rel=1e-3, abs=0.01)
 
 
 @pytest.mark.parametrize("spectrum", [[0.1], [0.1] * 5])
 def test_a_surfaces_spectrum_has_a_number_for_each_band(spectrum, tmp_path):
-    places = WaveMap("floor", np.zeros(3), np.ones(3), np.zeros((1, 3)), np.ones(1), np.ones(4))
-    whole = FittedField("reflectance", ("a", "b", "c", "d"), NM, (4, 4), surfaces=(places,), spectrum=np.ones(4))
-    record = field_record(whole)
+    wave_map = WaveMap("floor", np.zeros(3), np.ones(3), np.zeros((1, 3)), np.ones(1), np.ones(4))
+    field = FittedField("reflectance", ("a", "b", "c", "d"), NM, (4, 4), surfaces=(wave_map,), spectrum=np.ones(4))
+    record = field_record(field)
     record["surfaces"][0]["spectrum"] = spectrum
     with pytest.raises(InputError, match=r"surfaces\[0\]\.spectrum: found \d numbers; expected 4 numbers"):
         field_of_record(record, tmp_path / "mine.toml")

@@ -41,10 +41,10 @@ def _effect(acts, surfaces, spectrum):
 def test_another_paint_is_the_catalogues_with_all_that_it_reflects_on(published):
     scene, transport = published
     light = _light(scene, transport)
-    found = _effect("reflectance", _even("left"), [-0.1] * 3).apply(light, amplitude=0.5)
+    changed = _effect("reflectance", _even("left"), [-0.1] * 3).apply(light, amplitude=0.5)
     other = apply_checked("wall-reflectance", {"material": "red", "scale": 0.95}, "test").apply(scene)
-    assert found.picture() == pytest.approx(_light(other, transport).picture(), rel=1e-5, abs=1e-9)
-    change = np.abs(found.picture() / np.maximum(light.picture(), 1e-12) - 1)
+    assert changed.picture() == pytest.approx(_light(other, transport).picture(), rel=1e-5, abs=1e-9)
+    change = np.abs(changed.picture() / np.maximum(light.picture(), 1e-12) - 1)
     ceiling = transport.pixel[transport.surface == [s.name for s in scene.surfaces].index("ceiling")]
     assert change.reshape(3, -1)[2, ceiling].max() > 1e-3
 
@@ -52,10 +52,10 @@ def test_another_paint_is_the_catalogues_with_all_that_it_reflects_on(published)
 def test_a_paint_that_changed_in_one_band_changes_that_band(published):
     scene, transport = published
     light = _light(scene, transport)
-    found = _effect("reflectance", _even("left"), [0.0, 0.0, -0.1]).apply(light, amplitude=1.0).picture()
+    changed = _effect("reflectance", _even("left"), [0.0, 0.0, -0.1]).apply(light, amplitude=1.0).picture()
     before = light.picture()
-    assert found[:2] == pytest.approx(before[:2], rel=1e-6)
-    assert found[2].sum() < 0.999 * before[2].sum()
+    assert changed[:2] == pytest.approx(before[:2], rel=1e-6)
+    assert changed[2].sum() < 0.999 * before[2].sum()
 
 
 def test_light_on_all_walls_of_a_closed_room_has_its_closed_form():
@@ -65,10 +65,10 @@ def test_light_on_all_walls_of_a_closed_room_has_its_closed_form():
     scene = lamp_and([quad(name, c) for name, c in corners.items()], lamp)
     field = solve_light(scene, NM, patch_edge_mm=250.0, patch_samples=128)
     light = _light(scene, build_patch_transport(field, camera_inside(8), 64))
-    lit = _effect("irradiance", _even(*corners), [1.0, 1.0, 0.5]).apply(light, amplitude=1.0).picture()
+    bright = _effect("irradiance", _even(*corners), [1.0, 1.0, 0.5]).apply(light, amplitude=1.0).picture()
     assert light.picture() == pytest.approx(0.0, abs=1e-6)
-    assert lit[1] == pytest.approx(1.0, rel=1e-4)
-    assert lit[2] == pytest.approx(0.5, rel=1e-4)
+    assert bright[1] == pytest.approx(1.0, rel=1e-4)
+    assert bright[2] == pytest.approx(0.5, rel=1e-4)
 
 
 def test_a_thing_in_front_hides_and_shines(published):
@@ -87,8 +87,8 @@ def test_a_thing_in_front_hides_and_shines(published):
 def test_a_sheen_is_seen_and_lights_nothing(published):
     scene, transport = published
     light = _light(scene, transport)
-    lit = _effect("radiance", _even("back"), [0.01] * 3).apply(light, amplitude=2.0)
-    added = (lit.picture() - light.picture())[1].ravel()
+    shiny = _effect("radiance", _even("back"), [0.01] * 3).apply(light, amplitude=2.0)
+    added = (shiny.picture() - light.picture())[1].ravel()
     back = transport.surface == [surface.name for surface in scene.surfaces].index("back")
     share = np.bincount(transport.pixel[back], transport.coverage[back], minlength=added.size)
     assert added == pytest.approx(0.02 * share, abs=1e-7)
@@ -104,8 +104,8 @@ def test_surfaces_with_spectra_of_their_own_change_as_each_would_alone(published
     scene, transport = published
     light = _light(scene, transport)
     left, right = np.array([[0.1, -0.05, 0.02], [-0.02, 0.03, 0.08]])
-    own = (replace(_even("left")[0], spectrum=left), replace(_even("right")[0], spectrum=right))
-    both = _effect("reflectance", own, [0.5, 1.0, 1.0]).apply(light, amplitude=1.0)
-    one = _effect("reflectance", _even("left"), left * [0.5, 1.0, 1.0]).apply(light, amplitude=1.0)
-    then = _effect("reflectance", _even("right"), right * [0.5, 1.0, 1.0]).apply(one, amplitude=1.0)
+    maps = (replace(_even("left")[0], spectrum=left), replace(_even("right")[0], spectrum=right))
+    both = _effect("reflectance", maps, [0.5, 1.0, 1.0]).apply(light, amplitude=1.0)
+    painted = _effect("reflectance", _even("left"), left * [0.5, 1.0, 1.0]).apply(light, amplitude=1.0)
+    then = _effect("reflectance", _even("right"), right * [0.5, 1.0, 1.0]).apply(painted, amplitude=1.0)
     assert both.picture() == pytest.approx(then.picture(), rel=1e-9)

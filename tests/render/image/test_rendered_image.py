@@ -1,7 +1,9 @@
 """A rendered image and its average over batches."""
 
+from dataclasses import replace
+
 import numpy as np
-from cboxlab.rendering.image import RenderedImage
+from cboxlab.rendering.image import LAMP, NOTHING, RenderedImage
 
 
 def drawn(batches):
@@ -24,5 +26,14 @@ def test_the_average_over_batches_has_the_same_mean_and_no_variance():
     assert averaged.coefficients.nbytes == image.coefficients.nbytes / 7
     mean, variance = averaged.project(weights)
     assert np.isnan(variance).all()
-    for found in (averaged.mean(weights), mean):
-        np.testing.assert_allclose(found, exact, rtol=1e-6)
+    for mean_of_image in (averaged.mean(weights), mean):
+        np.testing.assert_allclose(mean_of_image, exact, rtol=1e-6)
+
+
+def test_a_pixel_shows_the_surface_of_its_largest_share():
+    """Two faces of a wall count together; lamps and pixels that show nothing have their own marks."""
+    shares = [[0.2, 0.4, 0.3, 0.1], [0.3, 0.3, 0.4, 0.0], [0.1, 0.1, 0.2, 0.6], [0.0, 0.3, 0.1, 0.0]]
+    coverage = np.array([shares], np.float32)
+    facets, names = np.array([0, 1, 1, 2]), ("floor", "wall")
+    image = replace(drawn(2), coverage=coverage, facet_surface=facets, surface_names=names)
+    assert image.surface.tolist() == [[1, 1, LAMP, NOTHING]]

@@ -55,20 +55,20 @@ def test_a_grey_box_has_the_derivative_of_its_series():
     slope = render_derivatives(RenderJob(middle, camera, BANDS[:1], seed=1, **arguments)).reflectance[:, 0]
     ends = [render_path_tracer(RenderJob(s, camera, BANDS[:1], seed=n, **arguments)) for n, s in ((2, low), (3, high))]
     means = [(e.coefficients[..., 1:] @ e.spectra[1:]).mean(axis=(1, 2, 3)) for e in ends]
-    rise, found = (means[1] - means[0]) / 0.06, slope.mean(axis=(1, 2, 3))
-    error = np.sqrt((rise.var(ddof=1) + found.var(ddof=1)) / 16)
+    rise, fall = (means[1] - means[0]) / 0.06, slope.mean(axis=(1, 2, 3))
+    error = np.sqrt((rise.var(ddof=1) + fall.var(ddof=1)) / 16)
     # the mean slope over +-0.03 exceeds the slope in the middle by the third derivative: 1e-3 / (1 - rho)^2
-    allowed = 0.03**2 / 0.4**2 * found.mean()
-    assert error < 0.01 * found.mean()
-    assert abs(rise.mean() - found.mean()) < 6.5 * error + allowed
+    allowed = 0.03**2 / 0.4**2 * fall.mean()
+    assert error < 0.01 * fall.mean()
+    assert abs(rise.mean() - fall.mean()) < 6.5 * error + allowed
 
 
 def test_the_lamps_spectrum_and_power():
     """Light is linear in the lamp's: derivative times its radiance is the picture."""
     scene, camera = cornell_box(), cornell_camera(8)
     derivatives = render_derivatives(RenderJob(scene, camera, BANDS, samples=8, batches=2))
-    whole = derivatives.image.coefficients @ derivatives.image.spectra
-    assert derivatives.lamp * scene.lamp.radiance.at(BANDS) == pytest.approx(whole, rel=1e-5, abs=1e-12)
+    radiance = derivatives.image.coefficients @ derivatives.image.spectra
+    assert derivatives.lamp * scene.lamp.radiance.at(BANDS) == pytest.approx(radiance, rel=1e-5, abs=1e-12)
 
 
 def test_a_black_paint_has_no_derivative_to_show():
@@ -82,13 +82,13 @@ def test_bounces_share_their_paths_and_add_up():
     """Each part is the difference of pictures cut one reflection later and sooner; all of them make the picture."""
     arguments = {"samples": 16, "batches": 2, "seed": 3}
     parts = render_bounces(RenderJob(cornell_box(), cornell_camera(12), BANDS, **arguments), bounces=3)
-    whole = render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), BANDS, **arguments))
-    radiance = whole.coefficients @ whole.spectra
+    complete = render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), BANDS, **arguments))
+    radiance = complete.coefficients @ complete.spectra
     assert parts.sum("part").values == pytest.approx(radiance, rel=1e-5, abs=1e-6 * radiance.max())
     cut = [
         render_path_tracer(RenderJob(cornell_box(), cornell_camera(12), BANDS, max_bounces=n, **arguments))
         for n in (1, 2)
     ]
-    one, two = (image.coefficients @ image.spectra for image in cut)
-    assert parts.sel(part="2").values == pytest.approx(two - one, rel=1e-3, abs=1e-6 * one.max())
+    shorter, two = (image.coefficients @ image.spectra for image in cut)
+    assert parts.sel(part="2").values == pytest.approx(two - shorter, rel=1e-3, abs=1e-6 * shorter.max())
     assert set(parts.surface.values.ravel()) >= {"floor", "left", "ceiling"}

@@ -36,14 +36,14 @@ def with_block(inside, bsdf, rho=0.7, lamp_half=350.0, **scene):
     return replace(box, surfaces=(*box.surfaces, block), materials=materials, **scene)
 
 
-def assert_agree(one, other, largest_error):
+def assert_agree(first, other, largest_error):
     """Means over the pixels that see the block alone, and over those that see none of it nor the lamp."""
-    block = [one.coverage[..., one.facet_surface == len(one.surface_names) - 1].sum(axis=-1)]
+    block = [first.coverage[..., first.facet_surface == len(first.surface_names) - 1].sum(axis=-1)]
     block += [other.coverage[..., other.facet_surface == len(other.surface_names) - 1].sum(axis=-1)]
-    lamp = one.sees_lamp | other.sees_lamp
+    lamp = first.sees_lamp | other.sees_lamp
     for where in ((np.min(block, axis=0) > 0.999) & ~lamp, (np.max(block, axis=0) == 0) & ~lamp):
         assert where.sum() > 12
-        a, b = ((image.coefficients @ image.spectra)[:, where].mean(axis=1) for image in (one, other))
+        a, b = ((image.coefficients @ image.spectra)[:, where].mean(axis=1) for image in (first, other))
         error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
         assert np.all(error < largest_error * a.mean(axis=0)), error / a.mean(axis=0)
         limit = student.isf(0.5e-6, 2 * BATCHES - 2) * error
@@ -77,9 +77,9 @@ def under_the_lamp(bsdf, floor=None):
     """A black box whose ceiling shines, and a block of ink 200 mm thick under it; the floor, of metal where asked."""
     box = box_with_lamp(0.0, lamp_half=450.0)
     block = Surface("block", "skin", *box_mesh([500.0, 700.0, 500.0], [400.0, 200.0, 400.0], 0.0), inside=INK)
-    own = {"skin": Material("skin", FLAT.scaled(0.5), bsdf), "metal": Material("metal", FLAT, floor or NULL)}
+    materials = {"skin": Material("skin", FLAT.scaled(0.5), bsdf), "metal": Material("metal", FLAT, floor or NULL)}
     surfaces = [replace(s, material="metal") if floor and s.name == "floor" else s for s in box.surfaces]
-    return replace(box, surfaces=(*surfaces, block), materials={**box.materials, **own})
+    return replace(box, surfaces=(*surfaces, block), materials={**box.materials, **materials})
 
 
 def looking_up():
@@ -149,12 +149,12 @@ def test_a_boundary_with_nothing_in_it_is_not_seen():
     nothing = Medium(FLAT.scaled(0.0), FLAT.scaled(0.0))
     scene, camera = with_block(nothing, NULL), camera_inside(12)
     without = replace(scene, surfaces=scene.surfaces[:-1])
-    one, other = (
+    first, other = (
         render_general_path_tracer(RenderJob(s, camera, BANDS, 256, BATCHES, seed=n))
         for n, s in enumerate((scene, without))
     )
     used = other.surface >= 0
-    a, b = ((image.coefficients @ image.spectra)[:, used].mean(axis=1) for image in (one, other))
+    a, b = ((image.coefficients @ image.spectra)[:, used].mean(axis=1) for image in (first, other))
     error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
     assert np.all(error < 0.01 * b.mean(axis=0))
     assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < student.isf(0.5e-6, 2 * BATCHES - 2) * error)

@@ -45,9 +45,9 @@ def means(image, used):
     return (image.coefficients @ image.spectra / image.spectra.max(axis=0))[:, used].mean(axis=1)
 
 
-def assert_equal(one, other, largest_error):
-    used = alone(one) & alone(other)
-    a, b = means(one, used), means(other, used)
+def assert_equal(first, other, largest_error):
+    used = alone(first) & alone(other)
+    a, b = means(first, used), means(other, used)
     error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
     assert np.all(error < largest_error * a.mean(axis=0)), error / a.mean(axis=0)
     assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < T_LIMIT * error)

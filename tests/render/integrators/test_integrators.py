@@ -70,22 +70,22 @@ def test_many_names_for_the_same_paints_change_nothing():
 
 
 @needs_llvm
-@pytest.mark.parametrize(("one", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
-def test_surface_means_agree(pictures, one, other):
+@pytest.mark.parametrize(("first", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
+def test_surface_means_agree(pictures, first, other):
     """Every surface's mean at every wavelength agrees within the scatter of its batches."""
-    assert_means_agree(pictures[one], pictures[other])
+    assert_means_agree(pictures[first], pictures[other])
 
 
 def assert_means_agree(a, b):
     for index, name in enumerate(a.surface_names):
-        here = a.single_surface & b.single_surface & (a.surface == index)
-        if here.sum() < 4:
+        visible = a.single_surface & b.single_surface & (a.surface == index)
+        if visible.sum() < 4:
             continue
-        assert_mean_agrees(a, b, here, name)
+        assert_mean_agrees(a, b, visible, name)
 
 
-def assert_mean_agrees(a, b, here, name):
-    means = [relative(image)[:, here].mean(axis=1) for image in (a, b)]
+def assert_mean_agrees(a, b, region, name):
+    means = [relative(image)[:, region].mean(axis=1) for image in (a, b)]
     error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / BATCHES)
     difference = means[0].mean(axis=0) - means[1].mean(axis=0)
     assert np.all(np.abs(difference) < T_LIMIT * error), name
@@ -97,8 +97,8 @@ def test_a_box_with_a_ball_of_many_triangles():
     """Groups of small triangles as patches: surface means agree with the path tracer's, which has no patches."""
     published = cornell_box()
     ball = Surface("ball", "white", *sphere_mesh([186.0, 90.0, 169.0], 90.0), ball=True)
-    kept = tuple(s for s in published.surfaces if s.name != "short-block")
-    scene = replace(published, surfaces=(*kept, ball))
+    surfaces = tuple(s for s in published.surfaces if s.name != "short-block")
+    scene = replace(published, surfaces=(*surfaces, ball))
     camera = cornell_camera(24)
     gather = render_final_gather(RenderJob(scene, camera, BANDS, samples=64, batches=BATCHES, seed=4))
     paths = render_path_tracer(RenderJob(scene, camera, BANDS, samples=256, batches=BATCHES, seed=5))
@@ -112,10 +112,10 @@ def test_a_box_with_a_ball_of_many_triangles():
 
 
 @needs_llvm
-@pytest.mark.parametrize(("one", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
-def test_pixels_agree_as_their_standard_errors_say(pictures, one, other):
+@pytest.mark.parametrize(("first", "other"), [("path", "gather"), ("path", "stock"), ("gather", "stock")])
+def test_pixels_agree_as_their_standard_errors_say(pictures, first, other):
     """Difference over standard error has mean 0, mean square nu / (nu - 2), nu between 15 and 30."""
-    a, b = pictures[one], pictures[other]
+    a, b = pictures[first], pictures[other]
     where = a.single_surface & b.single_surface & (a.surface >= 0)
     sets = [relative(image)[:, where].mean(axis=-1) for image in (a, b)]
     error = np.sqrt(sum(s.var(axis=0, ddof=1) for s in sets) / BATCHES)
@@ -164,12 +164,12 @@ def test_the_picture_is_linear_in_the_lamp(integrator):
     """Twice the lamp's radiance: twice the picture, exactly, with the same noise."""
     scene, camera = cornell_box(), cornell_camera(12)
     double = scene.with_lamp(scene.lamp.radiance.scaled(2.0))
-    one, two = (
+    dim, two = (
         integrator(RenderJob(s, camera, BANDS, samples=4, batches=2, seed=7)).project(np.eye(3))
         for s in (scene, double)
     )
-    assert np.array_equal(2 * one[0], two[0])
-    assert np.array_equal(4 * one[1], two[1])
+    assert np.array_equal(2 * dim[0], two[0])
+    assert np.array_equal(4 * dim[1], two[1])
 
 
 @pytest.mark.parametrize("integrator", [*COARSE, render_stock])
@@ -245,14 +245,14 @@ def test_the_patches_size_does_not_show():
     used = images[0].single_surface & (images[0].surface >= 0)
     everywhere = fine[:, used].mean(axis=(0, 1))
     for index in range(len(images[0].surface_names)):
-        here = used & (images[0].surface == index)
-        mean = fine[:, here].mean(axis=(0, 1))
-        change = (coarse - fine)[:, here].mean(axis=1)
+        region = used & (images[0].surface == index)
+        mean = fine[:, region].mean(axis=(0, 1))
+        change = (coarse - fine)[:, region].mean(axis=1)
         error = change.std(axis=0, ddof=1) / np.sqrt(BATCHES)
         allowed = 0.002 * mean + 0.0005 * everywhere
         assert np.all(np.abs(change.mean(axis=0)) < allowed + T_LIMIT * error), index
-    whole = (coarse - fine)[:, used].mean(axis=(0, 1)) / everywhere
-    assert np.abs(whole).max() < 0.001
+    difference = (coarse - fine)[:, used].mean(axis=(0, 1)) / everywhere
+    assert np.abs(difference).max() < 0.001
 
 
 @needs_llvm

@@ -82,7 +82,7 @@ def test_samples_go_where_a_percentile_above_the_median_asks_for_them():
 
 def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     """Stopped after three passes: the rest alone is rendered, and the picture is that of one go, to the bit."""
-    kept = tmp_path / "cube.nc.passes"
+    passes = tmp_path / "cube.nc.passes"
     image = render_to_precision(RenderJob(*WHERE), 0.004)
     rendered = []
 
@@ -95,29 +95,29 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
 
     monkeypatch.setattr(precision, "render_pass", watched)
     with pytest.raises(KeyboardInterrupt):
-        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept)
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes)
     assert rendered == [0, 1, 2]
     monkeypatch.setattr(precision, "render_pass", render_pass)
     messages = []
     reporter = ProgressReporter(lambda stage, done: messages.append((stage, done)))
-    resumed = render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=reporter)
+    resumed = render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes, progress=reporter)
     assert list(dict.fromkeys(stage for stage, _ in messages)) == ["rendering a pilot", "rendering"]
     parts = [done for stage, done in messages if stage == "rendering"]
     first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
     assert first == sorted(first) and parts[-1] == 1
     assert parts[0] == 3 / BATCHES
     assert np.array_equal(resumed.coefficients, image.coefficients)
-    other = render_to_precision(RenderJob(*WHERE, seed=5), 0.004, checkpoint=kept)
+    other = render_to_precision(RenderJob(*WHERE, seed=5), 0.004, checkpoint=passes)
     assert not np.array_equal(other.coefficients, image.coefficients)
-    kept.write_bytes(b"broken")
+    passes.write_bytes(b"broken")
     assert np.array_equal(
-        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept).coefficients, image.coefficients
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes).coefficients, image.coefficients
     )
 
 
 def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
     """Cancelled in its third pass: two are kept, no unfinished file is left, and nothing more is rendered."""
-    kept = tmp_path / "cube.nc.passes"
+    passes = tmp_path / "cube.nc.passes"
 
     def told(stage, done):
         if stage == "rendering" and 2 / BATCHES < done:
@@ -125,12 +125,12 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
 
     reporter = ProgressReporter(told)
     with pytest.raises(Cancelled):
-        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=reporter)
-    assert [path.name for path in tmp_path.iterdir()] == [kept.name]
-    shown = []
-    resumed = ProgressReporter(lambda stage, done: shown.append(done) if stage == "rendering" else None)
-    render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=kept, progress=resumed)
-    assert shown[0] == pytest.approx(3 / BATCHES)
+        render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes, progress=reporter)
+    assert [path.name for path in tmp_path.iterdir()] == [passes.name]
+    stages = []
+    resumed = ProgressReporter(lambda stage, done: stages.append(done) if stage == "rendering" else None)
+    render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes, progress=resumed)
+    assert stages[0] == pytest.approx(3 / BATCHES)
     reporter = ProgressReporter()
     reporter.cancel()
     with pytest.raises(Cancelled):
@@ -168,9 +168,9 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
         )
     assert marker.exists()
     assert np.array_equal(shared[1].coefficients, images[1].coefficients)
-    here = [render_pass(job) for job in jobs]
-    for one, other in zip(images, here, strict=True):
-        assert combined([other, one]).coefficients[1] == pytest.approx(other.coefficients[0], rel=1e-4, abs=1e-6)
+    local = [render_pass(job) for job in jobs]
+    for remote, other in zip(images, local, strict=True):
+        assert combined([other, remote]).coefficients[1] == pytest.approx(other.coefficients[0], rel=1e-4, abs=1e-6)
 
 
 def _dying_once(job, marker):

@@ -35,8 +35,8 @@ PATTERN = np.array([[0.5, 1.5], [0.5, 1.5]])
 def two_lamps(reflectances=(0.0, 0.0), order=1, **further):
     """A large warm lamp in the ceiling and a cold one on the back wall, which light each other."""
     box = box_with_lamp(0.6, lamp_half=250.0)
-    place = square(np.array([300.0, 600.0, EDGE - 1.0]), 120.0, 2, -1)
-    cold = Lamp(quad("cold", place), COLD, reflectance=FLAT.scaled(reflectances[1]), **further)
+    corners = square(np.array([300.0, 600.0, EDGE - 1.0]), 120.0, 2, -1)
+    cold = Lamp(quad("cold", corners), COLD, reflectance=FLAT.scaled(reflectances[1]), **further)
     warm = replace(box.lamp, radiance=WARM, reflectance=FLAT.scaled(reflectances[0]))
     first, second = (warm, cold)[::order]
     return replace(box, lamp=first, further_lamps=(second,))
@@ -51,21 +51,21 @@ def radiance(image):
     return image.coefficients @ image.spectra
 
 
-def assert_agree(one, other, largest_error):
+def assert_agree(first, other, largest_error):
     """Means over the pixels of each face that both see alone, the lamps' among them."""
     faces = 0
-    for face in range(one.coverage.shape[-1]):
-        where = (one.coverage[..., face] == 1) & (other.coverage[..., face] == 1)
+    for face in range(first.coverage.shape[-1]):
+        where = (first.coverage[..., face] == 1) & (other.coverage[..., face] == 1)
         if where.sum() < 6:
             continue
-        a, b = (radiance(image)[:, where].mean(axis=1) for image in (one, other))
+        a, b = (radiance(image)[:, where].mean(axis=1) for image in (first, other))
         error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
         assert np.all(error < largest_error * a.mean(axis=0)), (face, error / a.mean(axis=0))
         limit = student.isf(0.5e-6, 2 * BATCHES - 2) * error + 1e-5 * a.mean(axis=0)  # rounding of stock's film
         assert np.all(np.abs(a.mean(axis=0) - b.mean(axis=0)) < limit), face
         faces += 1
     assert faces >= 5
-    assert np.array_equal(one.facet_surface, other.facet_surface)
+    assert np.array_equal(first.facet_surface, other.facet_surface)
 
 
 @pytest.fixture(scope="module")
@@ -101,15 +101,15 @@ def test_coats_and_media_under_two_lamps():
 def test_parts_by_reflections_add_up_and_the_lamps_power_is_its_derivative():
     scene, camera = two_lamps((0.5, 0.8)), looking_up()
     arguments = {"samples": 32, "batches": 2, "seed": 1}
-    whole = radiance(render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)))
+    complete = radiance(render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)))
     parts = render_bounces(RenderJob(scene, camera, BANDS, **arguments), bounces=2)
-    np.testing.assert_allclose(parts.sum("part").values, whole, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(parts.sum("part").values, complete, rtol=1e-4, atol=1e-5)
     lamps = render_path_tracer(RenderJob(scene, camera, BANDS, **arguments)).coverage[..., -2:]
     for lamp, spectrum in enumerate((WARM, COLD)):
-        seen = parts.sel(part="0").values[:, lamps[..., lamp] == 1]
-        np.testing.assert_allclose(seen, np.broadcast_to(spectrum.at(BANDS), seen.shape), rtol=1e-5)
+        at_lamp = parts.sel(part="0").values[:, lamps[..., lamp] == 1]
+        np.testing.assert_allclose(at_lamp, np.broadcast_to(spectrum.at(BANDS), at_lamp.shape), rtol=1e-5)
     derivatives = render_derivatives(RenderJob(scene, camera, BANDS, **arguments))
-    np.testing.assert_allclose(derivatives.lamp * scene.lamp_radiance(BANDS), whole, rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(derivatives.lamp * scene.lamp_radiance(BANDS), complete, rtol=1e-4, atol=1e-5)
 
 
 def test_shares_of_light_are_those_of_the_path_tracer():
@@ -120,9 +120,9 @@ def test_shares_of_light_are_those_of_the_path_tracer():
     parts = render_bounces(RenderJob(scene, camera, BANDS, samples=256, batches=2, seed=2), bounces=2).mean("batch")
     total = (parts.sum("part") - parts.sel(part="0")).values
     for ours, part in ((shares.direct, "1"), (shares.via_material.sum(axis=0), "2")):
-        there = np.isfinite(ours).all(axis=0)
-        expected = (parts.sel(part=part).values / total)[there].mean(axis=0)
-        assert np.moveaxis(ours, 0, -1)[there].mean(axis=0) == pytest.approx(expected, rel=5e-3)
+        finite = np.isfinite(ours).all(axis=0)
+        expected = (parts.sel(part=part).values / total)[finite].mean(axis=0)
+        assert np.moveaxis(ours, 0, -1)[finite].mean(axis=0) == pytest.approx(expected, rel=5e-3)
 
 
 def of_patches(scene, camera):
@@ -180,12 +180,12 @@ def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
     both = two_lamps()
     warm = replace(both, further_lamps=(replace(both.further_lamps[0], radiance=dark),))
     cold = both.with_lamp(dark)
-    (whole, level), (turned, _) = lit(both), lit(two_lamps(order=-1))
+    (added, level), (turned, _) = lit(both), lit(two_lamps(order=-1))
     alone = [lit(scene)[0] for scene in (warm, cold)]
-    scale = np.abs(whole).max(axis=(1, 2), keepdims=True)
+    scale = np.abs(added).max(axis=(1, 2), keepdims=True)
     rounding = 1e-4 * scale + 1e-6 * level
-    assert np.all(np.abs(whole - sum(alone)) < rounding)
-    assert np.all(np.abs(whole - turned) < rounding)
+    assert np.all(np.abs(added - sum(alone)) < rounding)
+    assert np.all(np.abs(added - turned) < rounding)
     aimed = replace(warm, further_lamps=(replace(warm.further_lamps[0], exponent=20.0),))
     assert np.all(np.abs(lit(aimed)[0] - alone[0]) < rounding)
     assert all(np.abs(part[1]).max() > 1e-2 * scale[1] for part in alone)

@@ -50,8 +50,8 @@ def on_wall(camera, scene, name):
     v, u = np.mgrid[0 : camera.height_px, 0 : camera.width_px]
     way = camera.directions(u.ravel(), v.ravel())
     distance = (corners[0] - camera.position_mm) @ normal / (way @ normal)
-    place = camera.position_mm + distance[:, None] * way
-    return (place - corners[0]) @ (edges / EDGE**2).T
+    point = camera.position_mm + distance[:, None] * way
+    return (point - corners[0]) @ (edges / EDGE**2).T
 
 
 @pytest.mark.parametrize("renderer", [render_general_path_tracer, render_stock])
@@ -61,10 +61,12 @@ def test_what_the_camera_sees_is_the_picture(renderer, name):
     camera = camera_inside(40)
     scene, white = painted(name), painted(name, paint=Texture(np.ones((1, 1, 1)), (FLAT,)))
     arguments = {"samples": 64, "batches": 1, "seed": 1, "max_bounces": 1}
-    seen, unpainted = (renderer(RenderJob(s, camera, BANDS, **arguments)) for s in (scene, white))
-    where = seen.single_surface & (seen.surface == [s.name for s in scene.surfaces].index(name))
+    painted_picture, unpainted = (renderer(RenderJob(s, camera, BANDS, **arguments)) for s in (scene, white))
+    where = painted_picture.single_surface & (painted_picture.surface == [s.name for s in scene.surfaces].index(name))
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = ((seen.coefficients @ seen.spectra) / (unpainted.coefficients @ unpainted.spectra))[0]
+        ratio = (
+            (painted_picture.coefficients @ painted_picture.spectra) / (unpainted.coefficients @ unpainted.spectra)
+        )[0]
     u, v = on_wall(camera, scene, name).T
     rows, columns, _ = texture().weights.shape
     values = np.array([v * rows - 0.5, u * columns - 0.5])
@@ -87,8 +89,8 @@ def test_what_it_reflects_is_what_stock_mitsuba_says():
     row, column = np.indices(ours.surface.shape) // 4
     block = np.where(ours.single_surface, 16 * ours.surface + 4 * row + column, -1)
     compared = 0
-    for one in np.unique(block[block >= 0]):
-        where = block == one
+    for number in np.unique(block[block >= 0]):
+        where = block == number
         a, b = ((image.coefficients @ image.spectra)[:, where].mean(axis=1) for image in (ours, stock))
         error = np.sqrt((a.var(axis=0, ddof=1) + b.var(axis=0, ddof=1)) / BATCHES)
         assert np.all(error < 0.05 * a.mean(axis=0))
@@ -104,8 +106,8 @@ def test_a_picture_of_one_paint_is_that_paint():
     scene, camera = painted("back", "floor", paint=even), camera_inside(8)
     plain = replace(scene, materials={**scene.materials, "painted": Material("painted", RISING.scaled(0.5))})
     assert even.mean.at(BANDS) == pytest.approx(RISING.scaled(0.5).at(BANDS))
-    one, other = (render_general_path_tracer(RenderJob(s, camera, BANDS, 16, 1, seed=1)) for s in (scene, plain))
-    np.testing.assert_allclose(one.coefficients, other.coefficients, rtol=2e-4, atol=1e-7)
+    first, other = (render_general_path_tracer(RenderJob(s, camera, BANDS, 16, 1, seed=1)) for s in (scene, plain))
+    np.testing.assert_allclose(first.coefficients, other.coefficients, rtol=2e-4, atol=1e-7)
     assert plain.diffuse and not scene.diffuse and scene.lambertian.diffuse
     assert replace(scene, materials={**scene.materials, "painted": grey(0.5, "painted")}).diffuse
 

@@ -9,9 +9,9 @@ def grid(low, high, shape):
     """Axes of centres, corners (v, 3) and sizes (v, 3) of equal cells."""
     edges = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, shape, strict=True)]
     axes = tuple((e[1:] + e[:-1]) / 2 for e in edges)
-    places = [(i, j, k) for i in range(shape[0]) for j in range(shape[1]) for k in range(shape[2])]
-    corner = np.array([[edges[a][place[a]] for a in range(3)] for place in places])
-    size = np.array([[np.diff(edges[a])[place[a]] for a in range(3)] for place in places])
+    cells = [(i, j, k) for i in range(shape[0]) for j in range(shape[1]) for k in range(shape[2])]
+    corner = np.array([[edges[a][cell[a]] for a in range(3)] for cell in cells])
+    size = np.array([[np.diff(edges[a])[cell[a]] for a in range(3)] for cell in cells])
     return axes, corner, size
 
 
@@ -61,11 +61,11 @@ def test_beside_the_box_there_is_no_light(air):
 @pytest.mark.parametrize("extinction", [0.0, 0.002])
 def test_cells_light_each_other_by_the_inverse_square_and_what_the_air_lets_through(air, extinction):
     """Mean radiance over the sphere, V e^(-s d) / (4 pi d^2); in its own ball of radius R a source of 1/mm makes R."""
-    found = air.between_cells(extinction)
+    exchange = air.between_cells(extinction)
     volume, centre = air.size.prod(axis=1), air.corner + 0.5 * air.size
     for row, column in ((0, 1), (1, 0), (7, 70), (70, 7), (59, 60)):
         d = np.sqrt(np.sum((centre[row] - centre[column]) ** 2))
         expected = volume[column] * np.exp(-extinction * d) / (4 * np.pi * d**2)
-        assert found[row, column] == pytest.approx(expected, rel=1e-9)
-    radius = np.diag(found)
+        assert exchange[row, column] == pytest.approx(expected, rel=1e-9)
+    radius = np.diag(exchange)
     np.testing.assert_allclose(4 / 3 * np.pi * radius**3, volume)

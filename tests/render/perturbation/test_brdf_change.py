@@ -96,9 +96,9 @@ def test_samples_follow_the_stated_density(alpha, cosine):
 def test_the_coat_reflects_alike_both_ways(alpha):
     """Helmholtz: exchanging the directions of incoming and outgoing light changes nothing."""
     generator = np.random.default_rng(2)
-    one, other = (directions(generator.random(4096), 2 * np.pi * generator.random(4096)) for _ in range(2))
+    incidence, other = (directions(generator.random(4096), 2 * np.pi * generator.random(4096)) for _ in range(2))
     coat = Coat(0.7, alpha)
-    assert np.array(coat.value(one, other)) == pytest.approx(np.array(coat.value(other, one)), rel=1e-3)
+    assert np.array(coat.value(incidence, other)) == pytest.approx(np.array(coat.value(other, incidence)), rel=1e-3)
 
 
 def coat_albedo(coat, cosine):
@@ -286,18 +286,18 @@ def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
     normal, corner = light.tracer.normals[triangle], light.tracer.vertices[triangle, 0]
     way = camera.directions(u, v)
     depth = np.sum((corner - camera.position_mm) * normal, axis=1) / np.sum(way * normal, axis=1)
-    place = camera.position_mm + depth[:, None] * way
+    wall_point = camera.position_mm + depth[:, None] * way
     # directions of equal weight in Lambert's law, and the cosine at the wall of the cube that each meets
     z, phi = np.sqrt((np.arange(4096) + 0.5) / 4096), 2 * np.pi * 0.618034 * (np.arange(4096) + 0.3)
     local = np.stack([np.sqrt(1 - z**2) * np.cos(phi), np.sqrt(1 - z**2) * np.sin(phi), z])
     expected = []
-    for point, n in zip(place, normal, strict=True):
+    for point, n in zip(wall_point, normal, strict=True):
         frame = np.linalg.qr(np.column_stack([n, np.eye(3)]))[0]
         direction = np.column_stack([frame[:, 1], frame[:, 2], n]) @ local
         reach = np.where(direction > 0, 1000.0 - point[:, None], -point[:, None]) / direction
         cosine = np.abs(np.take_along_axis(direction, reach.argmin(axis=0)[None], axis=0)[0])
         expected.append(rho * np.mean(rho * (1.5 * cosine - 1) + np.interp(cosine, grid, table) - mean))
-    found = (with_it - without)[used]
+    change = (with_it - without)[used]
     assert np.std(expected) > 0.01
-    assert np.std(found - expected) < 0.2 * np.std(expected)
-    assert abs(np.mean(found - expected)) < 0.05 * np.std(expected)
+    assert np.std(change - expected) < 0.2 * np.std(expected)
+    assert abs(np.mean(change - expected)) < 0.05 * np.std(expected)

@@ -64,13 +64,13 @@ def test_blurred_squares_have_their_closed_form(squares, sigma, of_light, of_pix
     """
     warp, borders = squares
     size = warp.camera.width_px
-    sharp, wanted = truth(borders, size, 0), truth(borders, size, sigma)
+    sharp, expected = truth(borders, size, 0), truth(borders, size, sigma)
     pixels = blur(sharp, sigma)
-    change = np.linalg.norm(wanted - sharp)
+    change = np.linalg.norm(expected - sharp)
     beyond = build_edge_blur(warp).beyond_pixels(np.full(len(BRIGHT), sigma))
     for level, of_band in zip(BRIGHT, beyond, strict=True):
-        assert np.linalg.norm(pixels + of_band / level - wanted) < of_light * change
-    assert np.linalg.norm(pixels - wanted) > of_pixels * change
+        assert np.linalg.norm(pixels + of_band / level - expected) < of_light * change
+    assert np.linalg.norm(pixels - expected) > of_pixels * change
 
 
 def test_every_band_has_its_own_blur_and_none_changes_nothing(squares):

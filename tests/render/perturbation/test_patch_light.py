@@ -49,9 +49,9 @@ def test_all_reflections_are_the_solution_of_the_radiosity_equation():
     direct, factors, escape, *_ = exchange_of(light)
     radiance = np.empty_like(light.patch_emission)
     for band in range(len(NM)):
-        rho, own = np.diag(light.patch_reflectance[:, band]), light.patch_emission[:, band]
-        source = direct + escape * light.surround[band] + factors @ own
-        radiance[:, band] = np.linalg.solve(np.eye(3) - rho @ factors, rho @ source) + own
+        rho, emission = np.diag(light.patch_reflectance[:, band]), light.patch_emission[:, band]
+        source = direct + escape * light.surround[band] + factors @ emission
+        radiance[:, band] = np.linalg.solve(np.eye(3) - rho @ factors, rho @ source) + emission
     np.testing.assert_allclose(light.patch_radiance(), radiance, rtol=3e-6)
     np.testing.assert_allclose(light.picture(), picture_of(light, radiance), rtol=3e-6, atol=1e-9)
 
@@ -104,10 +104,10 @@ def test_each_lamps_light_meets_the_albedo_at_its_own_angle():
     exchange = replace(field.exchange, direct=direct)
     transport = replace(light.transport, light=replace(field, lamps=(*field.lamps, second), exchange=exchange))
     shares = np.array([[0.4, 0.9, 1.2], [1.6, 1.1, 0.8]])
-    own = list(light.scene.materials).index("white")
+    white = list(light.scene.materials).index("white")
     two = light.change(transport=transport, lamp_shares=shares)
-    after = with_albedo(two, own, lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine)
-    for k in np.flatnonzero(field.patches.material == own):
+    after = with_albedo(two, white, lambda rho: 0.5 * rho, lambda rho, cosine: rho * cosine)
+    for k in np.flatnonzero(field.patches.material == white):
         expected = np.zeros(len(NM))
         for lamp, arriving, share in zip(transport.light.lamps, direct[k], shares, strict=True):
             way = lamp.centre - field.patches.centre[k]

@@ -34,28 +34,28 @@ def moved(warp, index, pixels):
 
 
 def test_the_same_camera_changes_nothing(warp):
-    *_, own = warp
-    assert np.all(warp_change(own, own.camera) == 0)
-    assert np.all(warp_change(own, own.camera.with_parameters(own.camera.parameters)) == 0)
+    *_, picture_warp = warp
+    assert np.all(warp_change(picture_warp, picture_warp.camera) == 0)
+    assert np.all(warp_change(picture_warp, picture_warp.camera.with_parameters(picture_warp.camera.parameters)) == 0)
 
 
 @pytest.mark.parametrize("index", range(10))
 def test_pixels_per_unit_is_how_far_corners_move(warp, index):
     """A parameter changed by 0.3 over its figure moves the corners in sight by 0.3 px rms."""
-    *_, own = warp
-    points = own.tracer.vertices.reshape(-1, 3)
-    before, after = own.camera.project(points), moved(own, index, 0.3).project(points)
+    *_, picture_warp = warp
+    points = picture_warp.tracer.vertices.reshape(-1, 3)
+    before, after = picture_warp.camera.project(points), moved(picture_warp, index, 0.3).project(points)
     inside = np.all((before > -0.5) & (before < SIZE), axis=1)
     assert np.sqrt(np.mean(np.sum((after - before)[inside] ** 2, axis=1))) == pytest.approx(0.3, rel=0.01)
 
 
 def test_pixels_per_unit_of_a_camera_that_sees_no_corner(warp):
     """Near the back wall, and with the box behind it."""
-    *_, own = warp
-    near = replace(own.camera, position_mm=np.array([278.0, 273.0, 500.0]))
-    assert np.isfinite(pixels_per_unit(own.tracer, near)).all()
+    *_, picture_warp = warp
+    near = replace(picture_warp.camera, position_mm=np.array([278.0, 273.0, 500.0]))
+    assert np.isfinite(pixels_per_unit(picture_warp.tracer, near)).all()
     with pytest.raises(InputError, match="the scene behind it"):
-        pixels_per_unit(own.tracer, replace(own.camera, position_mm=np.array([278.0, 273.0, 5000.0])))
+        pixels_per_unit(picture_warp.tracer, replace(picture_warp.camera, position_mm=np.array([278.0, 273.0, 5000.0])))
 
 
 def stretched(warp):
@@ -74,12 +74,12 @@ def test_a_move_of_a_third_of_a_pixel_is_rendering_again(warp, index):
     a correlation above 0.95: what the motion alone brings into sight is not known. Pixels next to the lamp stay
     out: there a rendered pixel's noise is as large as its signal.
     """
-    light, image, signal, own = warp
-    camera = stretched(own) if index == "bend" else moved(own, index, 0.3)
+    light, image, signal, picture_warp = warp
+    camera = stretched(picture_warp) if index == "bend" else moved(picture_warp, index, 0.3)
     again = gather(light, camera, 256, 1, seed=2)
     rendered = np.moveaxis(again.project(np.eye(1))[0], -1, 0) - signal
     far = ~binary_dilation(image.sees_lamp | again.sees_lamp, np.ones((3, 3)))
-    looked_up, rendered = warp_change(own, camera)[:, far].ravel(), rendered[:, far].ravel()
+    looked_up, rendered = warp_change(picture_warp, camera)[:, far].ravel(), rendered[:, far].ravel()
     assert np.corrcoef(looked_up, rendered)[0, 1] > 0.95
     assert np.sqrt(np.mean(looked_up**2) / np.mean(rendered**2)) == pytest.approx(1.0, abs=0.04)
 
@@ -90,17 +90,17 @@ def test_a_wave_moves_as_its_formula_says(warp, pixels):
 
     Interpolated, its slope is sin(w) / w of the true one, 4 % less; with straight lines a fourth would be missed.
     """
-    _, image, _, own = warp
+    _, image, _, picture_warp = warp
     rows, columns = np.mgrid[:SIZE, :SIZE]
 
     def wave(x):
         return np.cos(0.5 * x + 0.3 * rows)
 
-    waved = build_warp(own.tracer, own.camera, image, wave(columns)[None])
-    change = warp_change(waved, moved(own, 7, pixels))[0]
+    waved = build_warp(picture_warp.tracer, picture_warp.camera, image, wave(columns)[None])
+    change = warp_change(waved, moved(picture_warp, 7, pixels))[0]
     expected = wave(columns - pixels) - wave(columns)
     inner = np.ones((SIZE, SIZE), bool)
-    inner.flat[own.border] = False
+    inner.flat[picture_warp.border] = False
     inner = ~binary_dilation(~inner, np.ones((5, 5)))
     assert inner.sum() > 1000
     assert np.sqrt(np.mean((change - expected)[inner] ** 2) / np.mean(expected[inner] ** 2)) < 0.06
@@ -109,10 +109,12 @@ def test_a_wave_moves_as_its_formula_says(warp, pixels):
 @pytest.mark.parametrize("off", [0.0, 0.2])
 def test_derivatives_are_those_of_the_changes(warp, off):
     """By central differences over 0.02 px, at the first camera and a moved one."""
-    *_, own = warp
-    camera, steps = moved(own, 3, off), 0.01 / pixels_per_unit(own.tracer, own.camera)
-    found = warp_derivatives(own, camera, steps)
-    for one, step, row in zip(found, steps, np.diag(steps), strict=True):
-        ahead, behind = (warp_change(own, camera.with_parameters(camera.parameters + sign * row)) for sign in (1, -1))
+    *_, picture_warp = warp
+    camera, steps = moved(picture_warp, 3, off), 0.01 / pixels_per_unit(picture_warp.tracer, picture_warp.camera)
+    derivatives = warp_derivatives(picture_warp, camera, steps)
+    for derivative, step, row in zip(derivatives, steps, np.diag(steps), strict=True):
+        ahead, behind = (
+            warp_change(picture_warp, camera.with_parameters(camera.parameters + sign * row)) for sign in (1, -1)
+        )
         expected = (ahead - behind) / (2 * step)
-        assert np.linalg.norm(one - expected) < 1e-3 * np.linalg.norm(expected)
+        assert np.linalg.norm(derivative - expected) < 1e-3 * np.linalg.norm(expected)

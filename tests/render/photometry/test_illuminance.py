@@ -41,8 +41,8 @@ def test_direct_light_on_the_floor_is_the_lamps_configuration_factor():
     assert illuminance["floor"] == pytest.approx(np.pi * LAMP * mean, rel=5e-4)
     assert illuminance["ceiling"] == 0 and np.isnan(illuminance["light"])
     walls = [illuminance[name] for name in ("left", "right", "back", "front")]
-    whole = 4 * HALF**2 / EDGE**2  # what the lamp sends out, by reciprocity, falls on floor and walls
-    assert walls == pytest.approx([np.pi * LAMP * (whole - mean) / 4] * 4, rel=2e-3)
+    flux = 4 * HALF**2 / EDGE**2  # what the lamp sends out, by reciprocity, falls on floor and walls
+    assert walls == pytest.approx([np.pi * LAMP * (flux - mean) / 4] * 4, rel=2e-3)
 
 
 def areas(scene):
@@ -53,9 +53,9 @@ def areas(scene):
 def test_a_closed_box_of_one_reflectance_balances(rho):
     """All surfaces, the lamp too, reflect rho: the flux that arrives is the lamp's over 1 - rho."""
     scene = box_with_lamp(rho, reflectance=FLAT.scaled(rho))
-    found, size = surface_illuminance(scene, GRID), areas(scene)
+    illuminance, size = surface_illuminance(scene, GRID), areas(scene)
     flux = np.pi * LAMP * size["light"]
-    assert sum(size[n] * found[n] for n in size) == pytest.approx(flux / (1 - rho), rel=1e-3)
+    assert sum(size[n] * illuminance[n] for n in size) == pytest.approx(flux / (1 - rho), rel=1e-3)
     for bounces, orders in ((1, 1.0), (2, 1 + rho), (3, 1 + rho + rho**2)):
         cut = surface_illuminance(scene, GRID, max_bounces=bounces)
         assert sum(size[n] * cut[n] for n in size) == pytest.approx(flux * orders, rel=1e-3)
@@ -67,11 +67,11 @@ def test_what_stands_on_a_floor_takes_its_place():
     block = Surface("block", "grey", *box_mesh((400.0, edge / 2, 450.0), (edge, edge, edge), 20.0))
     empty = box_with_lamp(0.5, reflectance=FLAT.scaled(0.5))
     scene = replace(empty, surfaces=(*empty.surfaces, block))
-    found, size = surface_illuminance(scene, GRID), areas(scene)
+    illuminance, size = surface_illuminance(scene, GRID), areas(scene)
     size["floor"] -= edge**2
     size["block"] = 5 * edge**2  # its underside is in the dark
     flux = np.pi * LAMP * size["light"]
-    assert sum(size[n] * found[n] for n in size) == pytest.approx(flux / 0.5, rel=1e-3)
+    assert sum(size[n] * illuminance[n] for n in size) == pytest.approx(flux / 0.5, rel=1e-3)
 
 
 def test_each_lamp_has_its_own_spectrum():

@@ -28,7 +28,7 @@ def test_weights_integrate_the_observers_tables(wavelength_nm):
     radiance = np.random.default_rng(2).random((4, wavelength_nm.size))
     between = np.array([np.interp(fine, wavelength_nm, row) for row in radiance])
     rows = [np.interp(fine, CMFS.wavelengths, row, 0, 0) for row in CMFS.values.T]
-    expected = [[683.0 * np.trapezoid(one * row, fine) for row in rows] for one in between]
+    expected = [[683.0 * np.trapezoid(weights_at * row, fine) for row in rows] for weights_at in between]
     assert radiance @ tristimulus_weights(wavelength_nm) == pytest.approx(np.array(expected), rel=1e-4)
 
 
@@ -47,7 +47,7 @@ def test_a_line_of_one_watt_has_683_lumens():
 
 
 @pytest.mark.parametrize(
-    ("wavelength_nm", "words"),
+    ("wavelength_nm", "phrase"),
     [
         (np.arange(400.0, 701.0, 10.0), None),
         (np.linspace(380.0, 780.0, 10), None),
@@ -57,9 +57,9 @@ def test_a_line_of_one_watt_has_683_lumens():
         (np.array([550.0]), "1 wavelength from 550"),
     ],
 )
-def test_wavelengths_that_do_not_suffice_are_told(wavelength_nm, words):
-    told = why_no_luminance(wavelength_nm)
-    assert told is None if words is None else words in told
+def test_wavelengths_that_do_not_suffice_are_told(wavelength_nm, phrase):
+    reason = why_no_luminance(wavelength_nm)
+    assert reason is None if phrase is None else phrase in reason
 
 
 def picture(batches=5):
@@ -104,23 +104,23 @@ def test_means_are_those_of_pixels_that_a_surface_covers_whole():
 def test_errors_of_chromaticity_are_those_of_small_changes():
     """By drawing X, Y, Z of the stated covariance: 200,000 draws give a standard deviation to 0.2 %."""
     part = Photometry(surface_sums(picture()), GRID).surfaces["two"]
-    drawn = np.random.default_rng(3).multivariate_normal(part.xyz, part.covariance / 100, 200_000)
-    xy = drawn[:, :2] / drawn.sum(axis=1, keepdims=True)
+    samples = np.random.default_rng(3).multivariate_normal(part.xyz, part.covariance / 100, 200_000)
+    xy = samples[:, :2] / samples.sum(axis=1, keepdims=True)
     assert part.chromaticity == pytest.approx(part.xyz[:2] / part.xyz.sum())
     assert xy.std(axis=0) * 10 == pytest.approx(part.chromaticity_sigma, rel=0.02)
 
 
 def test_strips_add_up_and_are_kept_to_the_bit():
     image = picture()
-    whole = surface_sums(image)
+    complete = surface_sums(image)
     rows = [
         replace(image, coefficients=image.coefficients[:, part], coverage=image.coverage[part])
         for part in (slice(0, 1), slice(1, 3))
     ]
-    one, other = (SurfaceSums.from_text(surface_sums(row).text()) for row in rows)
-    both = one + other
-    assert np.array_equal(both.pixels, whole.pixels) and both.surface_names == ("one", "two")
-    assert both.xyz == pytest.approx(whole.xyz) and both.covariance == pytest.approx(whole.covariance)
+    first, other = (SurfaceSums.from_text(surface_sums(row).text()) for row in rows)
+    both = first + other
+    assert np.array_equal(both.pixels, complete.pixels) and both.surface_names == ("one", "two")
+    assert both.xyz == pytest.approx(complete.xyz) and both.covariance == pytest.approx(complete.covariance)
 
 
 def test_what_is_not_known_is_none():
@@ -140,12 +140,12 @@ def test_standard_errors_of_surfaces_cover_the_scatter_of_seeds():
     degrees of freedom has a standard deviation of 0.10, of which 5 are allowed."""
     light = solve_light(box_with_lamp(0.6), GRID, seed=1)
     camera = camera_inside(12)
-    seen = [surface_sums(gather(light, camera, 4, 8, seed=seed)) for seed in range(40)]
-    lamp = len(seen[0].surface_names)  # without noise
-    parts = [i for i, pixels in enumerate(seen[0].pixels) if pixels > 3 and i != lamp]
+    sums_by_seed = [surface_sums(gather(light, camera, 4, 8, seed=seed)) for seed in range(40)]
+    lamp = len(sums_by_seed[0].surface_names)  # without noise
+    parts = [i for i, pixels in enumerate(sums_by_seed[0].pixels) if pixels > 3 and i != lamp]
     assert len(parts) >= 6
     for q in range(3):
-        means = np.array([[sums.part(i).xyz[q] for i in parts] for sums in seen])
-        values = np.array([[sums.part(i).covariance[q, q] for i in parts] for sums in seen])
+        means = np.array([[sums.part(i).xyz[q] for i in parts] for sums in sums_by_seed])
+        values = np.array([[sums.part(i).covariance[q, q] for i in parts] for sums in sums_by_seed])
         ratio = means.var(axis=0, ddof=1) / values.mean(axis=0)
         assert ratio.mean() == pytest.approx(1, abs=0.5)

@@ -27,10 +27,10 @@ def means(tracer):
     cells = build_direct_cells(tracer, (lamp,), EDGE_MM, 256, seed=1)[0]
     patches = build_patches(tracer, PATCH_MM)
     lane = dr.arange(mi.UInt32, len(patches))
-    points, place = SobolPoints(4, POINTS, lane, 2), patch_points(tracer, patches)
+    points, points_at = SobolPoints(4, POINTS, lane, 2), patch_points(tracer, patches)
 
-    def body(i, read, traced, seen):
-        at, normal = place(lane, points.point(i, 0), points.point(i, 1))
+    def body(i, read, traced, unshadowed):
+        at, normal = points_at(lane, points.point(i, 0), points.point(i, 1))
         above = intersect(tracer, mi.Ray3f(at + normal * RAY_OFFSET_MM, normal))
         free = ~above.valid | above.front
         hit = intersect(tracer, mi.Ray3f(at + normal, -normal), free)
@@ -39,20 +39,20 @@ def means(tracer):
             i + 1,
             read + cells.at(hit, hit.reflecting),
             traced + light,
-            seen + dr.select(free, mi.Float(1), 0),
+            unshadowed + dr.select(free, mi.Float(1), 0),
         )
 
     zero = dr.zeros(mi.Float, len(patches))
     state = (dr.zeros(mi.UInt32, len(patches)), zero, zero, zero)
     _, *sums = dr.while_loop(state, lambda i, *_: i < POINTS, body)
-    read, traced, seen = (one.numpy() for one in sums)
-    return patches, read / np.maximum(seen, 1), traced / np.maximum(seen, 1), seen
+    read, traced, unshadowed = (total.numpy() for total in sums)
+    return patches, read / np.maximum(unshadowed, 1), traced / np.maximum(unshadowed, 1), unshadowed
 
 
 def test_means_over_surfaces_are_those_of_shadow_rays(tracer, means):
-    patches, read, traced, seen = means
+    patches, read, traced, unshadowed = means
     for surface, name in enumerate(s.name for s in tracer.scene.surfaces):
-        weight = patches.area * seen * (patches.surface == surface)
+        weight = patches.area * unshadowed * (patches.surface == surface)
         if name == "ceiling":  # in the lamp's plane
             assert np.abs(read[patches.surface == surface]).max() < 1e-6
             continue
@@ -61,19 +61,19 @@ def test_means_over_surfaces_are_those_of_shadow_rays(tracer, means):
 
 def test_patches_in_light_and_shadow_agree(means):
     """Half shadows and the patches along the blocks' feet among them; of the brightest patch's light."""
-    _, read, traced, seen = means
-    free = seen > 0.1 * POINTS
+    _, read, traced, unshadowed = means
+    free = unshadowed > 0.1 * POINTS
     assert np.abs(read - traced)[free].max() < 0.0025 * traced.max()
     assert np.count_nonzero((traced > 0.02 * traced.max()) & (traced < 0.2 * traced.max()) & free) > 20
 
 
 def test_what_an_object_covers_adds_no_shadow(tracer, means):
     """Of a patch that a block covers in part the free part tells; those beneath are dark."""
-    _, read, traced, seen = means
-    partly = (seen > 0.2 * POINTS) & (seen < 0.8 * POINTS) & (traced > 0.05 * traced.max())
+    _, read, traced, unshadowed = means
+    partly = (unshadowed > 0.2 * POINTS) & (unshadowed < 0.8 * POINTS) & (traced > 0.05 * traced.max())
     assert np.count_nonzero(partly) > 5
     assert read[partly] == pytest.approx(traced[partly], rel=0.03)
-    assert (read[seen == 0] == 0).all()
+    assert (read[unshadowed == 0] == 0).all()
 
 
 def test_no_light_where_no_ray_ends(tracer):

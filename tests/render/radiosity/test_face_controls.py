@@ -49,12 +49,12 @@ def test_the_mean_along_rays_is_that_of_form_factors(light):
 
     zeros = [dr.zeros(mi.Float, dr.width(lanes)) for _ in range(2 * (3 + CONTROLLED))]
     _, sums = dr.while_loop((dr.zeros(mi.UInt32, dr.width(lanes)), zeros), lambda i, _: i < rays, body)
-    found = np.array([one.numpy() for one in sums]).reshape(-1, len(PLACES), sets) / rays
+    means = np.array([total.numpy() for total in sums]).reshape(-1, len(PLACES), sets) / rays
     walls, blocks = controls.mean(start, towards, 3)
-    exact = np.array([one.numpy() for one in (*walls, *blocks)]).reshape(-1, len(PLACES), sets).mean(axis=2)
-    error = found.std(axis=2, ddof=1) / np.sqrt(sets)
+    exact = np.array([total.numpy() for total in (*walls, *blocks)]).reshape(-1, len(PLACES), sets).mean(axis=2)
+    error = means.std(axis=2, ddof=1) / np.sqrt(sets)
     size = np.abs(exact).max(axis=1, keepdims=True)
-    assert (np.abs(found.mean(axis=2) - exact) <= 4 * error + 2e-6 * size).all()
+    assert (np.abs(means.mean(axis=2) - exact) <= 4 * error + 2e-6 * size).all()
     assert (error < 4e-3 * size + 1e-9).all()
     assert np.count_nonzero(size) >= 3 + 2 * CONTROLLED + 1  # walls of three materials, blocks of one
 
@@ -63,12 +63,12 @@ def test_pictures_have_the_same_mean_and_less_noise_with_them(light):
     camera = cornell_camera(24)
     with_them = gather(light, camera, 256, 16, seed=1)
     without = gather(replace(light, controls=(None,)), camera, 256, 16, seed=2)
-    one, other = (image.coefficients.astype(float) @ image.spectra for image in (with_them, without))
+    controlled, other = (image.coefficients.astype(float) @ image.spectra for image in (with_them, without))
     mask = with_them.coverage.max(axis=-1) == 1
     mask &= ~with_them.sees_lamp
-    scatter = [np.median(x.var(axis=0, ddof=1)[mask] / x.mean(axis=0)[mask] ** 2) for x in (one, other)]
+    scatter = [np.median(x.var(axis=0, ddof=1)[mask] / x.mean(axis=0)[mask] ** 2) for x in (controlled, other)]
     assert scatter[0] < 0.7 * scatter[1]
-    means = [x[:, mask].mean(axis=1) for x in (one, other)]
+    means = [x[:, mask].mean(axis=1) for x in (controlled, other)]
     error = np.sqrt(sum(m.var(axis=0, ddof=1) for m in means) / 16)
     assert (np.abs(means[0].mean(axis=0) - means[1].mean(axis=0)) < 4.5 * error).all()
 
@@ -76,14 +76,14 @@ def test_pictures_have_the_same_mean_and_less_noise_with_them(light):
 def test_shares_are_those_of_least_squares():
     """Of correlated numbers, against NumPy's; where the faces have no light that varies, nothing is taken off."""
     rng = np.random.default_rng(2)
-    w, noise, own = rng.standard_normal((3, 500, 64)) + 1
-    b = 0.6 * w + own
+    w, noise, control = rng.standard_normal((3, 500, 64)) + 1
+    b = 0.6 * w + control
     v = np.linspace(0.2, 0.7, 500)[:, None] * w + 0.4 * b + noise
     products = v, w, b, v * w, v * b, w * w, w * b, b * b
-    found = least_variance_shares([device_array(mi.Float, p.mean(axis=1)) for p in products])
+    shares = least_variance_shares([device_array(mi.Float, p.mean(axis=1)) for p in products])
     centred = [x - x.mean(axis=1, keepdims=True) for x in (v, w, b)]
     exact = [np.linalg.lstsq(np.stack([x, y], axis=1), z, rcond=None)[0] for z, x, y in zip(*centred, strict=True)]
-    assert np.stack([x.numpy() for x in found], axis=1) == pytest.approx(np.clip(exact, 0, 1), abs=2e-4)
+    assert np.stack([x.numpy() for x in shares], axis=1) == pytest.approx(np.clip(exact, 0, 1), abs=2e-4)
     nothing = least_variance_shares([mi.Float(x) for x in (1, 0, 0, 0, 0, 0, 0, 0)])
     assert [x.numpy()[0] for x in nothing] == [0, 0]
 
@@ -97,15 +97,15 @@ def test_each_pixel_takes_off_what_leaves_the_least_noise(light):
     camera = cornell_camera(48)
     with_them = gather(light, camera, 128, 32, seed=1)
     without = gather(replace(light, controls=(None,)), camera, 128, 32, seed=1)
-    one, other = (
+    controlled, other = (
         values.var(axis=0, ddof=1) / np.maximum(values.mean(axis=0), 1e-30) ** 2
         for values in ((i.coefficients.astype(float) @ i.spectra)[..., 1] for i in (with_them, without))
     )
     mask = (with_them.coverage.max(axis=-1) == 1) & ~with_them.sees_lamp
     for name, most in (("floor", 1.05), ("short-block", 0.62), ("back", 0.55)):
-        here = mask & (with_them.surface == with_them.surface_names.index(name))
-        assert one[here].mean() < most * other[here].mean(), name
-    ratio = np.sqrt(one[mask] / other[mask])
+        region = mask & (with_them.surface == with_them.surface_names.index(name))
+        assert controlled[region].mean() < most * other[region].mean(), name
+    ratio = np.sqrt(controlled[mask] / other[mask])
     assert np.percentile(ratio, 50) < 0.8
     assert np.percentile(ratio, 99) < 2
 

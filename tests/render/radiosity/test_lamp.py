@@ -47,11 +47,11 @@ def by_sum(point, normal):
 def light_of(tracer, point, normal, samples):
     """(samples,) by random points of the lamp."""
     u, v = np.random.default_rng(3).random((2, samples)).astype(np.float32)
-    place, up = (np.tile(np.array(c, np.float32)[:, None], samples) for c in (point, normal))
+    position, up = (np.tile(np.array(c, np.float32)[:, None], samples) for c in (point, normal))
     active = mi.Bool(np.ones(samples, bool))
     lamp = build_lamp_samplers(tracer)[0]
     return np.array(
-        direct_light(tracer, lamp, mi.Point3f(place), mi.Vector3f(up), mi.Float(u), mi.Float(v), active),
+        direct_light(tracer, lamp, mi.Point3f(position), mi.Vector3f(up), mi.Float(u), mi.Float(v), active),
         float,
     )
 

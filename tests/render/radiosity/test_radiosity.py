@@ -80,7 +80,7 @@ def test_slopes_reproduce_a_plane(cornell_patches):
     values = np.einsum("px,px->p", per_facet[facet], slopes.centre)[:, None]
     patch = np.repeat(np.arange(len(patches)), 4)
     points = np.einsum("nk,nkx->nx", generator.dirichlet(np.ones(3), len(patch)), patches.corners[patch])
-    found = slopes.at(values, patch, points)[:, 0]
+    values_at = slopes.at(values, patch, points)[:, 0]
     mask = (slopes.neighbour != np.arange(len(patches))[:, None]).sum(axis=1) >= 2
     assert mask.mean() > 0.9
     expected = np.einsum("nx,nx->n", per_facet[facet[patch]], points)
@@ -91,14 +91,14 @@ def test_slopes_reproduce_a_plane(cornell_patches):
     )
     used = mask[patch] & flat
     assert used.sum() > 1000
-    assert found[used] == pytest.approx(expected[used], abs=1e-6 * np.abs(expected).max())
+    assert values_at[used] == pytest.approx(expected[used], abs=1e-6 * np.abs(expected).max())
     parts = slopes.weights(
         mi.UInt32(patch.astype(np.uint32)),
         mi.Point3f(points.T.astype(np.float32)),
         dr.full(mi.Bool, True, len(patch)),
     )
     compiled_values = sum(np.array(w) * values[np.array(n), 0] for n, w in parts)
-    assert compiled_values == pytest.approx(found, abs=1e-4 * np.abs(values).max())
+    assert compiled_values == pytest.approx(values_at, abs=1e-4 * np.abs(values).max())
 
 
 def test_what_leaves_a_patch_arrives_or_escapes():
@@ -246,8 +246,8 @@ def test_white_furnace():
 
 def test_black_walls_pass_nothing_on():
     _, patches, exchange = exchange_of(closed_cube(), 500.0, 64, seed=3)
-    lit = replace(exchange, direct=np.ones_like(exchange.direct))
-    coefficients, spectra = indirect_basis(lit, 0, patches.material, np.zeros((1, 5)))
+    direct_only = replace(exchange, direct=np.ones_like(exchange.direct))
+    coefficients, spectra = indirect_basis(direct_only, 0, patches.material, np.zeros((1, 5)))
     assert np.all(coefficients @ spectra == 0.0)
 
 
@@ -271,12 +271,12 @@ def test_a_disturbed_exchange_is_traced_once_more():
     across = sound.slopes.across.copy()
     across[17] = np.nan
     lost = replace(sound.slopes, across=across, packed_across=device_array(mi.Float, across))
-    given = iter([lost, sound.slopes])
+    solutions = iter([lost, sound.slopes])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(solution, "build_slopes", lambda *_: next(given))
-        with pytest.warns(RuntimeWarning, match="not finite") as told:
+        patch.setattr(solution, "build_slopes", lambda *_: next(solutions))
+        with pytest.warns(RuntimeWarning, match="not finite") as warnings_raised:
             again = trace_exchange(tracer, build_lamp_samplers(tracer), patches, 64, 3)
-    message = str(told[0].message)
+    message = str(warnings_raised[0].message)
     assert "9 slopes between [17, 0, 0] and [17, 2, 2] (first bits 7fc00000)" in message
     assert "form factors between" in message and "escape" not in message
     assert np.array_equal(again.form_factors, sound.form_factors)

@@ -245,8 +245,8 @@ def test_vertices_of_a_path_take_columns_of_their_own():
         (np.array(points.at_vertex(mi.UInt32(index), dr.opaque(mi.UInt32, depth, 64)).light_u) * 8).astype(int)
         for depth in range(3)
     )
-    for one, other in ((first, second), (first, third), (second, third)):
-        assert len(np.unique(8 * one + other)) >= 16
+    for first_column, other in ((first, second), (first, third), (second, third)):
+        assert len(np.unique(8 * first_column + other)) >= 16
 
 
 def test_later_vertices_of_one_lanes_paths_are_independent():
@@ -258,9 +258,9 @@ def test_later_vertices_of_one_lanes_paths_are_independent():
         depth: np.array(points.direction(mi.UInt32(index), dr.opaque(mi.UInt32, depth, count))[0])
         for depth in (2, 3, 4, 7, 20)
     }
-    for one, other in combinations(first, 2):
-        cells = np.histogram2d(first[one], first[other], 8, ((0, 1), (0, 1)))[0]
-        assert np.abs(cells - 64).max() < 6 * np.sqrt(64), (one, other)
+    for first_column, other in combinations(first, 2):
+        cells = np.histogram2d(first[first_column], first[other], 8, ((0, 1), (0, 1)))[0]
+        assert np.abs(cells - 64).max() < 6 * np.sqrt(64), (first_column, other)
 
 
 @pytest.mark.parametrize(
@@ -282,11 +282,11 @@ def test_what_a_pixel_covers_is_where_the_camera_puts_it(k1, lens):
     camera = replace(camera_inside(64, z=-700.0, focal=1.3), k1=k1, lens=lens, principal_point_px=principal)
     coverage = facet_coverage(build_tracer(scene), camera, samples=1024)
     grid = (np.arange(500) + 0.5) / 10 - 25.0
-    for index, place in enumerate(values):
+    for index, position in enumerate(values):
         offsets = np.stack([*np.meshgrid(grid, grid), np.zeros((500, 500))], axis=-1).reshape(-1, 3)
-        u, v = camera.project(place + offsets).T
+        u, v = camera.project(position + offsets).T
         count = np.histogram2d(v, u, bins=[np.arange(65) - 0.5] * 2)[0]
-        around = camera.project(place + np.array([[-25.0, 0, 0], [25, 0, 0], [0, -25, 0], [0, 25, 0]]))
+        around = camera.project(position + np.array([[-25.0, 0, 0], [25, 0, 0], [0, -25, 0], [0, 25, 0]]))
         area = abs(np.linalg.det(np.stack([around[1] - around[0], around[3] - around[2]])))
         assert np.abs(coverage[..., index] - count / count.sum() * area).max() < 0.01
 
@@ -302,8 +302,8 @@ def crossing_squares():
 
 def specks():
     """Squares of 0.1 x 0.1 pixels: a hundredth of a pixel."""
-    places = np.random.default_rng(4).uniform([150.0, 150.0, 900.0], [850.0, 850.0, 900.0], (40, 3))
-    marks = [quad(f"mark-{i}", square(p, 1.0, 2, -1)) for i, p in enumerate(places)]
+    positions = np.random.default_rng(4).uniform([150.0, 150.0, 900.0], [850.0, 850.0, 900.0], (40, 3))
+    marks = [quad(f"mark-{i}", square(p, 1.0, 2, -1)) for i, p in enumerate(positions)]
     return lamp_and(marks, square(np.array([500.0, 2000.0, 500.0]), 10.0, 1, -1))
 
 
@@ -359,11 +359,11 @@ def test_a_symmetric_box_looks_symmetric(render):
     mean, variance = image.project(np.ones((3, 1)) / 3)
     alone = image.single_surface & (image.surface >= 0)
     alone &= alone[:, ::-1]
-    left = alone.copy()
-    left[:, 10:] = False
+    left_right = alone.copy()
+    left_right[:, 10:] = False
     spread_of = variance + variance[:, ::-1]
-    left &= spread_of[..., 0] > 0
-    z = (mean - mean[:, ::-1])[left] / np.sqrt(spread_of[left])
+    left_right &= spread_of[..., 0] > 0
+    z = (mean - mean[:, ::-1])[left_right] / np.sqrt(spread_of[left_right])
     assert len(z) > 100
     # the sum of n squares of nearly normal scores (30 degrees of freedom) has variance about 2.5 n
     assert abs(np.mean(z)) < SIGMAS * np.sqrt(1.07 / len(z))

@@ -68,10 +68,10 @@ def test_a_million_counts_have_the_mean_and_variance_of_theory(electrons):
 def test_rounding_adds_a_twelfth_to_the_variance():
     """Sheppard's correction holds where the noise is at least one count wide."""
     counts = noisy_counts(np.full(DRAWS, 6000.0), 100.0, 1.0, detector(), np.random.default_rng(2))
-    whole = quantise(counts, 12)
+    rounded = quantise(counts, 12)
     variance = 6000 / 144 + 1 + 1 / 12
-    assert whole.dtype == np.uint16
-    assert whole.var(ddof=1) == pytest.approx(variance, abs=SIGMAS * variance * np.sqrt(2 / DRAWS))
+    assert rounded.dtype == np.uint16
+    assert rounded.var(ddof=1) == pytest.approx(variance, abs=SIGMAS * variance * np.sqrt(2 / DRAWS))
 
 
 def test_photon_transfer_returns_gain_and_read_noise():
@@ -122,8 +122,8 @@ def test_weights_integrate_the_product_of_piecewise_lines_exactly():
 
 def test_light_is_proportional_to_radiance_exposure_and_area():
     camera, field = load_camera("pxl1300l"), tungsten()
-    one = expected_electrons(field, camera, 0.5, "f550")
-    np.testing.assert_allclose(expected_electrons(field * 3, camera, 1.0, "f550"), 6 * one, rtol=1e-12)
+    electrons = expected_electrons(field, camera, 0.5, "f550")
+    np.testing.assert_allclose(expected_electrons(field * 3, camera, 1.0, "f550"), 6 * electrons, rtol=1e-12)
 
 
 def test_the_monochrome_camera_counts_as_the_capture_format_says():
@@ -148,11 +148,11 @@ def test_simulated_frames_scatter_about_the_expected_counts():
     expected = expected_counts(field, camera, exposure)
     frame = simulate(field, camera, exposure, seed=7).astype(float)
     for where in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        own = (slice(where[0], None, 2), slice(where[1], None, 2))
+        lattice = (slice(where[0], None, 2), slice(where[1], None, 2))
         dark, sigma = camera.detector.dark(exposure)
-        variance = (expected[own][0, 0] - dark) / 300.0 + sigma**2 + 1 / 12
-        assert frame[own].mean() == pytest.approx(expected[own][0, 0], abs=SIGMAS * np.sqrt(variance / 62_500))
-        assert frame[own].var() == pytest.approx(variance, rel=SIGMAS * np.sqrt(2 / 62_500))
+        variance = (expected[lattice][0, 0] - dark) / 300.0 + sigma**2 + 1 / 12
+        assert frame[lattice].mean() == pytest.approx(expected[lattice][0, 0], abs=SIGMAS * np.sqrt(variance / 62_500))
+        assert frame[lattice].var() == pytest.approx(variance, rel=SIGMAS * np.sqrt(2 / 62_500))
 
 
 def test_the_same_seed_gives_the_same_frame():
@@ -198,10 +198,10 @@ def test_auto_exposure_puts_the_bright_surfaces_at_seventy_per_cent():
 
 
 def test_mosaic_of_any_size_repeats_over_the_sensor():
-    places = channel_map(("ABC", "BCD"), ("A", "B", "C", "D"), (5, 7))
-    assert places.tolist()[0] == [0, 1, 2, 0, 1, 2, 0]
-    assert places.tolist()[3] == [1, 2, 3, 1, 2, 3, 1]
-    assert places.shape == (5, 7)
+    channels = channel_map(("ABC", "BCD"), ("A", "B", "C", "D"), (5, 7))
+    assert channels.tolist()[0] == [0, 1, 2, 0, 1, 2, 0]
+    assert channels.tolist()[3] == [1, 2, 3, 1, 2, 3, 1]
+    assert channels.shape == (5, 7)
 
 
 def test_each_pixel_behind_a_mosaic_sees_its_own_channel():

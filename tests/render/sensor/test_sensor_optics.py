@@ -33,9 +33,9 @@ def mono(**changes):
     return dataclasses.replace(load_camera("pxl1300l"), **changes)
 
 
-def point(shape, place) -> xr.Dataset:
+def point(shape, position) -> xr.Dataset:
     radiance = np.zeros((*shape, 31))
-    radiance[place] = 1e-3
+    radiance[position] = 1e-3
     return cube(radiance)
 
 
@@ -48,19 +48,19 @@ def moments(image) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize(("channel", "wavelength"), [("f450", 450), ("f650", 650)])
-@pytest.mark.parametrize("place", [(40, 60), (20, 90), (12, 108)])
-def test_a_point_spreads_by_its_wavelength_and_field_height_and_keeps_its_light(channel, wavelength, place):
+@pytest.mark.parametrize("position", [(40, 60), (20, 90), (12, 108)])
+def test_a_point_spreads_by_its_wavelength_and_field_height_and_keeps_its_light(channel, wavelength, position):
     """Variance linear in the square of the field height, sigma linear in wavelength; the sum is conserved.
 
     2%: the filter's width mixes wavelengths, and sampled Gaussians are cut at four sigma.
     """
     shape = (81, 121)
     camera, sharp = mono(blur=BLUR), mono()
-    height = np.hypot(place[0] - 40, place[1] - 60) / np.hypot(40, 60)
+    height = np.hypot(position[0] - 40, position[1] - 60) / np.hypot(40, 60)
     centre, corner = (np.interp(wavelength, BLUR.wavelength_nm, t) for t in (BLUR.centre_px, BLUR.corner_px))
     expected = centre**2 + (corner**2 - centre**2) * height**2
-    total, along_y, along_x = moments(expected_electrons(point(shape, place), camera, 1.0, channel))
-    assert total == pytest.approx(expected_electrons(point(shape, place), sharp, 1.0, channel).sum(), rel=1e-12)
+    total, along_y, along_x = moments(expected_electrons(point(shape, position), camera, 1.0, channel))
+    assert total == pytest.approx(expected_electrons(point(shape, position), sharp, 1.0, channel).sum(), rel=1e-12)
     assert along_y == pytest.approx(expected, rel=0.02)
     assert along_x == pytest.approx(expected, rel=0.02)
 
@@ -77,8 +77,8 @@ def test_no_blur_no_fall_off_no_leak_is_the_identity():
     nothing = Blur(np.array([550.0]), np.zeros(1), np.zeros(1))
     flat = Vignetting(np.array([0.0, 1.0]), np.ones(2))
     plain = expected_electrons(field, mono(), 1.0, "f550")
-    found = expected_electrons(field, mono(blur=nothing, vignetting=flat), 1.0, "f550")
-    np.testing.assert_allclose(found, plain, rtol=1e-6)  # the blurred way is in double precision
+    electrons = expected_electrons(field, mono(blur=nothing, vignetting=flat), 1.0, "f550")
+    np.testing.assert_allclose(electrons, plain, rtol=1e-6)  # the blurred way is in double precision
     np.testing.assert_array_equal(leak(plain, 0.0, 0.0), plain)
 
 
@@ -108,17 +108,17 @@ def test_blooming_keeps_every_electron_and_no_pixel_over_its_well():
     generator = np.random.default_rng(3)
     for scale in (500, 1500, 4000):
         charge = generator.random((50, 20)) * scale
-        held, lost = spill_columns(charge, 1000.0)
-        assert held.max() <= 1000
-        assert held.sum() + lost == pytest.approx(charge.sum(), rel=1e-12)
+        charge_after, lost = spill_columns(charge, 1000.0)
+        assert charge_after.max() <= 1000
+        assert charge_after.sum() + lost == pytest.approx(charge.sum(), rel=1e-12)
         if scale == 500:
-            np.testing.assert_array_equal(held, charge)
+            np.testing.assert_array_equal(charge_after, charge)
     streak = np.zeros((9, 3))
     streak[4, 1] = 5000
-    held, lost = spill_columns(streak, 1000.0)
+    charge_after, lost = spill_columns(streak, 1000.0)
     assert lost == 0
-    np.testing.assert_array_equal(held[:, 1], [0, 0, 1000, 1000, 1000, 1000, 1000, 0, 0])
-    assert held[:, [0, 2]].sum() == 0
+    np.testing.assert_array_equal(charge_after[:, 1], [0, 0, 1000, 1000, 1000, 1000, 1000, 0, 0])
+    assert charge_after[:, [0, 2]].sum() == 0
 
 
 def test_a_blooming_camera_draws_a_streak_where_a_drain_clips():
@@ -170,9 +170,9 @@ def everything():
 def test_blocks_of_any_height_give_the_same_electrons(monkeypatch, rows):
     field = random_cube((75, 33))
     monkeypatch.setattr(sensor_light, "BLOCK_ROWS", 1000)
-    whole = expected_electrons(field, everything(), 1.0)
+    complete = expected_electrons(field, everything(), 1.0)
     monkeypatch.setattr(sensor_light, "BLOCK_ROWS", rows)
-    np.testing.assert_allclose(expected_electrons(field, everything(), 1.0), whole, rtol=1e-12)
+    np.testing.assert_allclose(expected_electrons(field, everything(), 1.0), complete, rtol=1e-12)
 
 
 def test_a_cube_on_disk_is_read_block_by_block(tmp_path):

@@ -93,8 +93,8 @@ def test_measured_sensitivities_are_those_of_colour_science(name, key):
     from colour.characterisation import MSDS_CAMERA_SENSITIVITIES
 
     published = MSDS_CAMERA_SENSITIVITIES[key]
-    own = np.genfromtxt(PACKAGED / f"{name}.csv", delimiter=",", skip_header=1)
-    np.testing.assert_allclose(own, np.column_stack([published.wavelengths, published.values]), rtol=1e-9)
+    table = np.genfromtxt(PACKAGED / f"{name}.csv", delimiter=",", skip_header=1)
+    np.testing.assert_allclose(table, np.column_stack([published.wavelengths, published.values]), rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", packaged_cameras())
@@ -324,7 +324,7 @@ def test_several_cubes_and_every_output_of_the_command(tmp_path, capsys):
     assert run("simulate", cubes[0], "--out", tmp_path / "capture", "--f-number", "4") == 0
     assert load_capture(tmp_path / "capture").band_ids == ("r", "g", "b")
     capsys.readouterr()
-    for arguments, told in (
+    for arguments, phrase in (
         ((*cubes, "--out", tmp_path / "x.tif"), "{name}"),
         ((cubes[0], "--out", tmp_path / "x.jpg"), "x.jpg"),
         ((cubes[0], "--out", tmp_path / "x", "--channel", "R"), "--channel"),
@@ -332,7 +332,7 @@ def test_several_cubes_and_every_output_of_the_command(tmp_path, capsys):
         ((cubes[0], "--out", tmp_path / "x.dng", "--camera", "sigma-sd-merrill"), "top, middle, bottom"),
     ):
         assert run("simulate", *arguments) == 2
-        assert told in capsys.readouterr().err
+        assert phrase in capsys.readouterr().err
     assert not [path for path in tmp_path.iterdir() if path.name.startswith("x")]
 
 

@@ -36,10 +36,10 @@ def test_real_frames_are_predicted(shared):
     """Own channels, not clipped: 5.3% on average, as good as the paper's Table I; nearly all of it repeats."""
     cells = frames.predict(shared / "real" / "seven-band-colorchecker", frames.Assumptions())
     assert cells.band.size == 16 * 7 * 7 * 4
-    kept = cells.chosen(cells.strong & ~cells.clipped)
-    found = frames.statistics(kept)
-    assert found["count"] > 600
-    assert found["mean_percent"] < 6.0 and found["mean"] < 2.3
+    strong = cells.chosen(cells.strong & ~cells.clipped)
+    statistics = frames.statistics(strong)
+    assert statistics["count"] > 600
+    assert statistics["mean_percent"] < 6.0 and statistics["mean"] < 2.3
     common, rest = frames.split(cells)
     # what changes with the exposure is small: counts are proportional to light and time
     assert rest < 0.03 < common

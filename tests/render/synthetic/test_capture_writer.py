@@ -155,11 +155,11 @@ def test_no_surveyed_point_hides_behind_a_block(scene):
 
 def test_exposures_are_on_the_dial_and_expose_well(calibration):
     capture = calibration.capture
-    lit = ~(calibration.images["mask"].values[0] & 1).astype(bool)
+    unsaturated = ~(calibration.images["mask"].values[0] & 1).astype(bool)
     for band in capture.manifest.band:
         mark = band.exposure_s / 10 ** np.floor(np.log10(band.exposure_s) + 1e-9)
         assert np.min(np.abs(mark - np.array(EXPOSURE_STEPS))) < 1e-9
-        level = np.percentile(capture.frames(band)[:, lit], 99.5) / capture.saturation_dn
+        level = np.percentile(capture.frames(band)[:, unsaturated], 99.5) / capture.saturation_dn
         assert 0.5 < level < 0.72
     exposed = [t.exposure_s for t in (*capture.manifest.band, *capture.manifest.flats, *capture.manifest.reference)]
     assert {dark.exposure_s for dark in capture.manifest.darks} == set(exposed)

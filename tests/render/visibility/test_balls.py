@@ -17,7 +17,7 @@ from helpers.hits import COUNT, ROUNDING_MM, asked, blocked_by, directions, rays
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 PLACES = {"low": ([300.0, 120.0, 400.0], 120.0), "high": ([650.0, 700.0, 300.0], 80.0)}
-BALLS = {name: Surface(name, "grey", *sphere_mesh(*place), ball=True) for name, place in PLACES.items()}
+BALLS = {name: Surface(name, "grey", *sphere_mesh(*placement), ball=True) for name, placement in PLACES.items()}
 
 
 def tracer_of(*surfaces):

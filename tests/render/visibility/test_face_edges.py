@@ -38,18 +38,18 @@ def test_an_edge_crosses_the_pixels_of_its_points(name, k1, lens):
     """All pixels that 40 000 points of the edge are seen in, and none whose centre is a pixel away from all of them."""
     camera = replace(cornell_camera(64), k1=k1, lens=lens, position_mm=np.array([3.0, -5.0, 20.0]))
     edge = np.array(EDGES[name]) @ camera.rotation + camera.position_mm
-    found = pixels_on_edges(camera, edge[None])
+    pixels = pixels_on_edges(camera, edge[None])
     along = np.linspace(0, 1, 40_001)[:, None]
     points = edge[0] + along * (edge[1] - edge[0])
     right, down, forward = ((points - camera.position_mm) @ camera.rotation.T).T
     near = (forward > 1.0) & (np.hypot(right, down) < forward)  # beyond, the distortion folds back into the picture
     uv = camera.project(points[near])
-    seen = np.zeros_like(found)
+    crossed = np.zeros_like(pixels)
     column, row = np.rint(uv).astype(int).T
     inside = (column >= 0) & (column < 64) & (row >= 0) & (row < 64)
-    seen[row[inside], column[inside]] = True
-    assert inside.any() and np.all(found[seen])
-    v, u = np.nonzero(found)
+    crossed[row[inside], column[inside]] = True
+    assert inside.any() and np.all(pixels[crossed])
+    v, u = np.nonzero(pixels)
     away = np.min(np.hypot(u[:, None] - uv[None, ::20, 0], v[:, None] - uv[None, ::20, 1]), axis=1)
     assert away.max() < 1.0
 

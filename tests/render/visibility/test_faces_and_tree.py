@@ -60,9 +60,9 @@ def test_rays_meet_what_one_tree_says(name):
     direction = directions(rng)
     direction[::10] = np.eye(3)[rng.integers(3, size=len(direction[::10]))]  # along the boxes' planes
     ray = rays(rng.uniform(-150, 650, (COUNT, 3)), direction)
-    found, expected = asked(both, ray), asked(tree, ray)
-    (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = found, expected
-    differs = differing(found, expected, normals, direction)
+    hits, expected = asked(both, ray), asked(tree, ray)
+    (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = hits, expected
+    differs = differing(hits, expected, normals, direction)
     assert differs.sum() <= 20
     assert (triangle >= len(ROOM))[hit].mean() > 0.01
     same = hit & ~differs & (triangle == triangle_tree)

@@ -73,9 +73,9 @@ def test_random_rays_meet_what_embree_says(name):
     low, high = vertices.reshape(-1, 3).min(axis=0), vertices.reshape(-1, 3).max(axis=0)
     direction = directions(rng)
     ray = rays(rng.uniform(low - 200, high + 200, (COUNT, 3)), direction)
-    found, expected = asked(faces, ray), asked(tree, ray)
-    (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = found, expected
-    differs = differing(found, expected, normals, direction)  # within rounding of an edge
+    hits, expected = asked(faces, ray), asked(tree, ray)
+    (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = hits, expected
+    differs = differing(hits, expected, normals, direction)  # within rounding of an edge
     assert differs.sum() <= 20
     same = hit & ~differs & (triangle == triangle_tree)
     assert same.sum() >= hit.sum() - 40
@@ -135,8 +135,8 @@ def test_many_faces_are_left_to_a_tree():
 
 def block(seed=None):
     """Five faces of a block without its underside, outwards; turned where a seed is given."""
-    found = triangles(200 * BOX[1:] + 100 * np.array([1, 0, 1]))
-    return found if seed is None else turned(found, seed)
+    numbers_found = triangles(200 * BOX[1:] + 100 * np.array([1, 0, 1]))
+    return numbers_found if seed is None else turned(numbers_found, seed)
 
 
 @pytest.mark.parametrize("seed", [None, 4])
@@ -151,9 +151,9 @@ def test_a_block_is_one_convex_body_that_rays_enter_and_leave_as_embree_says(see
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
     ray = rays(middle + rng.uniform(-400, 400, (COUNT, 3)), direction)
-    found, expected = asked(faces, ray), asked(tree, ray)
-    (hit, _, triangle, _), (_, _, triangle_tree, _) = found, expected
-    differs = differing(found, expected, normals, direction)
+    hits, expected = asked(faces, ray), asked(tree, ray)
+    (hit, _, triangle, _), (_, _, triangle_tree, _) = hits, expected
+    differs = differing(hits, expected, normals, direction)
     assert differs.sum() <= 20
     assert 0.02 < hit.mean() < 0.5
     assert (triangle[hit & ~differs] == triangle_tree[hit & ~differs]).mean() > 0.999
@@ -217,9 +217,9 @@ def test_a_wall_of_several_faces_is_divided_as_embree_says(seed):
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
     ray = rays(middle + rng.uniform(-350, 350, (COUNT, 3)), direction)
-    found, expected = asked(faces, ray), asked(tree, ray)
-    (hit, _, triangle, _), (_, _, triangle_tree, _) = found, expected
-    differs = differing(found, expected, normals, direction)
+    hits, expected = asked(faces, ray), asked(tree, ray)
+    (hit, _, triangle, _), (_, _, triangle_tree, _) = hits, expected
+    differs = differing(hits, expected, normals, direction)
     assert differs.sum() <= 20
     assert (triangle[hit & ~differs] != triangle_tree[hit & ~differs]).sum() <= 40
     assert set(triangle[hit]) == {*range(len(vertices))}
@@ -230,19 +230,19 @@ def test_rays_from_within_cross_one_wall_of_the_room():
     vertices = np.concatenate([triangles(500 * BOX[:5, ::-1]), block() + np.array([50, 0, 50])])
     gap = vertices.copy()
     gap[0, 2] = gap[0].mean(axis=0)  # a floor that does not fill its side
-    for own, single in ((vertices, 0), (gap, 2)):
-        faces, _, _ = both(own)
+    for corners, single in ((vertices, 0), (gap, 2)):
+        faces, _, _ = both(corners)
         assert len(faces.rows) == single
         walls = [i for i in range(len(faces.planes)) if faces.hull[i]]
-        empty, *_ = both(own[:10])
+        empty, *_ = both(corners[:10])
         rng = np.random.default_rng(4)
         start = rng.uniform(1, 499, (COUNT, 3))
         ray = rays(start, directions(rng))
-        wall, entered = (np.array(found) for found in faces.crossed(ray, walls))
+        wall, entered = (np.array(crossings) for crossings in faces.crossed(ray, walls))
         hit, _, triangle, _ = asked(empty, ray)
-        of = np.full(len(own), -1)
+        of = np.full(len(corners), -1)
         of[faces.triangles.numpy()[::2]] = of[faces.triangles.numpy()[1::2]] = range(len(faces.planes))
-        expected = np.where(hit, of[triangle % len(own)], len(faces.planes))
+        expected = np.where(hit, of[triangle % len(corners)], len(faces.planes))
         assert (wall != expected).sum() <= 20
         assert 0.02 < (entered < len(faces.planes)).mean() < 0.5
 

@@ -19,15 +19,15 @@ def camera(k1):
 @pytest.mark.parametrize("oversampling", [1, 3])
 def test_the_film_is_the_smallest_that_covers_the_image(k1, oversampling):
     """Corners of all pixels lie on it, and it ends less than a pixel of its own beyond the outermost of them."""
-    seen = camera(k1)
-    film = film_for(seen, oversampling)
-    assert film.scale == oversampling * seen.focal_length_px
+    lens_camera = camera(k1)
+    film = film_for(lens_camera, oversampling)
+    assert film.scale == oversampling * lens_camera.focal_length_px
     u, v = np.meshgrid(np.arange(WIDTH + 1) - 0.5, np.arange(HEIGHT + 1) - 0.5)
-    right, down, forward = seen.rotation @ seen.directions(u.ravel(), v.ravel()).T
+    right, down, forward = lens_camera.rotation @ lens_camera.directions(u.ravel(), v.ravel()).T
     for axis, slope in enumerate((right / forward, down / forward)):
-        place = (slope - film.low[axis]) * film.scale
-        assert place.min() == pytest.approx(0, abs=1e-9)
-        assert film.size[axis] - 1 < place.max() <= film.size[axis]
+        position = (slope - film.low[axis]) * film.scale
+        assert position.min() == pytest.approx(0, abs=1e-9)
+        assert film.size[axis] - 1 < position.max() <= film.size[axis]
 
 
 def test_without_distortion_its_pixels_are_parts_of_the_cameras():
@@ -37,6 +37,6 @@ def test_without_distortion_its_pixels_are_parts_of_the_cameras():
     assert first == pytest.approx([-0.25, -0.25])
     weights = resampling(film, camera(0.0)).toarray()
     row, column = np.divmod(np.arange(film.pixels), 2 * WIDTH)
-    own = np.zeros_like(weights)
-    own[row // 2 * WIDTH + column // 2, np.arange(film.pixels)] = 0.25
-    np.testing.assert_allclose(weights, own, atol=1e-9)
+    sampled = np.zeros_like(weights)
+    sampled[row // 2 * WIDTH + column // 2, np.arange(film.pixels)] = 0.25
+    np.testing.assert_allclose(weights, sampled, atol=1e-9)

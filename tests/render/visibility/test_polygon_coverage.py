@@ -45,13 +45,13 @@ def test_shares_are_those_of_rays(name):
     camera = cameras()[name]
     tracer = build_tracer(cornell_box())
     pixels = np.arange(SIZE * SIZE)
-    found, expected = (
+    shares, expected = (
         pixel_coverage(t, [camera], pixels, SAMPLES, seed=3)[0]
         for t in (tracer, replace(tracer, accelerator=triangle_tree(tracer.vertices)))
     )
     assert 0 < expected.sum() / len(pixels) <= 1
     assert ((expected > 0) & (expected < 1)).any(axis=1).sum() > 20
-    assert np.abs(found - expected).max() < 1.5e-3
+    assert np.abs(shares - expected).max() < 1.5e-3
 
 
 @pytest.mark.parametrize("name", cameras())
@@ -63,15 +63,15 @@ def test_beside_a_mesh_shares_are_those_of_rays_and_away_from_it_those_of_the_bo
     tracer = build_tracer(replace(box, surfaces=(*box.surfaces, ball)))
     assert isinstance(tracer.accelerator, FacesAndTree)
     pixels = np.arange(SIZE * SIZE)
-    found, expected = (
+    shares, expected = (
         pixel_coverage(t, [camera], pixels, SAMPLES, seed=3)[0]
         for t in (tracer, replace(tracer, accelerator=triangle_tree(tracer.vertices)))
     )
-    assert np.abs(found - expected).max() < 1.5e-3
+    assert np.abs(shares - expected).max() < 1.5e-3
     of_ball = tracer.facet_surface == len(box.surfaces)
     away = ~expected[:, of_ball].any(axis=1)
     alone = pixel_coverage(build_tracer(box), [camera], pixels, 1)[0]
-    exact = np.all(found[:, ~of_ball] == alone, axis=1)
+    exact = np.all(shares[:, ~of_ball] == alone, axis=1)
     assert exact[away].sum() > 0.9 * away.sum() and not exact[~away].any()
 
 
@@ -81,8 +81,8 @@ def test_cameras_asked_together_see_what_each_sees_alone():
     pixels, steps = np.arange(SIZE * SIZE), np.diag(0.5 / pixels_per_unit(tracer, published))
     several = [published.with_parameters(published.parameters + step) for step in (0 * steps[0], *steps, *-steps)]
     together = pixel_coverage(tracer, several, pixels, 1)
-    for camera, found in zip(several, together, strict=True):
-        np.testing.assert_allclose(found, pixel_coverage(tracer, [camera], pixels, 1)[0], atol=2e-6)
+    for camera, shares in zip(several, together, strict=True):
+        np.testing.assert_allclose(shares, pixel_coverage(tracer, [camera], pixels, 1)[0], atol=2e-6)
 
 
 def seen(*outlines):
@@ -152,8 +152,8 @@ def test_a_mesh_that_fills_the_picture():
     ball = Surface("ball", "white", np.asarray(mesh.vertices), np.asarray(mesh.faces))
     tracer = build_tracer(replace(box, surfaces=(*box.surfaces, ball)))
     camera = replace(cornell_camera(SIZE), position_mm=np.array([278.0, 273.0, 220.0]))
-    found = pixel_coverage(tracer, [camera], np.arange(SIZE * SIZE), 64)[0]
-    assert np.all(found[:, tracer.facet_surface == len(box.surfaces)].sum(axis=1) > 1 - 1e-6)
+    coverage = pixel_coverage(tracer, [camera], np.arange(SIZE * SIZE), 64)[0]
+    assert np.all(coverage[:, tracer.facet_surface == len(box.surfaces)].sum(axis=1) > 1 - 1e-6)
 
 
 def test_no_pixels_have_no_shares():

@@ -34,11 +34,11 @@ def camera(k1, lens):
 )
 def test_a_ray_goes_where_its_place_in_the_pixel_says(k1, lens):
     """To 2e-5 of a pixel, wherever in the pixel: half a pixel to the left of its centre is its border."""
-    seen = camera(k1, lens)
-    rays = pixel_rays(seen, device_array(mi.UInt32, PIXEL))(*(device_array(mi.Float, x) for x in RANDOM))
-    found = np.array(rays.d).T @ seen.rotation.T
+    lens_camera = camera(k1, lens)
+    rays = pixel_rays(lens_camera, device_array(mi.UInt32, PIXEL))(*(device_array(mi.Float, x) for x in RANDOM))
+    direction = np.array(rays.d).T @ lens_camera.rotation.T
     row, column = np.divmod(PIXEL, WIDTH)
-    expected = seen.directions(column + RANDOM[0] - 0.5, row + RANDOM[1] - 0.5) @ seen.rotation.T
-    off = found[:, :2] / found[:, 2:] - expected[:, :2] / expected[:, 2:]
-    assert np.abs(off).max() * seen.focal_length_px < 2e-5
-    np.testing.assert_allclose(np.array(rays.o).reshape(3, -1)[:, 0], seen.position_mm, rtol=1e-6)
+    expected = lens_camera.directions(column + RANDOM[0] - 0.5, row + RANDOM[1] - 0.5) @ lens_camera.rotation.T
+    off = direction[:, :2] / direction[:, 2:] - expected[:, :2] / expected[:, 2:]
+    assert np.abs(off).max() * lens_camera.focal_length_px < 2e-5
+    np.testing.assert_allclose(np.array(rays.o).reshape(3, -1)[:, 0], lens_camera.position_mm, rtol=1e-6)

@@ -89,6 +89,16 @@ def test_colour_science_reads_the_same_samples_of_xrite():
     assert all(np.array_equal(spectra[name].values, expected[name].values) for name in spectra)
 
 
+@pytest.mark.parametrize(("key", "once"), [("uprtek", 1), ("sekonic", 2)])
+def test_the_last_of_repeated_spectra_is_read_and_counted(tmp_path, key, once):
+    text = INSTRUMENTS[key].text.rstrip("\n") + "\n"
+    for repeats in (1, 3):
+        instrument_spectra = read_instrument_file(write(tmp_path, repeats * text))
+        assert instrument_spectra.spectra[0].values == pytest.approx(INSTRUMENTS[key].values)
+        counted = [note for note in instrument_spectra.notes if "spectra of the file" in note]
+        assert counted == [f"The last of {repeats * once} spectra of the file."] * (repeats * once > 1)
+
+
 # Of each format: what is changed, into what, and what the message names.
 MALFORMED = [
     ("uprtek", "381nm\t0.5", "381nm\t", "line 8", "finite number"),
@@ -171,8 +181,8 @@ MALFORMED = [
 ]
 
 
-@pytest.mark.parametrize(("key", "old", "new", "place", "fault"), MALFORMED)
-def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, place, fault):
+@pytest.mark.parametrize(("key", "old", "new", "location", "fault"), MALFORMED)
+def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, location, fault):
     text = INSTRUMENTS[key].text
     assert old in text
     at = text.rfind(old) if key == "sekonic" else text.find(old)
@@ -180,7 +190,7 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, place
     with pytest.raises(InputError) as error:
         read_spectra(path)
     message = str(error.value)
-    assert "measured.txt" in message and place in message and fault in message
+    assert "measured.txt" in message and location in message and fault in message
     assert "\n" not in message and error.value.hint
 
 

@@ -91,7 +91,7 @@ def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypat
     grid = np.linspace(400, 700, 10)
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     settings = CubeSettings(grid, samples=1, seed=3)
-    kept = tmp_path / "kept.nc"
+    passes = tmp_path / "kept.nc"
     photometry = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), settings).photometry
 
     def stopped(job, report=None):
@@ -101,8 +101,8 @@ def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypat
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(precision, "render_pass", stopped)
-        render_file(kept, None, cornell_camera(SIZE), settings)
-    again = render_file(kept, None, cornell_camera(SIZE), settings).photometry
+        render_file(passes, None, cornell_camera(SIZE), settings)
+    again = render_file(passes, None, cornell_camera(SIZE), settings).photometry
     assert again.to_dict() == photometry.to_dict()
     radiance = read_cube(tmp_path / "a.nc")["radiance"].values
     mean = radiance.mean(axis=(0, 1)) @ tristimulus_weights(grid)
@@ -112,14 +112,16 @@ def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypat
 
 def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, monkeypatch):
     monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
-    solved, numbers = [], []
+    solutions, numbers = [], []
     solve = passes.solve_light
-    monkeypatch.setattr(passes, "solve_light", lambda *given, **more: solved.append(1) or solve(*given, **more))
+    monkeypatch.setattr(
+        passes, "solve_light", lambda *arguments, **more: solutions.append(1) or solve(*arguments, **more)
+    )
     monkeypatch.setattr(
         precision, "render_pass", lambda job, report: numbers.append(job.first_batch) or render_pass(job, report)
     )
     render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), replace(SETTINGS, seed=8))
-    assert len(solved) == 1
+    assert len(solutions) == 1
     assert len(set(numbers)) == len(numbers) == 2 * BATCHES
 
 
@@ -136,11 +138,11 @@ def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
         {"radiance": (("y", "x", "wavelength"), np.ones((2, 3, 1), np.float32), {"units": RADIANCE_UNIT})},
         {"wavelength": ("wavelength", [500.0], {"units": "nm"})},
     )
-    place = tmp_path / "cube.nc.strips" / "0"
-    store_strip(place, "made from this", strip)
-    back = load_strip(place, "made from this")
+    strip_folder = tmp_path / "cube.nc.strips" / "0"
+    store_strip(strip_folder, "made from this", strip)
+    back = load_strip(strip_folder, "made from this")
     assert back is not None and np.array_equal(back["radiance"], strip["radiance"])
-    assert [path.name for path in place.parent.iterdir()] == ["0"]
+    assert [path.name for path in strip_folder.parent.iterdir()] == ["0"]
 
 
 def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path, monkeypatch):

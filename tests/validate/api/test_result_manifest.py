@@ -12,7 +12,7 @@ from helpers.places import ROOT
 
 
 @pytest.fixture
-def made(tmp_path):
+def result(tmp_path):
     """A folder of two results, made of a folder with two files and of one more."""
     results, capture, model = tmp_path / "out", tmp_path / "capture", tmp_path / "m.toml"
     for path in (
@@ -28,16 +28,16 @@ def made(tmp_path):
     return results, capture, model
 
 
-def test_unchanged_results_are_sound(made):
-    verification = verify(made[0])
+def test_unchanged_results_are_sound(result):
+    verification = verify(result[0])
     assert verification.sound and not verification.lines()
     assert (verification.outputs, verification.inputs) == (2, 3)
-    content = json.loads((made[0] / "manifest.json").read_text())
+    content = json.loads((result[0] / "manifest.json").read_text())
     assert content["seed"] == 7 and {"python", "numpy", "mitsuba", "cboxlab"} <= set(content["versions"])
 
 
-def test_each_kind_of_change_is_named(made):
-    results, capture, model = made
+def test_each_kind_of_change_is_named(result):
+    results, capture, model = result
     (results / "metrics.json").write_bytes(b"metrics.jsoN")
     (results / "maps" / "a.exr").unlink()
     (capture / "frames" / "f.tif").write_bytes(b"g.tif")

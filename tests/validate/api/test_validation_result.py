@@ -67,11 +67,11 @@ def test_the_figure_of_the_difference_holds_the_maps_by_wavelength():
     validation = fake_validation()
     figure = ValidationResult(validation).plot()
     maps = validation.comparison.maps["residual_over_sigma"].values
-    shown = [axis for axis in figure.axes if axis.images]
-    names = [axis.get_title(loc="left") for axis in shown]
+    with_images = [axis for axis in figure.axes if axis.images]
+    names = [axis.get_title(loc="left") for axis in with_images]
     assert names == sorted(names) and all(name.endswith(" nm") for name in names) and len(names) == len(maps)
     order = [index for index, _ in named_bands(validation.comparison.bands, validation.prepared.responses)]
-    for axis, index in zip(shown, order, strict=True):
+    for axis, index in zip(with_images, order, strict=True):
         np.testing.assert_array_equal(np.ma.filled(axis.images[0].get_array(), np.nan), maps[index])
     with pytest.raises(InputError, match="one of difference, relative"):
         ValidationResult(validation).figure("diference")

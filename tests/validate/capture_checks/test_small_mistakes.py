@@ -50,8 +50,8 @@ def test_one_binned_band_is_named(tmp_path):
         return np.kron(small, np.ones((2, 2)))
 
     change(d, d.tables("band")[3:4], binned)
-    (found,) = (s for s in suspicions(d) if "resampled" in s.what)
-    assert found.where == f"band[3] ({d.tables('band')[3]['id']}).frames"
+    (suspicion,) = (s for s in suspicions(d) if "resampled" in s.what)
+    assert suspicion.where == f"band[3] ({d.tables('band')[3]['id']}).frames"
 
 
 @pytest.mark.parametrize(("axis", "brightest"), [(1, "at the left"), (0, "at the top")])
@@ -65,11 +65,11 @@ def test_uneven_flats_are_one_suspicion_with_size_and_place(tmp_path, axis, brig
         return level + (y - level) * (1 + 0.04 * (ramp if axis else ramp[:, None]))
 
     change(d, d.tables("flat"), tilted)
-    (found,) = suspicions(d)
-    assert "different shape" in found.what
-    size = [float(x) for x in re.findall(r"([\d.]+)%", found.why)]
+    (suspicion,) = suspicions(d)
+    assert "different shape" in suspicion.what
+    size = [float(x) for x in re.findall(r"([\d.]+)%", suspicion.why)]
     assert size[0] == pytest.approx(3.5, abs=0.3) and size[1] == pytest.approx(3.5, abs=0.3)
-    assert f" {brightest} than" in found.why
+    assert f" {brightest} than" in suspicion.why
 
 
 def test_flats_at_another_aperture_have_another_shape_and_are_not_compared(tmp_path):
@@ -90,17 +90,17 @@ def test_a_shifted_filter_table_is_named_with_its_shift(tmp_path, shift_nm):
     grid = np.loadtxt(path, delimiter=",", skiprows=1)[:, 0]
     d.spectrum(table["transmittance"], lambda values: np.interp(grid - shift_nm, grid, values))
     d.save()
-    (found,) = (s for s in suspicions(d) if "shifted by" in s.what)
-    assert f"{shift_nm:+d} nm" in found.what and found.where == f"band[2] ({table['id']}).transmittance"
+    (suspicion,) = (s for s in suspicions(d) if "shifted by" in s.what)
+    assert f"{shift_nm:+d} nm" in suspicion.what and suspicion.where == f"band[2] ({table['id']}).transmittance"
 
 
 def test_a_camera_moved_by_half_a_pixel_is_named_with_the_band(tmp_path):
     d = draft(tmp_path)
     bands = d.tables("band")
     change(d, bands[4:], lambda y: ndimage.shift(y, (0, 0.5), order=1, mode="nearest"))
-    (found,) = (s for s in suspicions(d) if "moved between" in s.what)
-    assert found.what.endswith(f"between {bands[3]['id']} and {bands[4]['id']}")
-    assert float(re.search(r"\(([+-][\d.]+),", found.why)[1]) == pytest.approx(0.5, abs=0.05)
+    (suspicion,) = (s for s in suspicions(d) if "moved between" in s.what)
+    assert suspicion.what.endswith(f"between {bands[3]['id']} and {bands[4]['id']}")
+    assert float(re.search(r"\(([+-][\d.]+),", suspicion.why)[1]) == pytest.approx(0.5, abs=0.05)
 
 
 @pytest.mark.parametrize("scatter_px", [0.03, 0.15])
@@ -109,7 +109,7 @@ def test_shifts_that_scatter_are_no_movement(scatter_px):
     capture = load_capture(DEMO)
     rng = np.random.default_rng(1)
     shifts = scatter_px * rng.standard_normal((1000, len(capture.band_ids), 2))
-    assert not [s for one in shifts for s in _check_step(capture, one)]
+    assert not [s for shift in shifts for s in _check_step(capture, shift)]
     moved = shifts[0] * 0.03 / scatter_px + np.where(np.arange(7) > 2, 2 * SMALLEST_STEP_PX, 0.0)[:, None]
     assert len([*_check_step(capture, moved)]) == 1
 
@@ -140,11 +140,11 @@ def test_a_light_leak_in_all_darks_is_named_with_its_size(tmp_path):
     """A sixth of the dimmest band's light, 48 DN in the longest dark; the level follows the trend."""
     d = draft(tmp_path)
     leaking(d, 1.9, sensitivities(d))
-    (found,) = light_suspicions(d)
+    (suspicion,) = light_suspicions(d)
     longest = max(table["exposure_s"] for table in d.tables("dark"))
-    size = float(re.search(r"s, ([\d.]+) DN", found.why)[1])
+    size = float(re.search(r"s, ([\d.]+) DN", suspicion.why)[1])
     assert size == pytest.approx(1.9 * longest, rel=0.15)
-    assert f"({longest:g} s)" in found.where
+    assert f"({longest:g} s)" in suspicion.where
 
 
 def test_dark_current_is_no_light(tmp_path):

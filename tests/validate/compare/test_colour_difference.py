@@ -51,11 +51,11 @@ def test_noise_of_lightness_alone_has_the_mean_of_a_half_normal():
     """
     level, sigma = np.full((2, 256), 60.0), np.full((2, 256), 0.12)
     xyz_per_dn = np.outer(XYZ, [0.004, 0.002])
-    found = expected_from_noise(level, sigma, xyz_per_dn, WHITE, seed=1)["delta_e_ab"]
+    expected = expected_from_noise(level, sigma, xyz_per_dn, WHITE, seed=1)["delta_e_ab"]
     relative = 0.006 * 60.0
     scatter = 116 / 3 * np.hypot(0.004, 0.002) * 0.12 * relative ** (-2 / 3)
-    assert found.mean == pytest.approx(np.sqrt(2 / np.pi) * scatter, rel=0.01)
-    assert found.p95 == pytest.approx(1.96 * scatter, rel=0.02)
+    assert expected.mean == pytest.approx(np.sqrt(2 / np.pi) * scatter, rel=0.01)
+    assert expected.p95 == pytest.approx(1.96 * scatter, rel=0.02)
 
 
 def test_greys_under_the_lamp_are_greys_of_srgb():

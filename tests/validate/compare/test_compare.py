@@ -15,10 +15,10 @@ BOX = FakeBox()
 
 def test_chi2_and_what_noise_makes_of_it():
     """30 of 20 degrees: 1.5 each, 10 more than expected, with a chance of 0.07 (tables of chi-square)."""
-    found = ChiSquare(30.0, 24, 20.0)
-    assert (found.per_dof, found.excess) == (1.5, 10.0)
-    assert found.per_dof_sigma == pytest.approx(0.3162, abs=1e-4)
-    assert found.p_value == pytest.approx(0.0699, abs=1e-4)
+    chi2 = ChiSquare(30.0, 24, 20.0)
+    assert (chi2.per_dof, chi2.excess) == (1.5, 10.0)
+    assert chi2.per_dof_sigma == pytest.approx(0.3162, abs=1e-4)
+    assert chi2.p_value == pytest.approx(0.0699, abs=1e-4)
 
 
 def test_chi2_of_pure_noise_is_one():
@@ -85,15 +85,15 @@ def test_luminance_and_chromaticity_are_those_of_the_interiors_mean_xyz():
     factor = np.ones(BOX.truth.shape)
     factor[3, BOX.surface == SURFACES.index("green wall")] = 1.05
     comparison = BOX.compare(seed=7, factor=factor)
-    told = metrics(comparison, fake_run())["surfaces"]
+    surfaces = metrics(comparison, fake_run())["surfaces"]
     maps = comparison.maps
     mask = (maps["edge_distance_px"].values >= 3) & (maps["mask"].values == 0).all(axis=0)
     for index, name in enumerate(SURFACES):
         for side in ("measured", "rendered"):
             x, y, z = maps[f"xyz_{side}"].values[mask & (maps["surface"].values == index)].mean(axis=0)
             expected = {"luminance_cd_m2": y, "x": x / (x + y + z), "y": y / (x + y + z)}
-            assert told[name][side] == pytest.approx(expected)
-    wall = told["green wall"]
+            assert surfaces[name][side] == pytest.approx(expected)
+    wall = surfaces["green wall"]
     assert wall["measured"]["luminance_cd_m2"] > 1.004 * wall["rendered"]["luminance_cd_m2"]
     assert wall["measured"]["x"] > wall["rendered"]["x"] + 0.001
 
@@ -123,12 +123,12 @@ def test_standard_errors_of_surface_means_cover():
 def test_noise_expectation_of_colour_difference():
     """Where the render is exact, Delta E is what the expectation from noise says."""
     comparison = BOX.compare(seed=5)
-    for seen, noise in (
+    for visible, noise in (
         (comparison.colour["delta_e_ab"], comparison.colour_noise["delta_e_ab"]),
         (comparison.colour["delta_e_2000"], comparison.colour_noise["delta_e_2000"]),
     ):
-        assert seen.mean == pytest.approx(noise.mean, rel=0.03)
-        assert seen.p95 == pytest.approx(noise.p95, rel=0.05)
+        assert visible.mean == pytest.approx(noise.mean, rel=0.03)
+        assert visible.p95 == pytest.approx(noise.p95, rel=0.05)
     assert comparison.luminance.rms == pytest.approx(comparison.luminance.rms_noise, rel=0.05)
 
 

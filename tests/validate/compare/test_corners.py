@@ -40,20 +40,20 @@ def test_corners_of_a_scene_have_names_and_leave_the_lamp_out(calibration):
 def test_clicks_are_refined_by_the_edges(calibration):
     """Half a pixel of error becomes a tenth; the survey, with 0.15 px a point, gives its camera 0.04 px."""
     surveyed, clicked = clicks(calibration, IDS, 3)
-    found = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
-    error = found.points.image_px - surveyed
-    before = (clicked.image_px - surveyed)[found.by_edges]
-    assert found.by_edges.sum() >= 8
+    corners = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
+    error = corners.points.image_px - surveyed
+    before = (clicked.image_px - surveyed)[corners.by_edges]
+    assert corners.by_edges.sum() >= 8
     assert np.sqrt(np.mean(before**2)) > 0.35
-    assert np.sqrt(np.mean(error[found.by_edges] ** 2)) < 0.15
-    assert np.median(np.abs(error[found.by_edges])) < 0.1
+    assert np.sqrt(np.mean(error[corners.by_edges] ** 2)) < 0.15
+    assert np.median(np.abs(error[corners.by_edges])) < 0.1
     # a corner that the edges do not determine stays where it was clicked
-    assert np.array_equal(found.points.image_px[~found.by_edges], clicked.image_px[~found.by_edges])
-    assert found.fit is not None and found.fit.reprojection_rms_px < 0.5
+    assert np.array_equal(corners.points.image_px[~corners.by_edges], clicked.image_px[~corners.by_edges])
+    assert corners.fit is not None and corners.fit.reprojection_rms_px < 0.5
 
 
 def test_too_few_corners_stay_as_clicked(calibration):
     _, clicked = clicks(calibration, IDS[:4], 2)
-    found = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
-    assert found.fit is None and "4 usable points" in found.reason and not found.by_edges.any()
-    assert np.array_equal(found.points.image_px, clicked.image_px)
+    corners = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
+    assert corners.fit is None and "4 usable points" in corners.reason and not corners.by_edges.any()
+    assert np.array_equal(corners.points.image_px, clicked.image_px)

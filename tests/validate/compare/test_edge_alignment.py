@@ -44,9 +44,9 @@ def aligned():
     picture = photograph(replace(box, surfaces=moved), true)
     picture += 0.002 * np.random.default_rng(1).standard_normal(picture.shape)
     offset = np.array([0.6, -0.5, 2, 0.05, -0.04, 0.01, 0.5, -0.4, 0.4, 0.004])
-    stated = true.with_parameters(true.parameters + offset)
-    stated = replace(stated, covariance=SURVEY)
-    return true, stated, *align_edges(measure_edges(picture, stated, box), stated)
+    start = true.with_parameters(true.parameters + offset)
+    start = replace(start, covariance=SURVEY)
+    return true, start, *align_edges(measure_edges(picture, start, box), start)
 
 
 def test_the_block_is_found_where_it_stands(aligned):
@@ -66,9 +66,9 @@ def test_what_stands_right_is_left_there(aligned):
 
 def test_the_camera_is_improved(aligned):
     """Corners of the room appear where they are to a third of what the survey's camera missed them by."""
-    true, stated, refined, errors = aligned
+    true, start, refined, errors = aligned
     corners = cornell_box().surface("back").vertices_mm
-    missed = [np.abs(c.project(corners) - true.project(corners)).max() for c in (stated, refined)]
+    missed = [np.abs(c.project(corners) - true.project(corners)).max() for c in (start, refined)]
     assert missed[1] < missed[0] / 3
     off = refined.parameters - true.parameters
     # The 99.9% point of chi2(10).
@@ -86,14 +86,14 @@ def test_without_edges_nothing_is_claimed():
         align_edges(flat, cornell_camera(64))
 
 
-def test_an_object_of_few_samples_is_told(places):
+def test_an_object_of_few_samples_is_told(samples):
     """Three samples of the short block are left."""
     camera = replace(cornell_camera(SIZE), covariance=SURVEY)
-    block = places.objects.index("short-block")
-    indices = np.flatnonzero(places.owner == block)[3:]
-    left = np.delete(np.arange(places.owner.size), indices)
+    block = samples.objects.index("short-block")
+    indices = np.flatnonzero(samples.owner == block)[3:]
+    kept_samples = np.delete(np.arange(samples.owner.size), indices)
     per_sample = ("place_mm", "normal", "offset_px", "owner", "edge")
-    few = replace(places, **{name: getattr(places, name)[left] for name in per_sample})
+    few = replace(samples, **{name: getattr(samples, name)[kept_samples] for name in per_sample})
     _, errors = align_edges(few, camera)
     (short,) = (error for error in errors if error.name == "short-block")
     assert not short.known and short.samples == 3 and np.isnan(short.covariance).all()
@@ -101,31 +101,31 @@ def test_an_object_of_few_samples_is_told(places):
 
 
 @pytest.fixture(scope="module")
-def places():
+def samples():
     """Where the picture of the box as modelled shows its edges."""
     return measure_edges(photograph(cornell_box(), cornell_camera(SIZE)), cornell_camera(SIZE), cornell_box())
 
 
-def test_covariances_by_simulation(places):
+def test_covariances_by_simulation(samples):
     """150 cameras drawn from their calibration, edges and samples off by what is assumed of them.
 
     Mahalanobis squares of camera and blocks: shares within the 68% and 95% points by the binomial, 4 standard errors
     (less than 4 false alarms in 10,000).
     """
     true, rng = cornell_camera(SIZE), np.random.default_rng(4)
-    edges = [places.edge == number for number in np.unique(places.edge)]
+    edges = [samples.edge == number for number in np.unique(samples.edge)]
     squares = {"camera": [], "short-block": [], "tall-block": []}
     for _ in range(150):
         error = rng.multivariate_normal(np.zeros(10), SURVEY)
-        stated = replace(true.with_parameters(true.parameters + error), covariance=SURVEY)
-        away = true.project(places.place_mm) - stated.project(places.place_mm)
-        offset = np.sum(places.normal * away, axis=1) + 0.05 * rng.standard_normal(len(places.edge))
-        for own in edges:
-            along = np.linalg.norm(places.place_mm[own] - places.place_mm[own][0], axis=1)
+        start = replace(true.with_parameters(true.parameters + error), covariance=SURVEY)
+        away = true.project(samples.place_mm) - start.project(samples.place_mm)
+        offset = np.sum(samples.normal * away, axis=1) + 0.05 * rng.standard_normal(len(samples.edge))
+        for edge in edges:
+            along = np.linalg.norm(samples.place_mm[edge] - samples.place_mm[edge][0], axis=1)
             along -= along.mean()
             drift = along / max(np.abs(along).max(), 1e-12)
-            offset[own] += EDGE_BIAS_PX * (rng.standard_normal() + drift * rng.standard_normal())
-        refined, errors = align_edges(replace(places, offset_px=offset), stated)
+            offset[edge] += EDGE_BIAS_PX * (rng.standard_normal() + drift * rng.standard_normal())
+        refined, errors = align_edges(replace(samples, offset_px=offset), start)
         off = refined.parameters - true.parameters
         squares["camera"].append(off @ np.linalg.solve(refined.covariance, off))
         for block in errors[1:]:
@@ -147,19 +147,19 @@ def test_a_loose_calibration_is_refused():
 def test_measuring_again_finds_a_camera_that_one_search_missed():
     """Corners 1.5 px off and more: found to 0.3 px, three of the EDGE_BIAS_PX that the picture's edges have."""
     true, box = cornell_camera(SIZE), cornell_box()
-    stated = true.with_parameters(true.parameters + np.array([1, -1, 3, 0.15, -0.1, 0.02, 1, -1, 1, 0.01]))
-    stated = replace(stated, covariance=SURVEY)
+    start = true.with_parameters(true.parameters + np.array([1, -1, 3, 0.15, -0.1, 0.02, 1, -1, 1, 0.01]))
+    start = replace(start, covariance=SURVEY)
     corners = box.surface("back").vertices_mm
     picture = photograph(box, true) + 0.002 * np.random.default_rng(2).standard_normal((SIZE, SIZE))
-    refined, _ = align_photograph(picture, stated, box)
-    assert np.abs(stated.project(corners) - true.project(corners)).max() > 1.5
+    refined, _ = align_photograph(picture, start, box)
+    assert np.abs(start.project(corners) - true.project(corners)).max() > 1.5
     assert np.abs(refined.project(corners) - true.project(corners)).max() < 0.3
 
 
-def test_an_edge_of_two_faces_is_counted_once(places):
-    room = places.owner == 0
+def test_an_edge_of_two_faces_is_counted_once(samples):
+    room = samples.owner == 0
     ends = {
-        tuple(np.round(np.sort(places.place_mm[places.edge == n][[0, -1]], axis=0), -1).ravel())
-        for n in np.unique(places.edge[room])
+        tuple(np.round(np.sort(samples.place_mm[samples.edge == n][[0, -1]], axis=0), -1).ravel())
+        for n in np.unique(samples.edge[room])
     }
-    assert len(ends) == len(np.unique(places.edge[room]))
+    assert len(ends) == len(np.unique(samples.edge[room]))

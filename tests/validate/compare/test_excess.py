@@ -24,8 +24,8 @@ def test_every_region_has_its_own_squares_and_its_part_of_the_freedom():
         assert sum(row.chi2.count for row in rows) == used.sum()
     wheres = {name: BOX.surface == i for i, name in enumerate(SURFACES)}
     for row in regions["surface"][: len(SURFACES)]:
-        own = residual[:, wheres[row.name]]
-        count, value = np.isfinite(own).sum(), float(np.nansum(own**2))
+        in_region = residual[:, wheres[row.name]]
+        count, value = np.isfinite(in_region).sum(), float(np.nansum(in_region**2))
         assert (row.chi2.count, row.chi2.value, row.chi2.dof) == pytest.approx((count, value, count * each))
         assert row.share_of_excess == pytest.approx((value - count * each) / excess)
         assert row.share_of_residuals == pytest.approx(count / used.sum())

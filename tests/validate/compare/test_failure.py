@@ -34,9 +34,9 @@ def test_shares_are_those_of_renders_that_stop_early():
         other = render_path_tracer(RenderJob(scene, camera, BANDS, 256, 4, seed=9, max_bounces=bounces))
         mean, variance = other.project(np.eye(3))
         for band in range(3):
-            seen = (share * total)[band][used].mean()
+            mean_signal = (share * total)[band][used].mean()
             error = np.sqrt(variance[..., band][used].sum()) / used.sum()
-            assert seen == pytest.approx(mean[..., band][used].mean(), abs=5 * error + 2e-4 * seen)
+            assert mean_signal == pytest.approx(mean[..., band][used].mean(), abs=5 * error + 2e-4 * mean_signal)
     with pytest.raises(ValueError, match="final gather"):
         light_shares(render_path_tracer(RenderJob(scene, camera, BANDS[:2], 4, 1)), scene, np.eye(2))
 
@@ -77,13 +77,13 @@ def test_an_excess_is_found_where_it_was_put():
     where[0, :20, 23:37] = True
     z[where] *= 4
     c = comparison(z)
-    known = parts(c, PAINTS, NM, split(direct))
-    found = ranked_failures(c, known)
-    assert found[0].words == "in interiors on the left wall where light is indirect in band f400"
-    assert found[0].share_of_excess == pytest.approx(1.0, abs=0.05)
-    assert found[0].share_of_residuals == pytest.approx(where.mean(), rel=0.01)
-    assert found[0].chi2_per_residual == pytest.approx(np.mean(z[where] ** 2))
-    (table,) = parts_section(c, known).blocks
+    picture_parts = parts(c, PAINTS, NM, split(direct))
+    failures = ranked_failures(c, picture_parts)
+    assert failures[0].words == "in interiors on the left wall where light is indirect in band f400"
+    assert failures[0].share_of_excess == pytest.approx(1.0, abs=0.05)
+    assert failures[0].share_of_residuals == pytest.approx(where.mean(), rel=0.01)
+    assert failures[0].chi2_per_residual == pytest.approx(np.mean(z[where] ** 2))
+    (table,) = parts_section(c, picture_parts).blocks
     (indirect,) = [row for row in table.rows if row[0] == "where light is indirect"]
     assert float(indirect[2]) == pytest.approx(100, abs=5)
 
@@ -93,11 +93,11 @@ def test_two_places_are_two_entries_and_noise_is_none():
     z[:, :, :20] *= 3
     z[2, :, 40:] *= 3
     c = comparison(z)
-    known = parts(c, PAINTS, NM, None)
-    first, second = ranked_failures(c, known)[:2]
+    picture_parts = parts(c, PAINTS, NM, None)
+    first, second = ranked_failures(c, picture_parts)[:2]
     assert first.kinds == {"surface": "on the floor"}
     assert set(second.kinds) == {"surface", "band"} and "right" in second.words and "f600" in second.words
-    assert ranked_failures(comparison(noise(), p_value=0.4), known) == ()
+    assert ranked_failures(comparison(noise(), p_value=0.4), picture_parts) == ()
 
 
 def test_surfaces_of_one_paint_are_named_together():

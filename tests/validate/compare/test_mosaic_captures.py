@@ -67,8 +67,8 @@ def test_noise_explains_every_channel(validated):
 def test_the_constant_of_the_sensor_is_the_true_one(validated):
     _, result, constant = validated
     radiometry = result.prepared.calibration.radiometry
-    for one in radiometry.by_band:
-        assert one.constant == pytest.approx(constant, rel=3e-3)
+    for band_constant in radiometry.by_band:
+        assert band_constant.constant == pytest.approx(constant, rel=3e-3)
 
 
 def test_every_pixel_belongs_to_one_band(validated):

@@ -28,8 +28,8 @@ def test_values_keep_their_places_in_the_vector():
 
 def test_what_a_fit_misses_is_what_was_known_less_what_was_found():
     survey = cornell_camera(16)
-    found = survey.with_parameters(survey.parameters + np.arange(10.0) * 1e-3)
-    missed = NuisanceFit(found, 1.5, 0.1).missed(survey)
+    fitted_camera = survey.with_parameters(survey.parameters + np.arange(10.0) * 1e-3)
+    missed = NuisanceFit(fitted_camera, 1.5, 0.1).missed(survey)
     np.testing.assert_allclose(missed.camera, -np.arange(10.0) * 1e-3, rtol=1e-6, atol=1e-9)
     assert missed.lamp_scale == -0.5
 
@@ -58,7 +58,7 @@ def test_a_dark_picture_leaves_the_lamp_at_its_prior():
 
 
 @pytest.fixture(scope="module")
-def drawn():
+def photograph():
     return picture(cornell_box(), cornell_camera(48))
 
 
@@ -74,9 +74,9 @@ def picture(box, camera):
 
 @pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_quiet_picture_gives_the_camera_to_a_thousandth_of_a_pixel(drawn, seed):
+def test_a_quiet_picture_gives_the_camera_to_a_thousandth_of_a_pixel(photograph, seed):
     """Noise of 0.1 %, all ten parameters 0.3 px off: weak directions and grazing edges are followed to their end."""
-    off, chi2 = fitted(drawn, seed)
+    off, chi2 = fitted(photograph, seed)
     assert off < 2e-3
     assert chi2 < 1.1
 
@@ -95,18 +95,18 @@ def test_edges_along_rows_and_columns_do_not_stop_the_search(seed):
 
 
 @pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
-def test_spoilt_pixels_hardly_move_the_camera(drawn):
+def test_spoilt_pixels_hardly_move_the_camera(photograph):
     """One pixel in a hundred is 1000 standard deviations too bright."""
-    off, _ = fitted(drawn, 1, spoilt=0.01)
+    off, _ = fitted(photograph, 1, spoilt=0.01)
     assert off < 0.02
 
 
-def fitted(drawn, seed, spoilt=0.0):
+def fitted(photograph, seed, spoilt=0.0):
     """Rms of corners' positions, px, and chi-square of the fit to a picture that another camera took.
 
     spoilt : share of the values that are far too bright.
     """
-    warp, signal, used = drawn
+    warp, signal, used = photograph
     camera, pixels = warp.camera, pixels_per_unit(warp.tracer, warp.camera)
     rng = np.random.default_rng(seed)
     true = camera.with_parameters(camera.parameters + 0.3 * rng.standard_normal(10) / pixels)
@@ -115,10 +115,10 @@ def fitted(drawn, seed, spoilt=0.0):
     measured = measured + np.sqrt(variance) * rng.standard_normal(measured.shape)
     measured[rng.random(measured.shape) < spoilt] += 1000 * np.sqrt(variance).mean()
     surveyed = replace(camera, covariance=np.diag(pixels**-2.0))
-    found = fit_nuisances(measured, variance, used, signal, warp, surveyed, 0.02)
+    fit = fit_nuisances(measured, variance, used, signal, warp, surveyed, 0.02)
     corners = warp.tracer.vertices.reshape(-1, 3)
     image_px = true.project(corners)
     inside = np.all((image_px > -0.5) & (image_px < camera.width_px - 0.5), axis=1)
-    off = np.linalg.norm(found.camera.project(corners) - image_px, axis=1)[inside]
-    expected = found.lamp_scale * (signal + warp_change(warp, found.camera))
+    off = np.linalg.norm(fit.camera.project(corners) - image_px, axis=1)[inside]
+    expected = fit.lamp_scale * (signal + warp_change(warp, fit.camera))
     return np.sqrt(np.mean(off**2)), np.mean(((measured - expected) ** 2 / variance)[used])

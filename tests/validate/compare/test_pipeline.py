@@ -61,15 +61,15 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
     )
     camera = cornell_camera(8)
     monkeypatch.setattr(pipeline, "refitted", lambda *_: NuisanceFit(camera, 1.0, 0.1))
-    monkeypatch.setattr(pipeline, "warp_change", lambda warp, there: change if there is camera else None)
+    monkeypatch.setattr(pipeline, "warp_change", lambda warp, new_camera: change if new_camera is camera else None)
     measured = 1.1 * (signal + change)
     prepared = SimpleNamespace(
         calibration=SimpleNamespace(predicted_variance=lambda expected: expected),
         lamp_scale=lambda values, variance, used: fit_lamp_scale(measured, values, variance, used, None),
     )
-    found = pipeline.refitted_picture(prepared, rendered, ())
-    np.testing.assert_allclose(found.signal, signal + change)
-    assert found.fit.lamp_scale == found.predictor == pytest.approx(1.1) and found.fit.camera is camera
+    refitted = pipeline.refitted_picture(prepared, rendered, ())
+    np.testing.assert_allclose(refitted.signal, signal + change)
+    assert refitted.fit.lamp_scale == refitted.predictor == pytest.approx(1.1) and refitted.fit.camera is camera
 
 
 @pytest.mark.parametrize(("motions_px", "drafts"), [((0.09, 9.0), 1), ((0.11, 0.01), 2), ((0.5, 0.5), 2)])
@@ -89,7 +89,7 @@ def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far
     final = []
     monkeypatch.setattr(pipeline, "solved_light", lambda *_: None)
     monkeypatch.setattr(pipeline, "_fitted_to_draft", fitted)
-    monkeypatch.setattr(pipeline, "rendered_from", lambda *given: final.append(given[2]) or 1 / 0)
+    monkeypatch.setattr(pipeline, "rendered_from", lambda *arguments: final.append(arguments[2]) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         validate_prepared(prepared, Model())
     assert started == cameras[:drafts] and final == [cameras[drafts]]
@@ -115,11 +115,11 @@ def small_capture(truth, tmp_path_factory):
 def result(small_capture):
     messages = []
     progress = ProgressReporter(lambda stage, done: messages.append((stage, done)))
-    found = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
+    validation = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
     stages, parts = zip(*messages, strict=True)
     assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]
     assert parts[-1] == 1 and np.all(np.diff(parts) >= 0)
-    return found
+    return validation
 
 
 @pytest.fixture(scope="session")
@@ -137,12 +137,12 @@ def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
         page.open(written / "report.html")
         page.run("globalThis.v = document.getElementById('viewer').viewer; v.ready.then(() => null)")
         page.run("document.getElementById('viewer').scrollIntoView()")
-        left, top, width = page.run(
+        x_px, top, width = page.run(
             "(() => {const b = document.querySelector('canvas').getBoundingClientRect();"
             "return [b.left, b.top, b.width]})()"
         )
         page.run("globalThis.received = null; addEventListener('cbox-pixel', (e) => { received = e.detail; })")
-        page.click(left + (x + 0.5) * width / SIZE, top + (y + 0.5) * width / SIZE)
+        page.click(x_px + (x + 0.5) * width / SIZE, top + (y + 0.5) * width / SIZE)
         record = page.run("received")
         outcome = page.run("v.set({c: 'delta_e_ab'}), Array.from(v._paintedLayer('delta_e_ab').values)")
         assert page.errors == []
@@ -178,9 +178,9 @@ def test_a_cache_changes_no_bit_of_a_validation(result, tmp_path):
     """The same input, without a cache, with one that is empty, and with one that holds every picture."""
     model = Model(render=RenderSettings(noise=4.0))
     runs = [validate_prepared(replace(result.prepared, cache=cache), model) for cache in (None, tmp_path, tmp_path)]
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     first = runs[0]
-    assert len(kept) >= 3
+    assert len(times) >= 3
     for other in runs[1:]:
         assert other.fit.camera.parameters.tobytes() == first.fit.camera.parameters.tobytes()
         assert other.fit.lamp_scale == first.fit.lamp_scale
@@ -195,9 +195,9 @@ def test_noise_explains_a_capture_without_effect(result, truth):
     That render's variance over the variance that is stated adds to chi2, as the capture cannot state it.
     """
     responses = result.prepared.calibration.responses
-    stated = result.comparison.maps["sigma"].values ** 2
+    sigma_squared = result.comparison.maps["sigma"].values ** 2
     used = np.isfinite(result.comparison.maps["residual_over_sigma"].values)
-    allowance = float(np.mean((render_bands(truth[0], responses)["variance"].values / stated)[used]))
+    allowance = float(np.mean((render_bands(truth[0], responses)["variance"].values / sigma_squared)[used]))
     chi2 = result.comparison.chi2
     assert 0 < allowance < 0.2
     assert abs(chi2.per_dof - 1) < 5 * chi2.per_dof_sigma + allowance
@@ -218,11 +218,11 @@ def test_a_camera_pulled_away_by_pixels_comes_back(result):
     near, corners = result.fit.camera, np.concatenate([s.vertices_mm for s in cornell_box().surfaces])
     aside = near.with_parameters(near.parameters + np.array([0, 0, 0, 1.4, 1.4, 0, 0, 0, 0, 0]))
     settings = RenderSettings(noise=2.0)
-    there = rendered_from(result.prepared, result.light, aside, settings, ())
+    moved = rendered_from(result.prepared, result.light, aside, settings, ())
 
     assert near.motion_px(aside, corners) > 2
     rough = replace(result, model=Model(render=settings))
-    linearised = linearised_fit(result.prepared, replace(there, used=result.rendered.used), ())
+    linearised = linearised_fit(result.prepared, replace(moved, used=result.rendered.used), ())
     assert near.motion_px(refitted(rough, linearised, []).rendered.fit.camera, corners) < 0.01
 
 
@@ -242,8 +242,8 @@ def test_the_refit_brings_the_camera_closer(result, truth):
 
 def test_the_lamps_power_comes_back_within_its_uncertainty(result, truth):
     """lamp.csv was written with an error, which the fit undoes; 0.1% are allowed for C and the render."""
-    stated = result.prepared.scene.lamp.radiance.at(550.0)
-    error = truth[2].lamp.radiance.at(550.0) / stated
+    true_power = result.prepared.scene.lamp.radiance.at(550.0)
+    error = truth[2].lamp.radiance.at(550.0) / true_power
     assert result.fit.lamp_scale == pytest.approx(float(error), abs=1e-3 + 5 * result.fit.lamp_scale_sigma)
     assert abs(float(error) - 1) < 0.1
 
@@ -324,13 +324,13 @@ def test_metrics_have_every_key_of_the_plan(written, result):
         "interiors": {"chi2_per_dof": number},
     }
 
-    def check(found, wanted, place):
-        if isinstance(wanted, dict):
-            assert set(wanted) <= set(found), place
-            for key in wanted:
-                check(found[key], wanted[key], f"{place}.{key}")
+    def check(record, expected_record, path):
+        if isinstance(expected_record, dict):
+            assert set(expected_record) <= set(record), path
+            for key in expected_record:
+                check(record[key], expected_record[key], f"{path}.{key}")
         else:
-            assert isinstance(found, wanted), place
+            assert isinstance(record, expected_record), path
 
     check(content, expected, "metrics")
     assert np.shape(content["camera"]["covariance"]) == (10, 10)
@@ -372,15 +372,15 @@ def test_the_promised_figures_are_met(shared):
     result = validate_capture(
         load_capture(shared / "captures" / "mystery-2"), Model(effects=(effect,), render=RenderSettings(noise=0.8))
     )
-    fit, c, seen = result.prepared.calibration.camera_fit, result.comparison, answer["true_camera"]
+    fit, c, true_camera = result.prepared.calibration.camera_fit, result.comparison, answer["true_camera"]
     true = Camera(
         fit.camera.width_px,
         fit.camera.height_px,
-        seen["fx_px"],
-        np.array([seen["cx_px"], seen["cy_px"]]),
-        seen["k1"],
-        np.array(seen["R"]),
-        np.array(seen["position_mm"]),
+        true_camera["fx_px"],
+        np.array([true_camera["cx_px"], true_camera["cy_px"]]),
+        true_camera["k1"],
+        np.array(true_camera["R"]),
+        np.array(true_camera["position_mm"]),
     )
     assert np.trace(true.rotation @ REFERENCE_ROTATION.T) > 2.99
     assert fit.reprojection_rms_px <= 1.15 * 0.15

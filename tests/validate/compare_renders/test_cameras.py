@@ -65,9 +65,9 @@ def test_other_sensors_are_noted():
 @pytest.mark.parametrize("value", [0.01, 12.0, 5000.0])
 def test_numbers_that_differ_by_rounding_are_the_same(value):
     """Up to a thousandth of the number, whatever its unit."""
-    one = Instrument(None, {"pixel pitch, um": value})
-    assert one.differences(Instrument(None, {"pixel pitch, um": 1.0009 * value})) == []
-    assert len(one.differences(Instrument(None, {"pixel pitch, um": 0.9989 * value}))) == 1
+    instrument = Instrument(None, {"pixel pitch, um": value})
+    assert instrument.differences(Instrument(None, {"pixel pitch, um": 1.0009 * value})) == []
+    assert len(instrument.differences(Instrument(None, {"pixel pitch, um": 0.9989 * value}))) == 1
 
 
 def test_the_mean_is_a_ratio_of_sums():

@@ -76,9 +76,9 @@ def test_the_faults_own_crops_are_compared_where_both_have_pixels(tmp_path):
 @pytest.mark.parametrize("ending", [".exr", ".nc"])
 @pytest.mark.parametrize("crop", [(0, 0, 40, 32), (20, 0, 40, 32), (10, 5, 20, 20), (63, 31, 1, 1)])
 def test_a_crop_equals_its_pixels_of_the_complete_picture(tmp_path, ending, crop):
-    left, top, width, height = crop
+    x_px, top, width, height = crop
     part = Window(*crop, (0, 0, 64, 32))
-    a = stored(tmp_path / f"a{ending}", LIGHT[top : top + height, left : left + width], part)
+    a = stored(tmp_path / f"a{ending}", LIGHT[top : top + height, x_px : x_px + width], part)
     b = stored(tmp_path / "b.nc", LIGHT)
     for first, second in ((a, b), (b, a)):
         comparison = compared(first, second)
@@ -104,12 +104,12 @@ def test_envi_files_that_begin_at_other_pixels(tmp_path):
 
 def test_maps_of_other_windows(tmp_path):
     """Channels that are no spectra, such as AOVs, are compared as they are, at the same pixels."""
-    for name, left in (("a", 0), ("b", 20)):
+    for name, x_px in (("a", 0), ("b", 20)):
         windows = {
-            "dataWindow": (np.array([left, 0], np.int32), np.array([left + 39, 31], np.int32)),
+            "dataWindow": (np.array([x_px, 0], np.int32), np.array([x_px + 39, 31], np.int32)),
             "displayWindow": (np.array([0, 0], np.int32), np.array([63, 31], np.int32)),
         }
-        planes = {"depth.Z": np.ascontiguousarray(LIGHT[:, left : left + 40, 0])}
+        planes = {"depth.Z": np.ascontiguousarray(LIGHT[:, x_px : x_px + 40, 0])}
         with OpenEXR.File({"type": OpenEXR.scanlineimage, **windows}, planes) as file:
             file.write(str(tmp_path / f"{name}.exr"))
     comparison = compared(tmp_path / "a.exr", tmp_path / "b.exr")
@@ -121,10 +121,10 @@ def test_crops_apart_and_crops_of_other_pictures_are_refused(tmp_path):
     a = stored(tmp_path / "a.exr", LIGHT[:, :20], Window(0, 0, 20, 32, (0, 0, 64, 32)))
     b = stored(tmp_path / "b.exr", LIGHT[:, 20:40], Window(20, 0, 20, 32, (0, 0, 64, 32)))
     c = stored(tmp_path / "c.exr", LIGHT[:, :20], Window(0, 0, 20, 32, (0, 0, 65, 32)))
-    for other, words in ((b, "some of x 0 to 19"), (c, "display window")):
-        with pytest.raises(InputError, match=words):
+    for other, message in ((b, "some of x 0 to 19"), (c, "display window")):
+        with pytest.raises(InputError, match=message):
             compared(a, other)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             regress_inputs(str(a), str(other))
 
 

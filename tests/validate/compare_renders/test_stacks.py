@@ -42,8 +42,8 @@ def test_the_rows_are_means_and_squares_by_hand():
         assert row.chi2_per_pixel == pytest.approx(chi2)
 
 
-@pytest.mark.parametrize("stated", [True, False])
-def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twice(monkeypatch, tmp_path, stated):
+@pytest.mark.parametrize("with_variance", [True, False])
+def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twice(monkeypatch, tmp_path, with_variance):
     """Two bands of one second and of four, at f/8 and 50 mm from lens to image where these are stated."""
     seconds = np.array([1.0, 4.0])
     signal, planes = np.array([[[100.0, 200.0]], [[400.0, 800.0]]]), ("band", "y", "x")
@@ -56,17 +56,18 @@ def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twic
     )
     bands = [SimpleNamespace(exposure_s=t) for t in seconds]
     capture = SimpleNamespace(manifest=SimpleNamespace(band=bands), band_ids=("a", "b"))
-    optics = (8.0 * 50.0) ** 2 if stated else 1.0
+    optics = (8.0 * 50.0) ** 2 if with_variance else 1.0
     monkeypatch.setattr("cboxlab.calibration.capture.load_capture", lambda folder: capture)
     monkeypatch.setattr(
         "cboxlab.calibration.result.calibrate",
         lambda capture: SimpleNamespace(capture=capture, images=images, camera=None),
     )
     monkeypatch.setattr(
-        "cboxlab.calibration.radiometry.optical_factor", lambda _, band: band.exposure_s / optics if stated else None
+        "cboxlab.calibration.radiometry.optical_factor",
+        lambda _, band: band.exposure_s / optics if with_variance else None,
     )
     monkeypatch.setattr(stacks, "instrument_of", lambda *_: None)
     content = read_stack(tmp_path)
     np.testing.assert_allclose(content.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))
     np.testing.assert_allclose(content.variance, optics**2 * np.array([[[100, 200]], [[25, 50]]]))
-    assert content.unit == ("DN s^-1 mm^2" if stated else "DN s^-1")
+    assert content.unit == ("DN s^-1 mm^2" if with_variance else "DN s^-1")

@@ -15,7 +15,7 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import read_cube
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
-from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, workers
+from cboxlab.validation.dataset import Workers, create_dataset, open_dataset, preview_recipe, workers
 from cboxlab.validation.dataset.checks import check_picture
 from cboxlab.validation.dataset.formats import COPY_ENDINGS, open_picture, write_copy, write_picture
 from cboxlab.validation.dataset.layout import Layout, begin
@@ -184,7 +184,7 @@ def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
     """A coat that takes light leaves the error of the base: the picture still has the noise that was asked for."""
     from cboxlab.validation.dataset import picture as module
 
-    asked = []
+    sample_counts = []
     plain = module.render_to_precision
     path = write_recipe(tmp_path, ("[room]", '[[effect]]\nid = "gloss"\nmaterial = "light"\nspecular = 1.0\n[room]'))
     recipe = load_recipe(path)
@@ -195,7 +195,7 @@ def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
         return [next(errors, 0.05)] * len(percentiles)
 
     def counted(job, noise, **others):
-        asked.append(noise)
+        sample_counts.append(noise)
         return plain(job, noise, **others)
 
     monkeypatch.setattr(module, "render_to_precision", counted)
@@ -203,7 +203,7 @@ def test_a_dark_coat_gets_the_rays_that_its_noise_needs(tmp_path, monkeypatch):
     for name, value in (("_PATCHES_PER_DIAGONAL", 6), ("_PATCH_SAMPLES", 128), ("_SAMPLES", 64)):
         monkeypatch.setattr(sys.modules["cboxlab.validation.predict.transported"], name, value)
     list(render_pictures([box], "main", recipe, tmp_path))
-    assert asked == pytest.approx([0.1, 0.1**2 / 0.11 * 0.9])
+    assert sample_counts == pytest.approx([0.1, 0.1**2 / 0.11 * 0.9])
 
 
 def test_formats_hold_the_same_picture(run, tmp_path):
@@ -231,11 +231,11 @@ def test_formats_hold_the_same_picture(run, tmp_path):
 def test_a_set_in_zarr_with_copies(tmp_path):
     pytest.importorskip("zarr")
     formats = ("noise = 0.1", 'noise = 0.1\ntruths = ["albedo"]\nformat = "zarr"\ncopies = ["hdf5", "exr"]')
-    made = create_dataset(write_recipe(tmp_path, formats, ("boxes = 2", "boxes = 1")), tmp_path / "set")
-    assert [row["file"] for row in made.dataset.index] == ["boxes/000000/main.zarr.zip"]
+    data_set = create_dataset(write_recipe(tmp_path, formats, ("boxes = 2", "boxes = 1")), tmp_path / "set")
+    assert [row["file"] for row in data_set.dataset.index] == ["boxes/000000/main.zarr.zip"]
     assert {"main.mat", "main.exr", "main.json"} <= {path.name for path in (tmp_path / "set/boxes/000000").iterdir()}
-    assert set(made.dataset.arrays("radiance", "albedo")[0]) == {"radiance", "albedo"}
-    assert not made.dataset.damaged()
+    assert set(data_set.dataset.arrays("radiance", "albedo")[0]) == {"radiance", "albedo"}
+    assert not data_set.dataset.damaged()
 
 
 def test_fewer_bits_round_to_the_stated_error():
@@ -310,7 +310,7 @@ def outcome(capsys, *arguments):
 def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeypatch, case):
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
-    words = {
+    phrases = {
         "key": ["seeds", "did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
@@ -344,8 +344,20 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         pytest.importorskip("distributed")
         monkeypatch.setattr(workers, "TIMEOUT_S", 1.0)
         options = ["--scheduler", "tcp://127.0.0.1:9"]
-    assert_one_line_of_help(outcome(capsys, "dataset", path, "--out", target, *options), words)
+    assert_one_line_of_help(outcome(capsys, "dataset", path, "--out", target, *options), phrases)
     assert not [*target.rglob("*.nc")]
+
+
+def test_a_preview_costs_what_the_run_costs(folder, run, recipe_file, monkeypatch):
+    """Of boxes that share rays, through two cameras: one file, the right number, a time and a size near the run's."""
+    monkeypatch.setattr(sys.modules["cboxlab.validation.dataset.preview"], "_THUMBNAILS", 1)
+    preview = preview_recipe(recipe_file, folder / "preview.html")
+    assert preview.pictures == 4 and preview.page.read_text().count("data:image/png") >= 1
+    sizes = [row["bytes"] for row in run.dataset.index]
+    assert 0.5 * min(sizes) < preview.bytes_each < 2 * max(sizes)
+    assert 0 < 4 * preview.seconds_each < 3 * run.picture_seconds
+    assert {path.name for path in folder.iterdir()} >= {"preview.html", "recipe.toml"}
+    assert not [*folder.glob("*picture*")]
 
 
 def test_a_folder_without_a_data_set_is_refused(tmp_path):

@@ -16,17 +16,17 @@ def _candidate(name, chi2, tolerance=0.0):
 
 
 def _selected(behind, dispersion, gain):
-    own, other = _candidate("own", 1000.0), _candidate("other", 1000.0 + behind)
-    return SelectedEffect(own, (other,), 1000.0 + gain, np.nan, np.nan, np.nan, 5000, dispersion)
+    leader, other = _candidate("own", 1000.0), _candidate("other", 1000.0 + behind)
+    return SelectedEffect(leader, (other,), 1000.0 + gain, np.nan, np.nan, np.nan, 5000, dispersion)
 
 
 @pytest.mark.parametrize("dispersion", [1.0, 4.0])
 def test_chi2_differences_scatter_by_the_dispersion_which_widens_what_is_not_told_apart(dispersion):
     limit = INDISTINGUISHABLE_CHI2 * dispersion
-    for behind, told in ((0.99 * limit, False), (1.01 * limit, True)):
-        one = _selected(behind, dispersion, gain=100.0)
-        assert (not one.indistinguishable) == told
-        assert one.certainty == pytest.approx(np.sqrt(100.0 / dispersion))
+    for behind, is_stated in ((0.99 * limit, False), (1.01 * limit, True)):
+        selection = _selected(behind, dispersion, gain=100.0)
+        assert (not selection.indistinguishable) == is_stated
+        assert selection.certainty == pytest.approx(np.sqrt(100.0 / dispersion))
 
 
 def test_of_a_large_effect_the_errors_of_shapes_count():
@@ -37,18 +37,18 @@ def test_of_a_large_effect_the_errors_of_shapes_count():
 
 @pytest.mark.parametrize("edge_artefact", [True, False])
 def test_what_comes_of_edges_is_dropped(monkeypatch, edge_artefact):
-    monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, chosen, signatures: [])
-    own = _candidate("own", 1000.0)
-    effect = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, edge_artefact)
-    kept, _ = confirmed_where_held_out(None, [own], [effect], [])
-    assert kept == ([] if edge_artefact else [own])
+    monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, selection, signatures: [])
+    leader = _candidate("own", 1000.0)
+    effect = SelectedEffect(leader, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0, edge_artefact)
+    confirmed, _ = confirmed_where_held_out(None, [leader], [effect], [])
+    assert confirmed == ([] if edge_artefact else [leader])
 
 
 @pytest.mark.parametrize(("tolerance", "holds"), [(0.2, True), (0.5, False)])
 def test_a_number_that_is_within_its_tolerance_in_the_end_is_dropped(monkeypatch, tolerance, holds):
     """Five tolerances come by chance in 6e-7 of boxes, two in 5 of 100."""
-    monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, chosen, signatures: [])
-    own = _candidate("own", 1000.0, tolerance)
-    effect = SelectedEffect(own, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0)
-    kept, _ = confirmed_where_held_out(None, [own], [effect], [])
-    assert kept == ([own] if holds else [])
+    monkeypatch.setattr(alternatives, "with_alternatives", lambda linearised, selection, signatures: [])
+    leader = _candidate("own", 1000.0, tolerance)
+    effect = SelectedEffect(leader, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0)
+    confirmed, _ = confirmed_where_held_out(None, [leader], [effect], [])
+    assert confirmed == ([leader] if holds else [])

@@ -23,7 +23,7 @@ def resembling():
 def test_the_best_set_is_that_of_all_sets():
     """Against least squares of every pair and triple by numpy, chi2 and 4.6 for each number."""
     patterns = resembling()
-    linearised, known = laboratory(patterns, {"one": 0.5, "two": 0.4, "three": -0.3})
+    linearised, by_name = laboratory(patterns, {"one": 0.5, "two": 0.4, "three": -0.3})
     residual = linearised.model.residual
 
     def chi2(names):
@@ -32,7 +32,7 @@ def test_the_best_set_is_that_of_all_sets():
         return float(remainder @ remainder) + 4.6 * len(names)
 
     sets = [names for size in (2, 3) for names in combinations(patterns, size)]
-    best = best_set(linearised.problem(()), [*known.values()], residual, 3)
+    best = best_set(linearised.problem(()), [*by_name.values()], residual, 3)
     assert names_of(best) == set(min(sets, key=chi2)) == {"one", "two", "three"}
     design = np.array([patterns[c.hypothesis.effect.id].ravel() for c in best]).T
     amounts = np.linalg.lstsq(design, residual[:COUNT])[0]
@@ -42,19 +42,21 @@ def test_the_best_set_is_that_of_all_sets():
 
 def test_two_effects_are_no_three():
     """A third one would gain some of the noise: less than the price of its number in this draw."""
-    linearised, known = laboratory(resembling(), {"one": 0.5, "three": 0.4})
-    best = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
+    linearised, by_name = laboratory(resembling(), {"one": 0.5, "three": 0.4})
+    best = best_set(linearised.problem(()), [*by_name.values()], linearised.model.residual, 3)
     assert names_of(best) == {"one", "three"}
 
 
 def test_a_set_keeps_its_numbers_within_their_bounds():
     """An effect that only adds light takes no part where light is missing."""
-    linearised, known = laboratory(resembling(), {"one": 0.5, "two": -0.4})
-    hypothesis = known["two"].hypothesis
-    known["two"] = replace(known["two"], hypothesis=replace(hypothesis, free=(replace(AMOUNT, low=0.0, high=10.0),)))
-    best = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 2)
+    linearised, by_name = laboratory(resembling(), {"one": 0.5, "two": -0.4})
+    hypothesis = by_name["two"].hypothesis
+    by_name["two"] = replace(
+        by_name["two"], hypothesis=replace(hypothesis, free=(replace(AMOUNT, low=0.0, high=10.0),))
+    )
+    best = best_set(linearised.problem(()), [*by_name.values()], linearised.model.residual, 2)
     assert "one" in names_of(best) and "two" not in names_of(best)
-    assert best_set(linearised.problem(()), [known["two"]], linearised.model.residual, 3) == []
+    assert best_set(linearised.problem(()), [by_name["two"]], linearised.model.residual, 3) == []
 
 
 @pytest.mark.parametrize(
@@ -63,22 +65,22 @@ def test_a_set_keeps_its_numbers_within_their_bounds():
 )
 def test_the_best_set_takes_the_place_of_what_explains_less(monkeypatch, start, settings, taken_over):
     """Effects that are all there stay as they are; where a depth of paths was added, signatures no longer hold."""
-    linearised, known = laboratory(resembling(), {"one": 0.8, "two": 0.7, "three": 0.6})
-    chosen = taken(linearised, known, *start)
+    linearised, by_name = laboratory(resembling(), {"one": 0.8, "two": 0.7, "three": 0.6})
+    selection = taken(linearised, by_name, *start)
     if settings:
-        effect = replace(chosen[0].hypothesis.effect, stage="settings")
-        chosen = [replace(chosen[0], hypothesis=replace(chosen[0].hypothesis, effect=effect))]
+        effect = replace(selection[0].hypothesis.effect, stage="settings")
+        selection = [replace(selection[0], hypothesis=replace(selection[0].hypothesis, effect=effect))]
     again = replace(linearised)
-    monkeypatch.setattr(stepwise, "refitted", lambda validation, first, chosen: again)
-    picture, found = stepwise._with_best_set(None, linearised, [*known.values()], linearised, chosen)
+    monkeypatch.setattr(stepwise, "refitted", lambda validation, first, selection: again)
+    picture, result = stepwise._with_best_set(None, linearised, [*by_name.values()], linearised, selection)
     assert picture is (again if taken_over else linearised)
-    assert names_of(found) == ({"one", "two", "three"} if taken_over else set(start))
+    assert names_of(result) == ({"one", "two", "three"} if taken_over else set(start))
 
 
 def test_a_set_leaves_out_what_averaging_noise_would_gain():
     """|r - C a|^2 + s a, s what steps of the effects smooth away, is least at (C^T C)^-1 (C^T r - s / 2)."""
     patterns = {"one": waves(1, 0), "two": 0.7 * waves(1, 0) + waves(0, 2)}
-    linearised, known = laboratory(patterns, {"one": 0.5, "two": 0.4})
+    linearised, by_name = laboratory(patterns, {"one": 0.5, "two": 0.4})
     slopes = {"one": 300.0, "two": 0.0}
     problem, residual = linearised.problem(()), linearised.model.residual
     blurring = SimpleNamespace(
@@ -89,17 +91,17 @@ def test_a_set_leaves_out_what_averaging_noise_would_gain():
     )
     design = np.array([pattern.ravel() for pattern in patterns.values()]).T
     aim = design.T @ residual[:COUNT] - np.array([150.0, 0.0])
-    best = best_set(blurring, [*known.values()], residual, 2)
+    best = best_set(blurring, [*by_name.values()], residual, 2)
     amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in best}
     assert [amounts["one"], amounts["two"]] == pytest.approx(np.linalg.solve(design.T @ design, aim), rel=1e-4)
 
 
 def test_two_ways_of_one_effect_are_no_set():
     """A paint fluoresces at one peak: two ways to act that would explain all together stay out of one set."""
-    linearised, known = laboratory(resembling(), {"one": 0.5, "two": 0.4})
-    same = replace(known["two"].hypothesis, effect=known["one"].hypothesis.effect)
-    known["two"] = replace(known["two"], hypothesis=same)
-    best = best_set(linearised.problem(()), [*known.values()], linearised.model.residual, 3)
+    linearised, by_name = laboratory(resembling(), {"one": 0.5, "two": 0.4})
+    same = replace(by_name["two"].hypothesis, effect=by_name["one"].hypothesis.effect)
+    by_name["two"] = replace(by_name["two"], hypothesis=same)
+    best = best_set(linearised.problem(()), [*by_name.values()], linearised.model.residual, 3)
     assert len(best) == len(names_of(best)) >= 2
 
 
@@ -119,16 +121,18 @@ def of_numbers(chi2, *counts):
 )
 def test_a_set_pays_for_its_numbers_and_must_promise_half(monkeypatch, promised, reached, taken_over, fitted):
     """One number with chi2 of 1100 in place; noise makes 1000."""
-    chosen, tried = of_numbers(1100.0, 1), []
-    first = SimpleNamespace(problem=lambda chosen: None, model=SimpleNamespace(residual=None, count=1000), name="first")
-    monkeypatch.setattr(stepwise, "best_set", lambda *given: of_numbers(promised, 4, 6))
-    monkeypatch.setattr(stepwise, "refitted", lambda validation, first, chosen: "again")
-    monkeypatch.setattr(
-        stepwise, "refitted_together", lambda fit, chosen: tried.append(fit) or of_numbers(reached, 4, 6)
+    selection, attempts = of_numbers(1100.0, 1), []
+    first = SimpleNamespace(
+        problem=lambda selection: None, model=SimpleNamespace(residual=None, count=1000), name="first"
     )
-    picture, found = stepwise._with_best_set(None, first, [], "before", chosen)
-    assert (picture, found[0].chi2) == (("again", reached) if taken_over else ("before", 1100.0))
-    assert tried == ([first, "again"] if fitted else [])
+    monkeypatch.setattr(stepwise, "best_set", lambda *arguments: of_numbers(promised, 4, 6))
+    monkeypatch.setattr(stepwise, "refitted", lambda validation, first, selection: "again")
+    monkeypatch.setattr(
+        stepwise, "refitted_together", lambda fit, selection: attempts.append(fit) or of_numbers(reached, 4, 6)
+    )
+    picture, result = stepwise._with_best_set(None, first, [], "before", selection)
+    assert (picture, result[0].chi2) == (("again", reached) if taken_over else ("before", 1100.0))
+    assert attempts == ([first, "again"] if fitted else [])
 
 
 class Lasting(Patterns):
@@ -142,11 +146,11 @@ class Lasting(Patterns):
 
 def selected(monkeypatch, patterns, truth, hidden=()):
     """The names selected; the picture holds ``truth``, the catalogue all patterns but the hidden ones."""
-    linearised, known = laboratory(patterns, truth)
+    linearised, by_name = laboratory(patterns, truth)
     linearised = replace(linearised, predictor=Lasting(patterns))
-    monkeypatch.setattr(stepwise, "refitted", lambda *given: linearised)
+    monkeypatch.setattr(stepwise, "refitted", lambda *arguments: linearised)
     validation = SimpleNamespace(model=SimpleNamespace(render=None))
-    signatures = [one for name, one in known.items() if name not in hidden]
+    signatures = [signature for name, signature in by_name.items() if name not in hidden]
     return names_of(stepwise.selection(validation, linearised, signatures, NO_PROGRESS).selected)
 
 

@@ -65,8 +65,8 @@ def demo(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo") / "report"
     with warnings.catch_warnings(), console.console.capture() as text:
         warnings.simplefilter("ignore")
-        found = run_demo(folder, Model(render=RenderSettings(noise=1.0)))
-    return found, folder, text.get()
+        diagnosis = run_demo(folder, Model(render=RenderSettings(noise=1.0)))
+    return diagnosis, folder, text.get()
 
 
 @pytest.fixture(scope="module")
@@ -97,14 +97,14 @@ def test_the_demo_tells_its_story_in_order(demo):
     *_, text = demo
     steps = [text.index(f"{number}. ") for number in range(1, 6)]
     assert steps == sorted(steps)
-    for words in (
+    for phrase in (
         "reprojection rms",
         "Rendering of the model",
         "per degree of freedom",
         "of the excess χ²",
         "DCS-200",
     ):
-        assert words in text
+        assert phrase in text
     assert "Noise does not explain the difference." in text
 
 
@@ -193,13 +193,13 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
     prepared = replace(validation.prepared, camera_fit=surveyed_there)
     linearised = linearised_fit(prepared, validation.rendered, (glare,))
     problem, residual = linearised.problem(()), linearised.model.residual
-    known = [
+    hypotheses_by_id = [
         signature(linearised.predictor, (glare,), linearised.model.used, h)
         for h in hypotheses(linearised.predictor.sensing.curves.bands, cornell_box(), RenderSettings())
         if h.effect.id in ("camera-pose", "lens-distortion", "dark-offset")
     ]
     significant = first_significant(
-        best_singles(problem, known, residual, 3), residual, linearised.model, residual, residual
+        best_singles(problem, hypotheses_by_id, residual, 3), residual, linearised.model, residual, residual
     )
     assert significant is not None
     assert significant.hypothesis.effect.id == effect
@@ -211,7 +211,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
 
 
 @pytest.mark.parametrize(
-    "given",
+    "linearised",
     [
         None,
         ("veiling-glare", {"fraction": 0.004}),
@@ -221,25 +221,25 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
     ],
 )
 @pytest.mark.parametrize("included", [False, True])
-def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, given, included):
+def test_the_lamps_scale_does_what_a_brighter_lamp_does(outcome, linearised, included):
     """To rounding, with another effect in the model, the camera fitted 0.03 px next to where the picture was rendered
     from. Reflected light grows with the lamp; light of the room and offsets of counts do not."""
     rendered = outcome[0].rendered
-    others = () if given is None else (apply_checked(*given, "test"),)
+    others = () if linearised is None else (apply_checked(*linearised, "test"),)
     light = tuple(e for e in others if included and e.stage in ("scene", "transport"))
     moved = rendered.predictor.camera.parameters + np.array([0.1, *np.zeros(9)])
     still = replace(rendered.predictor, included=light).at_lamp(1.0)
     camera = still.camera.with_parameters(moved)
-    there = still.with_camera(camera)
+    moved_picture = still.with_camera(camera)
     brighter = apply_checked("lamp-power", {"scale": 1.3}, "test")
-    before, after = there.signal(others), there.signal((*others, brighter))
+    before, after = moved_picture.signal(others), moved_picture.signal((*others, brighter))
     mask = rendered.used & (rendered.predictor.base.signal > 300)
     assert np.abs(before - still.signal(others))[mask].max() > 10
-    if given is None:
+    if linearised is None:
         np.testing.assert_allclose(before, still.signal(()) + warp_change(still.warp, camera), atol=1e-6)
-    np.testing.assert_allclose(1.3 * there.at_lamp(1.3).signal(others)[mask], after[mask], rtol=1e-5)
+    np.testing.assert_allclose(1.3 * moved_picture.at_lamp(1.3).signal(others)[mask], after[mask], rtol=1e-5)
     grown = np.median(after[mask] / before[mask])
-    if given is not None and given[0] in ("ambient-light", "dark-offset"):
+    if linearised is not None and linearised[0] in ("ambient-light", "dark-offset"):
         assert 1.0 < grown < 1.299
     else:
         assert grown == pytest.approx(1.3, rel=1e-5)
@@ -296,9 +296,9 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     assert abs(after[in_light] / plain[in_light] - 1).max() > 0.05
     # a picture rendered with it: what remains is explained with the paints of that scene
     linearised = linearised_fit(outcome[0].prepared, outcome[0].rendered, ())
-    there = replace(linearised, predictor=replace(predictor, included=(effect,)))
-    excess = residual_data_of(there, linearised.model.residual, outcome[0].prepared.calibration.capture)
-    np.testing.assert_allclose(excess.moved, there.scale * there.derivative[7:9], rtol=1e-5)
+    repainted = replace(linearised, predictor=replace(predictor, included=(effect,)))
+    excess = residual_data_of(repainted, linearised.model.residual, outcome[0].prepared.calibration.capture)
+    np.testing.assert_allclose(excess.moved, repainted.scale * repainted.derivative[7:9], rtol=1e-5)
     assert len(excess.transport.reflectance) == len(predictor.scene.materials) + 2  # the new paint and the lamp
 
 
@@ -322,7 +322,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
     validation, _ = outcome
     linearised = linearised_fit(validation.prepared, validation.rendered, ())
     problem, residual = linearised.problem(()), linearised.model.residual
-    known = {
+    hypotheses_by_id = {
         h.effect.id: h
         for h in hypotheses(linearised.predictor.sensing.curves.bands, cornell_box(), RenderSettings())
         if h.effect.id in ("dark-offset", "veiling-glare")
@@ -333,7 +333,7 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
             screen(problem, signature(linearised.predictor, (), linearised.model.used, h), residual),
             residual,
         )
-        for name, h in known.items()
+        for name, h in hypotheses_by_id.items()
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
     effect = SelectedEffect(
@@ -346,8 +346,8 @@ def test_a_capped_frame_tells_an_offset_from_glare(outcome):
         linearised.model.count,
         1.0,
     )
-    (found,) = separations(validation.prepared, linearised, [effect])
-    assert (found.effect, found.alternative, found.enough) == ("dark-offset", "veiling-glare", True)
+    (separation,) = separations(validation.prepared, linearised, [effect])
+    assert (separation.effect, separation.alternative, separation.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)
     dark = validation.prepared.calibration.predicted_variance(np.zeros(linearised.base.shape))[linearised.model.used]
     least = np.sum(offset.numbers["dn"] ** 2 / dark)
@@ -372,8 +372,8 @@ def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
     expected = linearised.scale**2 * np.sum((variance - behind)[model.used] / model.sigma**2)
     scatter = np.sqrt(2 * np.sum((variance[model.used] / model.sigma**2) ** 2))
     problem = linearised.problem(())
-    found = problem.noise_averaging_gain(apply_checked("defocus", {"sigma_px": 0.4}, "test"))
-    assert abs(found - expected) < 4 * scatter
+    gain = problem.noise_averaging_gain(apply_checked("defocus", {"sigma_px": 0.4}, "test"))
+    assert abs(gain - expected) < 4 * scatter
     assert expected > 20 * scatter
     assert (
         problem.noise_averaging_gain(apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")) == 0
@@ -381,10 +381,10 @@ def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
 
 
 def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
-    known = hypotheses(("f400", "f550"), cornell_box(), RenderSettings(max_bounces=2))
-    assert {h.effect.id for h in known} == set(catalogue())
-    whole = hypotheses(("f400", "f550"), cornell_box(), RenderSettings())
-    assert "interreflection" not in {h.effect.id for h in whole}
-    bands = {h.fixed["band"] for h in whole if h.effect.id == "band-gain"}
+    limited = hypotheses(("f400", "f550"), cornell_box(), RenderSettings(max_bounces=2))
+    assert {h.effect.id for h in limited} == set(catalogue())
+    complete = hypotheses(("f400", "f550"), cornell_box(), RenderSettings())
+    assert "interreflection" not in {h.effect.id for h in complete}
+    bands = {h.fixed["band"] for h in complete if h.effect.id == "band-gain"}
     assert bands == {"f400", "f550"}
-    assert all(np.isfinite(p.step) for h in whole for p in h.free)
+    assert all(np.isfinite(p.step) for h in complete for p in h.free)

@@ -18,7 +18,7 @@ PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.3 * waves(1, 0), "third":
 @pytest.fixture
 def fitted(monkeypatch):
     """A function of start amounts by name and of those that are fitted, to the amounts found; and the residual."""
-    linearised, known = laboratory(PATTERNS, {"one": 0.8, "two": -0.4})
+    linearised, by_name = laboratory(PATTERNS, {"one": 0.8, "two": -0.4})
     # no neighbourhoods: standard deviations by noise alone
     linearised = replace(linearised, model=replace(linearised.model, patch=np.zeros(COUNT, int)))
     band = SimpleNamespace(f_number=8.0)
@@ -27,12 +27,12 @@ def fitted(monkeypatch):
     validation = SimpleNamespace(
         model=Model(), prepared=prepared, rendered=None, comparison=SimpleNamespace(bands=("a", "b", "c"))
     )
-    monkeypatch.setattr(effect_fit, "linearised_fit", lambda prepared, rendered, given, added: linearised)
+    monkeypatch.setattr(effect_fit, "linearised_fit", lambda prepared, rendered, base, added: linearised)
 
-    def fit(start, chosen):
-        effects = [AppliedEffect(known[name].hypothesis.effect, {"amount": a}) for name, a in start.items()]
-        found = effect_fit.fit_effects([validation], effects, [list(start).index(name) for name in chosen])
-        return {effect.id: effect for effect in found}
+    def fit(start, names):
+        effects = [AppliedEffect(by_name[name].hypothesis.effect, {"amount": a}) for name, a in start.items()]
+        fits = effect_fit.fit_effects([validation], effects, [list(start).index(name) for name in names])
+        return {effect.id: effect for effect in fits}
 
     return fit, linearised.model.residual[:COUNT]
 
@@ -45,9 +45,9 @@ def amounts(names, residual):
 @pytest.mark.parametrize("start", [0.1, 5.0])
 def test_one_effect_has_the_amount_of_least_squares_and_its_error(fitted, start):
     fit, residual = fitted
-    found = fit({"one": start}, ["one"])["one"]
-    assert found.values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
-    assert found.sigma["amount"] == pytest.approx(COUNT**-0.5, rel=1e-5)
+    fit_of_effect = fit({"one": start}, ["one"])["one"]
+    assert fit_of_effect.values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
+    assert fit_of_effect.sigma["amount"] == pytest.approx(COUNT**-0.5, rel=1e-5)
 
 
 @pytest.mark.parametrize(("stage", "error"), [("transport", 0.03), ("optics", 0.0)])
@@ -63,15 +63,15 @@ def test_predicted_transport_has_an_error_of_its_own(stage, error):
 def test_two_effects_are_fitted_with_each_other_in_place(fitted):
     """Two rounds leave the part of a part that their likeness of 0.3 makes: a hundredth of the error."""
     fit, residual = fitted
-    found = fit({"one": 0.1, "two": 0.1}, ["one", "two"])
-    for name, wanted in amounts(["one", "two"], residual).items():
-        assert found[name].values["amount"] == pytest.approx(wanted, abs=0.02)
+    fits = fit({"one": 0.1, "two": 0.1}, ["one", "two"])
+    for name, expected in amounts(["one", "two"], residual).items():
+        assert fits[name].values["amount"] == pytest.approx(expected, abs=0.02)
 
 
 def test_the_last_of_two_knows_the_first_and_what_is_not_chosen_stays(fitted):
     fit, residual = fitted
-    found = fit({"one": 0.5, "third": 0.25}, ["one"])
-    assert found["third"].values["amount"] == 0.25 and not found["third"].sigma
-    assert found["one"].values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
+    fits = fit({"one": 0.5, "third": 0.25}, ["one"])
+    assert fits["third"].values["amount"] == 0.25 and not fits["third"].sigma
+    assert fits["one"].values["amount"] == pytest.approx(amounts(["one"], residual)["one"], rel=1e-5)
     with pytest.raises(InputError, match="no effect"):
         fit({"one": 0.5}, [])

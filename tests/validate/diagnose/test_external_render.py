@@ -28,8 +28,8 @@ SIZE, SEED = 32, 3
 GRID = np.arange(400.0, 701.0, 20.0)
 
 
-@pytest.mark.parametrize(("excess", "found"), [(None, None), (0.0, 3), (0.6, 3), (3.0, None)])
-def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, excess, found):
+@pytest.mark.parametrize(("excess", "expected"), [(None, None), (0.0, 3), (0.6, 3), (3.0, None)])
+def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, excess, expected):
     """Ratios by depth are known; the truth is complete, or lacks what is beyond three reflections, and more errors.
 
     excess : chi2 by other errors over that of the missing light; a quarter is passed below 3.
@@ -48,7 +48,7 @@ def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, exce
     prepared = SimpleNamespace(measured=measured, calibration=calibration, lamp_sigma=None)
     rendered = SimpleNamespace(signal=signal, variance=0 * variance, used=np.ones(shape, bool))
     monkeypatch.setattr(external_render_module, "_ratios", lambda validation, rendered: ratios)
-    assert external_render_module._depth(SimpleNamespace(prepared=prepared), rendered) == found
+    assert external_render_module._depth(SimpleNamespace(prepared=prepared), rendered) == expected
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def capture(complete, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(capture, tmp_path_factory):
+def answers(capture, tmp_path_factory):
     """By the number of reflections of a cube through the calibrated camera: the validation, what is found, the cube."""
     path = tmp_path_factory.mktemp("cubes") / "cube.nc"
     prepared, model = prepare(load_capture(capture), Model()), Model(render=RenderSettings(noise=2.0))
@@ -79,20 +79,20 @@ def found(capture, tmp_path_factory):
     return results
 
 
-def test_the_depth_at_which_paths_end_is_found(found):
-    validation, side, _ = found[4]
+def test_the_depth_at_which_paths_end_is_found(answers):
+    validation, side, _ = answers[4]
     assert side.max_bounces == 4
     assert validation.model.render.max_bounces == 4
-    assert found[None][1].max_bounces is None
+    assert answers[None][1].max_bounces is None
 
 
-def test_missing_light_is_told_and_not_fitted_away(found):
+def test_missing_light_is_told_and_not_fitted_away(answers):
     """The cube's light outside the lamp over the complete cube's, all wavelengths alike, within 2 % of the light; the
     lamp's true power, which both share, is within what the capture states."""
-    validation, side, cube = found[4]
-    outside = (cube["surface"].values >= 0) & (found[None][2]["surface"].values >= 0)
-    light, whole = (float(found[depth][2]["radiance"].values[outside].sum()) for depth in (4, None))
-    assert light / whole < 0.97
-    assert (1 + side.energy) / (1 + found[None][1].energy) == pytest.approx(light / whole, abs=0.02)
-    assert abs(found[None][1].energy) < 2.5 * side.lamp_sigma
+    validation, side, cube = answers[4]
+    outside = (cube["surface"].values >= 0) & (answers[None][2]["surface"].values >= 0)
+    light, total_light = (float(answers[depth][2]["radiance"].values[outside].sum()) for depth in (4, None))
+    assert light / total_light < 0.97
+    assert (1 + side.energy) / (1 + answers[None][1].energy) == pytest.approx(light / total_light, abs=0.02)
+    assert abs(answers[None][1].energy) < 2.5 * side.lamp_sigma
     assert abs(validation.fit.lamp_scale - 1) <= 2 * side.lamp_sigma + 1e-9

@@ -59,12 +59,12 @@ def start_of(numbers, *parameters):
     effect = Effect("bell", "filter", "a bell", parameters, lambda value, **numbers: value, "")
     free = tuple(p for p in parameters if p.null is not None)
     fixed = {p.name: numbers[p.name] for p in parameters if p.null is None}
-    given = {p.name: numbers[p.name] for p in free}
-    return Candidate(Hypothesis(effect, free, fixed), given, {}, np.inf, np.zeros(COUNT + 11))
+    values = {p.name: numbers[p.name] for p in free}
+    return Candidate(Hypothesis(effect, free, fixed), values, {}, np.inf, np.zeros(COUNT + 11))
 
 
-def bell(size, place):
-    return size * np.exp(-0.5 * ((LINE - place) / 0.3) ** 2)
+def bell(size, centre):
+    return size * np.exp(-0.5 * ((LINE - centre) / 0.3) ** 2)
 
 
 def test_numbers_end_at_the_least_squares_those_without_null_included():
@@ -112,13 +112,13 @@ def test_a_fit_that_cannot_come_near_another_ends_early():
 
     def evaluate(candidates):
         counts[-1] += 1
-        (one,) = candidates
-        return Fitted((one,), (16.0 - one.numbers["width"] ** 4) * pattern, 0.0)
+        (candidate,) = candidates
+        return Fitted((candidate,), (16.0 - candidate.numbers["width"] ** 4) * pattern, 0.0)
 
-    for known in (-1e5, -2000.0, -200.0, 10.0, np.inf):
+    for gain in (-1e5, -2000.0, -200.0, 10.0, np.inf):
         counts.append(-1)
         start = evaluate([start_of({"width": 3.0}, WIDTH)])
-        gauss_newton(evaluate, model_of(), start, known * float(np.sum(pattern**2)))
+        gauss_newton(evaluate, model_of(), start, gain * float(np.sum(pattern**2)))
     assert counts == [2, 4, 6, 8, 8]
 
 
@@ -145,10 +145,10 @@ def test_errors_that_all_pixels_share_add_their_squares():
     design = np.vstack([generator.standard_normal((COUNT, 2)), np.zeros((11, 2))])
     design[:COUNT] += shared[:COUNT] * [4.0, 1.0]
     inverse = np.linalg.inv(design.T @ design)
-    found = parameter_variance(model_of(shared), design, inverse, np.zeros(COUNT + 11))
+    variance = parameter_variance(model_of(shared), design, inverse, np.zeros(COUNT + 11))
     pseudo = np.linalg.pinv(design)
     expected = np.diag(pseudo @ pseudo.T) + np.diag(pseudo @ shared @ shared.T @ pseudo.T)
-    assert found == pytest.approx(expected, rel=1e-9)
+    assert variance == pytest.approx(expected, rel=1e-9)
     assert (np.diag(pseudo @ shared @ shared.T @ pseudo.T) > 0.5 * np.diag(inverse)).any()
 
 
@@ -173,11 +173,11 @@ def test_parameter_errors_hold_for_errors_that_pixels_share():
         residual += shared * generator.standard_normal()
         estimate = float(column @ residual) * inverse[0, 0]
         remainder = residual - estimate * column
-        for found, known in (
+        for estimated, expected in (
             (honest, model),
             (unaware, replace(model, shared_errors=0 * model.shared_errors)),
         ):
-            found.append(estimate / np.sqrt(parameter_variance(known, column[:, None], inverse, remainder)[0]))
+            estimated.append(estimate / np.sqrt(parameter_variance(expected, column[:, None], inverse, remainder)[0]))
         naive.append(estimate / np.sqrt(inverse[0, 0]))
     assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
     assert np.var(unaware) > 1.4

@@ -42,7 +42,7 @@ class Pictures:
         return picture
 
 
-def between(one, other, used):
+def between(first, other, used):
     """``distance`` of two candidates in the capture itself."""
     predictor = Pictures()
     linearised = SimpleNamespace(
@@ -54,7 +54,7 @@ def between(one, other, used):
         model=SimpleNamespace(used=used, priors=PRIORS),
     )
     variance = SimpleNamespace(predicted_variance=lambda signal: np.full(SHAPE, READ_VARIANCE))
-    return distance(SimpleNamespace(calibration=variance), linearised, None, (), one, other)
+    return distance(SimpleNamespace(calibration=variance), linearised, None, (), first, other)
 
 
 def candidate(name, amount):
@@ -73,8 +73,8 @@ def least_squares(other, used, free):
     """The same by hand: the cause's picture over sigma, less any motion of camera and lamp within their priors, and
     any multiple of ``free`` (DN, prior rows)."""
     pictures = Pictures()
-    here = SCALE * pictures.signal([other.applied])
-    sigma = np.sqrt(READ_VARIANCE + model_variance(here))[used]
+    signal = SCALE * pictures.signal([other.applied])
+    sigma = np.sqrt(READ_VARIANCE + model_variance(signal))[used]
     difference = SCALE * (pictures.signal([candidate("cause", 1.0).applied]) - pictures.signal([other.applied]))
     moved = displacement(pictures.camera, (), (other.applied,)) if other.applied.stage == "camera" else np.zeros(10)
     expected = np.concatenate([difference[used] / sigma, PRIORS @ np.append(moved, 0.0)])
@@ -97,9 +97,9 @@ def test_the_other_effects_amount_is_at_its_best_however_little_a_step_changes(u
     for name in ("cause", "faint"):
         other = candidate(name, amount)
         expected = least_squares(other, used, (Pictures().patterns[name], np.zeros(11)))
-        found = between(candidate("cause", 1.0), other, used)
-        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
-        assert (found < 1e-6) == (name == "cause")
+        difference = between(candidate("cause", 1.0), other, used)
+        assert difference == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert (difference < 1e-6) == (name == "cause")
 
 
 @pytest.mark.parametrize("shift_mm", [0.5, -3.0])

@@ -30,17 +30,17 @@ def test_cosines_and_distances_of_known_vectors():
         shared_errors=np.zeros((13, 1), np.float32),
         residual=np.append([3.0, 4.0], np.zeros(11)),
     )
-    tried = [
+    vectors = [
         candidate("against", 9.0, -6.0, -8.0),
         candidate("along", 10.0, 0.3, 0.4),
         candidate("x", 26.0, 5.0, 0.0),
         candidate("fourth", 30.0, 0.0, 0.0),
     ]
-    along, against, x = likeliest_causes(model, tried, ["along"])
+    along, against, x = likeliest_causes(model, vectors, ["along"])
     assert [c.effect for c in (along, against, x)] == ["along", "against", "x"]
     assert [c.cosine for c in (along, against, x)] == pytest.approx([1.0, -1.0, 0.6])
     assert [c.cosine_with_first for c in (along, against, x)] == pytest.approx([1.0, -1.0, 0.6])
     assert [c.behind_sigma for c in (along, against, x)] == pytest.approx([0.0, 0.0, 4.0])
     np.testing.assert_allclose(x.signature, [[[5.0, 0.0]]])
-    (nothing,) = likeliest_causes(model, tried[3:], [])
+    (nothing,) = likeliest_causes(model, vectors[3:], [])
     assert np.isnan(nothing.cosine)

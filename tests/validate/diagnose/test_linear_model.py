@@ -111,8 +111,8 @@ def test_a_lamps_power_leaves_what_its_stated_power_says_of_it(parts):
     )
     dimmer = AppliedEffect(catalogue()["lamp-power"], {"scale": 0.1})
     change = build_problem(predictor, model, (), 1.0, np.zeros(SHAPE)).change(dimmer)
-    left, cheated = (model.residual - one for one in (change, model.whiten(-0.9 * base)))
-    assert np.sum(left[: model.count] ** 2) == pytest.approx(np.sum(model.residual[: model.count] ** 2), rel=0.01)
+    remainder, cheated = (model.residual - change_of for change_of in (change, model.whiten(-0.9 * base)))
+    assert np.sum(remainder[: model.count] ** 2) == pytest.approx(np.sum(model.residual[: model.count] ** 2), rel=0.01)
     assert np.sum(cheated[: model.count] ** 2) < 0.1 * np.sum(model.residual[: model.count] ** 2)
 
 
@@ -135,7 +135,7 @@ def test_a_line_is_left_though_noise_is_smaller_than_stated(parts):
     noise = 4.5 * generator.standard_normal(SHAPE)
     line = np.zeros(SHAPE)
     line[:, 20] = 19.0 * (-1) ** (np.arange(SHAPE[2]) // 4)
-    quiet, flawed = (model_of(base + one, base, derivative, camera) for one in (noise, noise + line))
+    quiet, flawed = (model_of(base + change, base, derivative, camera) for change in (noise, noise + line))
     assert flawed.chi2 / flawed.count < 1.15
     assert not something_remains(quiet, quiet.residual, quiet.residual)
     assert something_remains(flawed, flawed.residual, flawed.residual)
@@ -182,14 +182,14 @@ def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):
     generator, base, derivative, camera = parts
     brighter = base * np.array([1.01, 1.0, 1.0])[:, None, None]
     noise = 5 * generator.standard_normal(SHAPE)
-    left = []
+    remainders = []
     for error in (0.0, 0.01):
         model = model_of(brighter + noise, base, derivative, camera, band_errors=(error, 0, 0))
-        left.append(smooth_excess(model, model.without_shared_errors(model.residual)))
+        remainders.append(smooth_excess(model, model.without_shared_errors(model.residual)))
     quiet = model_of(base + noise, base, derivative, camera)
     noise_only = smooth_excess(quiet, quiet.residual)
-    assert abs(left[1] - noise_only) < 0.1 * (left[0] - noise_only)
-    assert left[0] > noise_only + 0.05
+    assert abs(remainders[1] - noise_only) < 0.1 * (remainders[0] - noise_only)
+    assert remainders[0] > noise_only + 0.05
 
 
 def test_the_patches_of_residuals_are_eighths_of_the_picture(parts):

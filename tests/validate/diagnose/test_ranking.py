@@ -18,7 +18,7 @@ def _selected(candidate, *alternatives):
 
 
 def _probabilities(assessed, unknown, selected):
-    singles = [_candidate(name, chi2) for name, chi2 in (("one", 1000.0), ("like-one", 1010.0), ("two", 1200.0))]
+    singles = [_candidate(name, chi2) for name, chi2 in (("haze", 1000.0), ("fog", 1010.0), ("ghost", 1200.0))]
     model = SimpleNamespace(chi2=2000.0, count=1000)
     search = SimpleNamespace(singles=singles, first=model)
     return {r.effect: r.probability for r in ranking(singles, search, assessed, model, unknown, selected)}
@@ -26,26 +26,37 @@ def _probabilities(assessed, unknown, selected):
 
 @pytest.mark.parametrize("unknown", [0.0, 0.02, 0.3, 0.9])
 def test_a_selected_effect_and_its_alternatives_share_what_an_unknown_cause_leaves(unknown):
-    """Each of two selected effects has 1 - P(unknown), the first together with what replaces it."""
+    """Each of the two selected effects has 1 - P(unknown), the first together with what replaces it."""
     assessed = [
-        _selected(_candidate("one", 1000.0), _candidate("like-one", 1010.0)),
-        _selected(_candidate("two", 900.0)),
+        _selected(_candidate("haze", 1000.0), _candidate("fog", 1010.0)),
+        _selected(_candidate("ghost", 900.0)),
     ]
-    names = ("one", "two", UNKNOWN) if unknown > 0.02 else ("one", "two")
-    found = _probabilities(assessed, unknown, names)
-    assert found[UNKNOWN] == unknown
-    assert found["one"] + found["like-one"] == pytest.approx(1 - unknown)
-    assert found["two"] == pytest.approx(1 - unknown)
-    assert found["one"] >= found["like-one"]
+    names = ("haze", "ghost", UNKNOWN) if unknown > 0.02 else ("haze", "ghost")
+    probability = _probabilities(assessed, unknown, names)
+    assert probability[UNKNOWN] == unknown
+    assert probability["haze"] + probability["fog"] == pytest.approx(1 - unknown)
+    assert probability["ghost"] == pytest.approx(1 - unknown)
+    assert probability["haze"] >= probability["fog"]
 
 
 @pytest.mark.parametrize("unknown", [0.3, 0.9])
 def test_without_any_effect_all_of_them_share_what_an_unknown_cause_leaves(unknown):
-    found = _probabilities([], unknown, (UNKNOWN,))
-    assert found[UNKNOWN] == unknown
-    assert sum(found.values()) == pytest.approx(1.0)
+    probability = _probabilities([], unknown, (UNKNOWN,))
+    assert probability[UNKNOWN] == unknown
+    assert sum(probability.values()) == pytest.approx(1.0)
 
 
 def test_where_nothing_is_missing_effects_share_little():
-    found = _probabilities([], 0.02, ())
-    assert sum(found.values()) == pytest.approx(1 - _NOTHING_MISSING)
+    probability = _probabilities([], 0.02, ())
+    assert sum(probability.values()) == pytest.approx(1 - _NOTHING_MISSING)
+
+
+def test_chi2_of_an_unknown_cause_is_that_of_the_best_single_effect_per_sample():
+    """Fitted in another covariance, chi2 is shifted by the difference of the two without any effect."""
+    singles = [_candidate("haze", 640.0), _candidate("ghost", 600.0)]
+    search = SimpleNamespace(singles=singles, first=SimpleNamespace(chi2=700.0))
+    start = SimpleNamespace(chi2=800.0, count=200)
+    entries = {entry.effect: entry for entry in ranking(singles, search, [], start, 0.3, (UNKNOWN,))}
+    assert entries["haze"].chi2_per_dof == pytest.approx(740 / 200)
+    assert entries["ghost"].chi2_per_dof == entries[UNKNOWN].chi2_per_dof == pytest.approx(700 / 200)
+    assert entries["ghost"].probability > entries["haze"].probability

@@ -30,14 +30,14 @@ SQUARE = SimpleNamespace(
 
 def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
     """A pull of 10 standard deviations on the priors, relieved by the camera's motion; chi2 is gained by an offset."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     residual = np.zeros(1035)
     residual[:3], residual[-11] = 1.0, 10.0
 
     def candidate(name, predicted):
         remainder = residual - predicted
         by_priors = name == "camera-pose"
-        return Candidate(known[name], {}, {}, float(remainder @ remainder), predicted, by_priors)
+        return Candidate(by_id[name], {}, {}, float(remainder @ remainder), predicted, by_priors)
 
     moved, offset = np.zeros(1035), np.zeros(1035)
     moved[-11], offset[:3] = 9.0, 1.0
@@ -51,20 +51,20 @@ def test_what_relieves_a_prior_is_found_behind_what_gains_more_by_chance():
 
 def test_a_gain_must_exceed_the_errors_of_shapes_that_are_not_rendered_again():
     """Of 10^5 explained a hundredth may be an effect's own error; none of it where the picture is rendered again."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     residual, rendered = np.zeros(1035), np.zeros(1035)
     residual[0], rendered[1] = 10.0, np.sqrt(1e5 + 100)
-    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
+    offset = Candidate(by_id["dark-offset"], {}, {}, 0.0, residual)
     assert first_significant([offset], residual, SQUARE, rendered, rendered) is None
     assert first_significant([offset], residual, SQUARE, residual, residual) is offset
 
 
 def test_what_is_computed_exactly_hides_a_tenth_of_what_approximate_effects_hide():
     """Of 5 10^4 explained exactly a thousandth may be the warp's error, 50 of chi2; a hundredth would hide the gain."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     residual, start = np.zeros(1035), np.zeros(1035)
     residual[0], start[1] = 10.0, np.sqrt(5e4 + 100)
-    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
+    offset = Candidate(by_id["dark-offset"], {}, {}, 0.0, residual)
     assert first_significant([offset], residual, SQUARE, residual, start) is offset
     assert first_significant([offset], residual, SQUARE, start, start) is None
     start[1] = np.sqrt(2e5 + 100)
@@ -73,24 +73,24 @@ def test_what_is_computed_exactly_hides_a_tenth_of_what_approximate_effects_hide
 
 def test_a_gain_must_exceed_what_errors_of_dark_levels_make():
     """Three of their standard deviations: 9 times the chi2 that they gain on average."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     residual = np.zeros(1035)
     residual[0] = 10.0
-    offset = Candidate(known["dark-offset"], {}, {}, 0.0, residual)
-    for average, found in ((12.0, None), (10.0, offset)):
+    offset = Candidate(by_id["dark-offset"], {}, {}, 0.0, residual)
+    for average, expected in ((12.0, None), (10.0, offset)):
         model = SimpleNamespace(**{**vars(SQUARE), "gain_of_dark_errors": lambda _, size=average: size})
-        assert first_significant([offset], residual, model, residual, residual) is found
+        assert first_significant([offset], residual, model, residual, residual) is expected
 
 
 def test_what_changes_edges_alone_need_gain_less_than_what_changes_faces():
     """The base picture's errors are smooth: 0.01 of chi2 per sample may be theirs on faces, not at edges."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     level = np.append(np.full(1024, 0.1), np.zeros(11))
     sides = np.append(np.tile([0.1, -0.1], 512), np.zeros(11))
     for change, smooth, gains in ((level, 1.0, False), (sides, 0.0, True)):
         assert smooth_part(SQUARE, change) == pytest.approx(smooth)
         significant = first_significant(
-            [Candidate(known["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change
+            [Candidate(by_id["defocus"], {}, {}, 0.0, change)], change, SQUARE, change, change
         )
         assert (significant is not None) is gains
 
@@ -107,8 +107,10 @@ def test_no_effect_is_significant_that_gains_less_than_any_must(errors, explaine
     assert least == pytest.approx(max(1024 * (0.004 if errors is None else 0.0005), 0.01 * explained))
     for part, significant in ((0.99, False), (1.02, errors is None or explained > 0)):
         change = (part * least) ** 0.5 * sides
-        found = first_significant([Candidate(effect, {}, {}, 0.0, change)], change, model, rendered, rendered)
-        assert (found is not None) is significant
+        significant_effect = first_significant(
+            [Candidate(effect, {}, {}, 0.0, change)], change, model, rendered, rendered
+        )
+        assert (significant_effect is not None) is significant
 
 
 def test_dispersion_is_by_how_much_neighbours_that_go_together_widen_an_amplitude():
@@ -142,14 +144,14 @@ def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
     def fitted(some):
         return (pixels[some] @ residual[some]) / (pixels[some] @ pixels[some])
 
-    whole = fitted(patch >= 0)
+    complete = fitted(patch >= 0)
     total = pixels @ pixels
-    moves = np.array([whole - fitted(patch != one) for one in range(PATCHES)])
+    moves = np.array([complete - fitted(patch != neighbourhood) for neighbourhood in range(PATCHES)])
     ends = np.zeros(11)
-    found = dispersion(model, np.append(whole * pixels, ends), np.append(residual, ends))
-    assert found == pytest.approx(total * np.sum(moves**2), rel=1e-9)
-    assert whole * np.sqrt(total) > 8.0
-    assert whole * np.sqrt(total / found) < 2.0
+    scatter = dispersion(model, np.append(complete * pixels, ends), np.append(residual, ends))
+    assert scatter == pytest.approx(total * np.sum(moves**2), rel=1e-9)
+    assert complete * np.sqrt(total) > 8.0
+    assert complete * np.sqrt(total / scatter) < 2.0
 
 
 def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
@@ -163,15 +165,15 @@ def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
 
 def test_each_free_number_costs_half_of_what_tells_two_effects_apart():
     """Odds of 100 to 1 are 9.2 of chi2; an effect without numbers pays nothing."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings(max_bounces=2))}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings(max_bounces=2))}
     for name, numbers in (("camera-pose", 6), ("defocus", 1), ("interreflection", 0)):
-        assert len(known[name].free) == numbers
-        assert penalised(Candidate(known[name], {}, {}, 100.0, np.zeros(1))) == pytest.approx(100 + 4.6 * numbers)
+        assert len(by_id[name].free) == numbers
+        assert penalised(Candidate(by_id[name], {}, {}, 100.0, np.zeros(1))) == pytest.approx(100 + 4.6 * numbers)
 
 
 def test_screening_leaves_out_what_averaging_noise_would_gain():
     """|r - a c|^2 + s a, s what a step of the effect smooths away, is least at (c r - s / 2) / c^2."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     generator = np.random.default_rng(1)
     column, residual = generator.standard_normal(1035), generator.standard_normal(1035)
     residual += 3 * column
@@ -181,11 +183,11 @@ def test_screening_leaves_out_what_averaging_noise_would_gain():
         noise_averaging_gain=lambda effect: 100.0,
         camera_change=lambda effect: 0.0,
     )
-    found = screen(problem, Signature(known["defocus"], (0.15,), column[None]), residual)
+    screened = screen(problem, Signature(by_id["defocus"], (0.15,), column[None]), residual)
     amplitude = (column @ residual - 50.0) / (column @ column)
-    assert found.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
+    assert screened.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
     remainder = residual - amplitude * column
-    assert found.chi2 == pytest.approx(remainder @ remainder + 100.0 * amplitude)
+    assert screened.chi2 == pytest.approx(remainder @ remainder + 100.0 * amplitude)
 
 
 @pytest.mark.parametrize(("scale", "brighter"), [(1.0, 1.0), (0.5, 1.0), (1.0, 1.3)])
@@ -193,7 +195,7 @@ def test_a_blur_gains_what_it_averages_of_the_pictures_noise_at_the_lamps_power(
     """Variance 9 over a camera's sigma of 2 at 5000 samples; a blur that halves noise leaves a quarter of its square,
     and no more or less where it makes all signals brighter, which the lamp's fit takes back.
     Within four standard errors, 2 % each. What acts on light gains nothing: noise is drawn again there."""
-    known = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
+    by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings())}
     shape = (2, 50, 50)
     predictor = SimpleNamespace(
         settings=SimpleNamespace(seed=5),
@@ -206,8 +208,8 @@ def test_a_blur_gains_what_it_averages_of_the_pictures_noise_at_the_lamps_power(
     model = SimpleNamespace(used=np.ones(shape, bool), sigma=np.full(5000, 2.0))
     problem = build_problem(predictor, model, (), scale, np.full(shape, 9.0))
     blur, haze = (
-        known["defocus"].at({"sigma_px": 0.2}),
-        known["haze"].at({"extinction_per_m": 0.1, "albedo": 0.9}),
+        by_id["defocus"].at({"sigma_px": 0.2}),
+        by_id["haze"].at({"extinction_per_m": 0.1, "albedo": 0.9}),
     )
     expected = 5000 * (scale * 3 / 2) ** 2 * (1 - 1 / 4)
     assert problem.noise_averaging_gain(blur) == pytest.approx(expected, rel=0.08)

@@ -122,14 +122,14 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
     rng = np.random.default_rng(5)
     shapes = rng.standard_normal((2, COUNT))
     residuals = [2.0 * shapes[0] + rng.standard_normal(COUNT), 1.0 * shapes[1] + rng.standard_normal(COUNT)]
-    (first, here), (second, there) = (
+    (first, first_fit), (second, second_fit) = (
         photographed(shape, residual, f_number)
         for shape, residual, f_number in zip(shapes, residuals, (8.0, 16.0), strict=True)
     )
     effect = SelectedEffect(candidate(True), (), 0.0, 1.0, 1.0, 0.01, COUNT, 1.0)
-    (found,) = refitted_to_all(first, here, [effect], [FurtherFit(second, there, shared)])
+    (refitted_candidate,) = refitted_to_all(first, first_fit, [effect], [FurtherFit(second, second_fit, shared)])
     total = sum(float(r @ r) for r in residuals)
-    assert found.count == 2 * COUNT and found.chi2_without == pytest.approx(total)
+    assert refitted_candidate.count == 2 * COUNT and refitted_candidate.chi2_without == pytest.approx(total)
     if shared:
         along, size = shapes[0] @ residuals[0] + 0.5 * shapes[1] @ residuals[1], shapes[0] @ shapes[0]
         size += 0.25 * shapes[1] @ shapes[1]
@@ -138,5 +138,5 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
         along, size = shapes[0] @ residuals[0], shapes[0] @ shapes[0]
         expected = total - along**2 / size - (shapes[1] @ residuals[1]) ** 2 / (shapes[1] @ shapes[1])
         expected += INDISTINGUISHABLE_CHI2
-    assert found.candidate.numbers["width"] == pytest.approx(along / size, rel=1e-6)
-    assert found.candidate.chi2 == pytest.approx(expected, rel=1e-9)
+    assert refitted_candidate.candidate.numbers["width"] == pytest.approx(along / size, rel=1e-6)
+    assert refitted_candidate.candidate.chi2 == pytest.approx(expected, rel=1e-9)

@@ -16,8 +16,8 @@ def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scal
     stand_in = SimpleNamespace(
         hypothesis=SimpleNamespace(free=free), steps=(0.2, 1.0), changes=(np.array([3.0, -3.0]), np.ones(2))
     )
-    (found,) = tolerated_changes(SimpleNamespace(scale=scale), [stand_in, SimpleNamespace(changes=None)])
-    np.testing.assert_allclose(found, scale * np.array([0.75, -0.75]))
+    (change,) = tolerated_changes(SimpleNamespace(scale=scale), [stand_in, SimpleNamespace(changes=None)])
+    np.testing.assert_allclose(change, scale * np.array([0.75, -0.75]))
 
 
 @pytest.mark.parametrize(
@@ -38,12 +38,12 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
         stepwise, "refitted_picture", lambda *_: SimpleNamespace(fit=SimpleNamespace(camera=after), pilot=0.5)
     )
     monkeypatch.setattr(stepwise, "solved_light", lambda *_: "another light")
-    monkeypatch.setattr(stepwise, "replace", lambda one, **_: one)
+    monkeypatch.setattr(stepwise, "replace", lambda changed_object, **_: changed_object)
     monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
-    held = []
+    rendered_with = []
 
-    def linearised_fit(prepared, altered, given, added):
-        held.append((given, added))
+    def linearised_fit(prepared, altered, included, added):
+        rendered_with.append((included, added))
         return altered.fit.camera
 
     monkeypatch.setattr(stepwise, "linearised_fit", linearised_fit)
@@ -55,4 +55,4 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     stand_in = SimpleNamespace(applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage=stage)))
     assert refitted(validation, linearised, [stand_in]) is after
     assert calls == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
-    assert held == [(("own",), ("found",))]
+    assert rendered_with == [(("own",), ("found",))]

@@ -18,11 +18,11 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
     """Effects explain 1000, and a hundredth more by errors of their shapes. They paid 4.6 for each number, and twice
     the logarithm of the catalogue's length for each choice; the family must be ahead by 9.2."""
     model = SimpleNamespace(chi2=5000.0, count=2000, residual=np.zeros(3), whiten=lambda change: np.zeros(3))
-    chosen = [SimpleNamespace(hypothesis=SimpleNamespace(free=(None,) * numbers))] * effects
+    selection = [SimpleNamespace(hypothesis=SimpleNamespace(free=(None,) * numbers))] * effects
     paid = effects * (4.6 * numbers + 2 * np.log(len(catalogue())))
-    for own, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
-        explanation = SimpleNamespace(family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + own)
-        assert family_beats_effects(explanation, model, chosen, model, LEFT) == wins
+    for chi2, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
+        explanation = SimpleNamespace(family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + chi2)
+        assert family_beats_effects(explanation, model, selection, model, LEFT) == wins
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def _model(left_by_family):
         count=2000,
         residual=residual,
         whiten=lambda _: change,
-        without_shared_errors=lambda one: one,
+        without_shared_errors=lambda model: model,
     )
 
 
@@ -94,29 +94,29 @@ def test_levels_of_frames_are_the_lamps_with_their_noise():
     random = np.random.default_rng(8)
     picture, levels = random.uniform(0, 500, (50, 100)), np.array([0.99, 1.0, 1.004, 1.006])
     true = levels / levels.mean() - 1
-    found, stated = [], []
+    levels_fitted, sigmas = [], []
     for _ in range(50):
         frames = 100 + levels[:, None, None] * picture + 2 * random.standard_normal((4, 50, 100))
         capture = SimpleNamespace(
             band_ids=("lit", "single"),
             saturation_dn=4000.0,
-            frames=lambda table, lit=frames: lit[: len(table.frames)],
+            frames=lambda table, signal=frames: signal[: len(table.frames)],
             band=lambda name: SimpleNamespace(frames=range(4 if name == "lit" else 1)),
         )
         relative, sigma = _repeats(capture)
         assert np.isnan(relative[1]).all() and np.isinf(sigma[1])
-        found.append(relative[0])
-        stated.append(sigma[0])
+        levels_fitted.append(relative[0])
+        sigmas.append(sigma[0])
     # fifty means: four of their standard deviations; levels are relative to light above the darkest, 2.5 DN dimmer
-    scatter = np.std(np.array(found) - np.mean(found, axis=0), ddof=1)
-    assert np.mean(found, axis=0) == pytest.approx(true, rel=0.02, abs=4 * scatter / np.sqrt(50))
-    assert np.mean(stated) == pytest.approx(scatter, rel=0.3)
+    scatter = np.std(np.array(levels_fitted) - np.mean(levels_fitted, axis=0), ddof=1)
+    assert np.mean(levels_fitted, axis=0) == pytest.approx(true, rel=0.02, abs=4 * scatter / np.sqrt(50))
+    assert np.mean(sigmas) == pytest.approx(scatter, rel=0.3)
 
 
 def test_a_cosine_towards_several_lamps_is_their_mean_by_the_light_of_each():
     """Straight above and at 45 degrees; whichever side of the surface the normal points to."""
     position, normal = np.zeros((3, 3)), np.array([[0.0, 0, 1], [0, 0, -1], [0, 0, 1]])
-    places = [np.array([0.0, 0, 500]), np.array([300.0, 0, 300])]
+    positions = [np.array([0.0, 0, 500]), np.array([300.0, 0, 300])]
     light = np.array([[1.0, 0.0], [0.3, 0.1], [0.0, 0.0]])
     expected = [1.0, 0.75 + 0.25 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)]
-    np.testing.assert_allclose(_cosine(position, normal, places, light), expected, rtol=1e-6)
+    np.testing.assert_allclose(_cosine(position, normal, positions, light), expected, rtol=1e-6)

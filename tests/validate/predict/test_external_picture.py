@@ -48,12 +48,12 @@ def test_between_wavelengths_ratios_to_our_spectrum_are_linear(tmp_path, light):
     """A cube of ours at 20 nm: linear spectra are off by over 1 % of their maximum, ratios pixel by pixel hardly."""
     ours = gather(light, CAMERA, 256, 2)
     walls = ours.surface >= 0
-    whole = ours.project(np.eye(WAVELENGTH_NM.size))[0][walls]
+    total = ours.project(np.eye(WAVELENGTH_NM.size))[0][walls]
     coarse = replace(ours, spectra=ours.spectra[:, ::20], wavelength_nm=WAVELENGTH_NM[::20])
     write_cube(tmp_path / "cube.nc", coarse.cube())
     image_px = external_picture(tmp_path / "cube.nc", SCENE, CAMERA, light).image.project(np.eye(WAVELENGTH_NM.size))[0]
-    linear = interp1d(WAVELENGTH_NM[::20], whole[:, ::20])(WAVELENGTH_NM)
-    plain, by_ratio = ((one - whole) / whole.max(axis=1, keepdims=True) for one in (linear, image_px[walls]))
+    linear = interp1d(WAVELENGTH_NM[::20], total[:, ::20])(WAVELENGTH_NM)
+    plain, by_ratio = ((spectrum - total) / total.max(axis=1, keepdims=True) for spectrum in (linear, image_px[walls]))
     assert np.sqrt(np.mean(by_ratio**2)) < 0.1 * np.sqrt(np.mean(plain**2))
 
 
@@ -62,14 +62,14 @@ def test_another_renderers_picture_moves_as_ours_does(tmp_path):
     light = solve_light(SCENE, WAVELENGTH_NM[::10], patch_edge_mm=120.0, patch_samples=64)
     moved = CAMERA.with_parameters(CAMERA.parameters + 0.3 * np.eye(10)[7])
     ours = gather(light, CAMERA, 256, 4, seed=5)
-    shown = ExternalPicture(ours, CAMERA, light, tmp_path)
-    assert shown.through(CAMERA, 5) is ours
-    found, expected = shown.through(moved, 5), gather(light, moved, 256, 4, seed=5)
+    picture = ExternalPicture(ours, CAMERA, light, tmp_path)
+    assert picture.through(CAMERA, 5) is ours
+    through_picture, expected = picture.through(moved, 5), gather(light, moved, 256, 4, seed=5)
     weights = np.eye(light.wavelength_nm.size)
-    for value, wanted in zip(found.project(weights), expected.project(weights), strict=True):
-        np.testing.assert_allclose(value, wanted, rtol=1e-3, atol=1e-5 * np.max(wanted))
-    np.testing.assert_array_equal(found.coverage, expected.coverage)
-    assert np.any(found.surface != ours.surface)
+    for value, expected_value in zip(through_picture.project(weights), expected.project(weights), strict=True):
+        np.testing.assert_allclose(value, expected_value, rtol=1e-3, atol=1e-5 * np.max(expected_value))
+    np.testing.assert_array_equal(through_picture.coverage, expected.coverage)
+    assert np.any(through_picture.surface != ours.surface)
 
 
 def test_a_picture_under_another_lamp_is_refused(tmp_path):

@@ -33,7 +33,7 @@ def light():
 
 
 @pytest.fixture
-def made(monkeypatch):
+def renderings(monkeypatch):
     """The cameras of the pictures that were not found."""
     cameras = []
 
@@ -47,8 +47,8 @@ def made(monkeypatch):
 
 def same_bits(first, second):
     for name in ("coefficients", "spectra", "wavelength_nm", "coverage", "facet_surface"):
-        one, other = getattr(first, name), getattr(second, name)
-        assert one.dtype == other.dtype and one.tobytes() == other.tobytes(), name
+        first_value, other = getattr(first, name), getattr(second, name)
+        assert first_value.dtype == other.dtype and first_value.tobytes() == other.tobytes(), name
     return first.surface_names == second.surface_names
 
 
@@ -56,9 +56,9 @@ def picture(folder, light, camera=CAMERA):
     return cached_picture(folder, light, camera, SAMPLES, BATCHES, SEED)
 
 
-def test_a_picture_has_the_same_bits_without_a_cache_from_a_cold_and_from_a_warm_one(tmp_path, light, made):
+def test_a_picture_has_the_same_bits_without_a_cache_from_a_cold_and_from_a_warm_one(tmp_path, light, renderings):
     without, cold, warm = (picture(folder, light) for folder in (None, tmp_path, tmp_path))
-    assert len(made) == 2
+    assert len(renderings) == 2
     assert same_bits(without, cold) and same_bits(without, warm)
     assert same_bits(without, gather(light, CAMERA, SAMPLES, BATCHES, SEED))
 
@@ -68,15 +68,15 @@ def test_a_solution_found_again_has_the_same_key(light):
     assert picture_key(solved(), CAMERA, SAMPLES, BATCHES, SEED) == picture_key(light, CAMERA, SAMPLES, BATCHES, SEED)
 
 
-def test_a_camera_however_near_has_its_own_picture(tmp_path, light, made):
+def test_a_camera_however_near_has_its_own_picture(tmp_path, light, renderings):
     picture(tmp_path, light)
     moved = np.nextafter(CAMERA.position_mm[0], np.inf)
     near = replace(CAMERA, position_mm=np.array([moved, *CAMERA.position_mm[1:]]))
     picture(tmp_path, light, near)
-    assert len(made) == 2
-    known = replace(CAMERA, covariance=np.eye(10))  # how well it is known changes no picture
-    picture(tmp_path, light, known)
-    assert len(made) == 2
+    assert len(renderings) == 2
+    surveyed = replace(CAMERA, covariance=np.eye(10))  # how well it is known changes no picture
+    picture(tmp_path, light, surveyed)
+    assert len(renderings) == 2
 
 
 def test_the_key_is_all_that_the_picture_is_made_from(light, monkeypatch):
@@ -129,27 +129,27 @@ def test_all_code_that_makes_a_picture_is_in_the_key():
     assert ours <= {path.resolve() for path in sources()}
 
 
-def test_a_damaged_entry_is_replaced(tmp_path, light, made, monkeypatch):
+def test_a_damaged_entry_is_replaced(tmp_path, light, renderings, monkeypatch):
     """Every one of a thousand flipped bits and truncations is noticed: the picture is made again and kept."""
     expected = picture(tmp_path, light)
     (entry,) = tmp_path.iterdir()
     sound = entry.read_bytes()
     generator = np.random.default_rng(7)
     size = len(sound)
-    monkeypatch.setattr(picture_cache, "gather", lambda *_: made.append(1) or expected)
+    monkeypatch.setattr(picture_cache, "gather", lambda *_: renderings.append(1) or expected)
     ends = [*range(120), *(size - 1 - np.arange(120))]  # checksum and headers, the directory of the archive
-    places = np.concatenate([ends, generator.integers(0, size, 260)])
+    positions = np.concatenate([ends, generator.integers(0, size, 260)])
     damaged = []
-    for place, bit in zip(places, generator.integers(0, 8, len(places)), strict=True):
+    for position, bit in zip(positions, generator.integers(0, 8, len(positions)), strict=True):
         flipped = bytearray(sound)
-        flipped[place] ^= 1 << bit
+        flipped[position] ^= 1 << bit
         damaged.append(bytes(flipped))
     damaged += [sound[:length] for length in (*range(40), *generator.integers(40, size, 460))]
-    made.clear()
+    renderings.clear()
     for count, content in enumerate(damaged, 1):
         entry.write_bytes(content)
         assert same_bits(picture(tmp_path, light), expected)
-        assert len(made) == count
+        assert len(renderings) == count
         assert entry.read_bytes() == sound
 
 
@@ -164,7 +164,7 @@ def test_a_damaged_entry_is_replaced(tmp_path, light, made, monkeypatch):
         lambda arrays: arrays.clear(),
     ],
 )
-def test_an_entry_of_another_shape_is_replaced(tmp_path, light, made, change):
+def test_an_entry_of_another_shape_is_replaced(tmp_path, light, renderings, change):
     """Also one whose checksum is right."""
     expected = picture(tmp_path, light)
     (entry,) = tmp_path.iterdir()
@@ -175,10 +175,10 @@ def test_an_entry_of_another_shape_is_replaced(tmp_path, light, made, change):
     entry.write_bytes(hashlib.sha256(entry.stem.encode() + stream.getvalue()).digest() + stream.getvalue())
     for _ in range(2):
         assert same_bits(picture(tmp_path, light), expected)
-        assert len(made) == 2
+        assert len(renderings) == 2
 
 
-def test_an_entry_under_another_name_is_not_taken(tmp_path, light, made):
+def test_an_entry_under_another_name_is_not_taken(tmp_path, light, renderings):
     picture(tmp_path, light)
     (entry,) = tmp_path.iterdir()
     moved = CAMERA.with_parameters(CAMERA.parameters + np.eye(10)[0])
@@ -186,9 +186,9 @@ def test_an_entry_under_another_name_is_not_taken(tmp_path, light, made):
     assert same_bits(picture(tmp_path, light, moved), gather(light, moved, SAMPLES, BATCHES, SEED))
 
 
-def test_a_cache_that_cannot_be_written_is_no_fault(tmp_path, light, made):
+def test_a_cache_that_cannot_be_written_is_no_fault(tmp_path, light, renderings):
     path = tmp_path / "file"
     path.write_text("no folder")
     for _ in range(2):
         picture(path, light)
-    assert len(made) == 2
+    assert len(renderings) == 2

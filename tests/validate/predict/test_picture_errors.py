@@ -27,15 +27,15 @@ def covariance(signal, coverage, used, sigma, others):
     _, rows, columns = np.nonzero(used)
     face = coverage.argmax(axis=-1)[rows, columns]
     level = signal[used] / sigma
-    found = np.eye(len(sigma)) + sum(np.outer(other, other) for other in others)
+    total = np.eye(len(sigma)) + sum(np.outer(other, other) for other in others)
     for pixels in (3, 12):  # 48 pixels hold 16 cells and 4 regions
         values = np.array([rows // pixels, columns // pixels, face])
         together = (values[:, :, None] == values[:, None, :]).all(axis=0)
         if pixels == 12:
             large = together.sum(axis=0) >= 20 * len(used)
             together &= large
-        found += 0.0015**2 * together * np.outer(level, level)
-    return found
+        total += 0.0015**2 * together * np.outer(level, level)
+    return total
 
 
 def test_whitening_is_an_inverse_root_of_the_covariance(parts):
@@ -54,7 +54,7 @@ def test_nothing_is_taken_from_what_no_error_makes(parts):
     pattern = np.random.default_rng(1).standard_normal(len(sigma))
     for number in np.unique(errors.cell):
         for band in range(SHAPE[0]):
-            there = (errors.cell == number) & (np.nonzero(used)[0] == band)
-            along = signal[used][there] / sigma[there]
-            pattern[there] -= along * (along @ pattern[there]) / (along @ along) if there.any() else 0.0
+            in_cell = (errors.cell == number) & (np.nonzero(used)[0] == band)
+            along = signal[used][in_cell] / sigma[in_cell]
+            pattern[in_cell] -= along * (along @ pattern[in_cell]) / (along @ along) if in_cell.any() else 0.0
     np.testing.assert_allclose(errors.whitened(pattern), pattern, atol=1e-5)

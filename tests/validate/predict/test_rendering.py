@@ -30,12 +30,12 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
 
     monkeypatch.setattr(rendering, "render_bands", bands)
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
-    _, found, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=NO_PROGRESS)
+    _, picture_again, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=NO_PROGRESS)
     assert pilot == 3.0 and len(calls) == 2 and calls[0] == (64, 8)
-    assert np.sqrt(found.variance.values).max() <= 0.6
+    assert np.sqrt(picture_again.variance.values).max() <= 0.6
     _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=NO_PROGRESS)
     assert same == pilot and calls[2:] == calls[1:2]
-    np.testing.assert_array_equal(again.variance, found.variance)
+    np.testing.assert_array_equal(again.variance, picture_again.variance)
 
 
 def test_a_pilot_of_enough_samples_is_completed_by_the_batches_that_a_longer_picture_has(monkeypatch):
@@ -50,8 +50,8 @@ def test_a_pilot_of_enough_samples_is_completed_by_the_batches_that_a_longer_pic
     def bands(image, responses):
         layers, shape = ("band", "y", "x"), (1, 8, 8)
         variance = np.full(shape, 4.0 * 8 / len(image.coefficients))
-        ones = {"signal": (layers, np.ones(shape)), "mask": (layers, np.zeros(shape, int))}
-        return xr.Dataset({**ones, "variance": (layers, variance)})
+        uniform = {"signal": (layers, np.ones(shape)), "mask": (layers, np.zeros(shape, int))}
+        return xr.Dataset({**uniform, "variance": (layers, variance)})
 
     monkeypatch.setattr(rendering, "render_bands", bands)
     used = np.ones((1, 8, 8), bool)
@@ -61,19 +61,19 @@ def test_a_pilot_of_enough_samples_is_completed_by_the_batches_that_a_longer_pic
 
 
 def test_what_was_not_used_for_longest_goes_but_never_the_base_pictures():
-    store, made = predictor._Store(3), []
+    store, renders = predictor._Store(3), []
 
     def use(key):
-        return store.get((key,), lambda: made.append(key) or key.upper())
+        return store.get((key,), lambda: renders.append(key) or key.upper())
 
     assert [use(key) for key in "abcbdadbe"] == list("ABCBDADBE")
-    assert made == list("abcde")
+    assert renders == list("abcde")
     assert list(store.results) == [("a",), ("b",), ("e",)]
 
 
 def test_pixels_without_light_do_not_count_as_rendered_well():
     """Three of four see nothing; the fourth's error is twice the sensor's."""
-    layers, lit = ("band", "y", "x"), np.array([[[0.0, 0.0], [0.0, 9.0]]])
-    bands = xr.Dataset({"signal": (layers, lit), "variance": (layers, 4.0 * (lit > 0))})
-    assert rendering.noise_ratio(bands, np.ones_like(lit), np.ones(lit.shape, bool)) == 2.0
-    assert rendering.noise_ratio(bands, np.ones_like(lit), np.zeros(lit.shape, bool)) == 0.0
+    layers, signal = ("band", "y", "x"), np.array([[[0.0, 0.0], [0.0, 9.0]]])
+    bands = xr.Dataset({"signal": (layers, signal), "variance": (layers, 4.0 * (signal > 0))})
+    assert rendering.noise_ratio(bands, np.ones_like(signal), np.ones(signal.shape, bool)) == 2.0
+    assert rendering.noise_ratio(bands, np.ones_like(signal), np.zeros(signal.shape, bool)) == 0.0

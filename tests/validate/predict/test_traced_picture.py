@@ -63,7 +63,7 @@ def painted(scene):
     paints = tuple(scene.materials[name].reflectance for name in ("white", "green"))
     picture = Texture(np.concatenate([share, 1 - share], axis=2), paints)
     skin = Material("skin", paints[0], {"type": "null"})
-    own = {"poster": Material("poster", picture.mean, texture=picture), "skin": skin}
+    materials = {"poster": Material("poster", picture.mean, texture=picture), "skin": skin}
     milk, corners = (
         Medium(HAZE.scaled(20.0), HAZE, 0.6),
         np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]),
@@ -73,11 +73,13 @@ def painted(scene):
         "short-block": {"material": "skin", "inside": milk},
     }
     surfaces = tuple(replace(s, **changed.get(s.name, {})) for s in scene.surfaces)
-    place = scene.lamp.surface.vertices_mm[::-1][:, [1, 0, 2]] * [0.0, 0.5, 1.0] + [540.0, 150.0, 0.0]
+    vertices = scene.lamp.surface.vertices_mm[::-1][:, [1, 0, 2]] * [0.0, 0.5, 1.0] + [540.0, 150.0, 0.0]
     level = float(scene.lamp.radiance.at(550.0))
     blue = Spectrum(np.array([400.0, 700.0]), level * np.array([3.0, 0.2]))
-    second = replace(scene.lamp, surface=replace(scene.lamp.surface, name="second", vertices_mm=place), radiance=blue)
-    return replace(scene, surfaces=surfaces, materials={**scene.materials, **own}, further_lamps=(second,))
+    second = replace(
+        scene.lamp, surface=replace(scene.lamp.surface, name="second", vertices_mm=vertices), radiance=blue
+    )
+    return replace(scene, surfaces=surfaces, materials={**scene.materials, **materials}, further_lamps=(second,))
 
 
 @pytest.mark.parametrize("kind", ["coat", "haze", "picture and milk"])
@@ -104,9 +106,9 @@ def test_at_the_traced_wavelengths_it_is_what_was_traced(tmp_path):
     scene, camera, nm = load_scene(coated(tmp_path)), cornell_camera(16), np.arange(400.0, 701.0, 10.0)
     image = picture_of(scene, camera, 64, 2)
     traced = render_general_path_tracer(RenderJob(scene, camera, nm, 16, 8, seed=SETTINGS.seed))
-    here = image.coefficients @ image.spectra[:, np.searchsorted(WAVELENGTH_NM, nm)]
+    traced_spectrum = image.coefficients @ image.spectra[:, np.searchsorted(WAVELENGTH_NM, nm)]
     expected = traced.coefficients @ traced.spectra
-    assert np.abs(here - expected).max() < 1e-5 * expected.max()
+    assert np.abs(traced_spectrum - expected).max() < 1e-5 * expected.max()
 
 
 def test_what_obeys_lambert_keeps_its_picture():

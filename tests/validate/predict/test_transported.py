@@ -89,8 +89,8 @@ def test_the_specular_part_is_the_coats_lobe_over_the_lamp(rho):
     floor = (image.surface == image.surface_names.index("floor")) & (image.coverage.max(axis=-1) == 1)
     rows, columns = np.nonzero(floor)
     way = camera.directions(columns, rows)
-    place = camera.position_mm - way * (camera.position_mm[1] / way[:, 1])[:, None]
-    expected = np.array([_lobe_over_lamp(scene, p, -d, strength, alpha) for p, d in zip(place, way, strict=True)])
+    point = camera.position_mm - way * (camera.position_mm[1] / way[:, 1])[:, None]
+    expected = np.array([_lobe_over_lamp(scene, p, -d, strength, alpha) for p, d in zip(point, way, strict=True)])
     specular = parts.specular[floor]
     assert floor.sum() > 30
     np.testing.assert_allclose(specular, specular[:, :1] * np.ones(3), rtol=1e-6)  # a coat has no colour

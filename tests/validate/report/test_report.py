@@ -52,8 +52,8 @@ def folder(tmp_path_factory):
             provenance=[("command", "cbox x"), ("date", "today")],
         ),
     }
-    for name, given in inputs.items():
-        build_report(folder / f"{name}.html", given)
+    for name, text in inputs.items():
+        build_report(folder / f"{name}.html", text)
     return folder
 
 
@@ -220,7 +220,7 @@ def test_numbers():
 
 
 @pytest.mark.parametrize(
-    ("value", "sigma", "shown"),
+    ("value", "sigma", "expected"),
     [
         (0.004031, 1.2e-5, "0.004031 ± 0.000012"),
         (3.94e-8, 1.53e-9, "3.94e−08 ± 1.5e−09"),
@@ -230,5 +230,5 @@ def test_numbers():
         (0.25, np.nan, "0.25"),
     ],
 )
-def test_a_number_is_shown_as_good_as_its_error(value, sigma, shown):
-    assert with_error(value, sigma) == shown
+def test_a_number_is_shown_as_good_as_its_error(value, sigma, expected):
+    assert with_error(value, sigma) == expected

@@ -126,8 +126,8 @@ def test_pixels_are_marked_where_they_are(browser, report):
       ];
     })""")
     assert len(outcome) > 20
-    for pixel, place in outcome:
-        assert place == pytest.approx((pixel + 0.5) / BOX.size, abs=0.02)
+    for pixel, position in outcome:
+        assert position == pytest.approx((pixel + 0.5) / BOX.size, abs=0.02)
 
 
 def test_printed_it_is_complete_and_keeps_its_columns(browser, report):

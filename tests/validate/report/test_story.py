@@ -103,8 +103,8 @@ def test_the_runner_up_is_answered():
 
 def test_what_cannot_be_told_apart_has_its_further_capture():
     close = [CAUSES[0], _cause("dark-offset", {"level": 3.0}, 0.92, 0.98, 2.1)]
-    one = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
-    lines = story(_diagnosis(("veiling-glare",), close, (one,)), NAMED)
+    separation = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
+    lines = story(_diagnosis(("veiling-glare",), close, (separation,)), NAMED)
     steps = " ".join(lines.next.steps)
     assert "differ by 2.1 standard deviations, and 5 are needed" in steps
     assert "frames with the lens capped (120 s; 20.0 standard deviations expected)" in steps
@@ -146,14 +146,14 @@ def test_bands_together_have_the_noise_of_one():
 
 
 @pytest.mark.parametrize(
-    ("effect", "parameter", "unit", "distance", "words"),
+    ("effect", "parameter", "unit", "distance", "phrase"),
     [
         ("veiling-glare", "fraction", "1", 9.4e-5, "fraction off by 9.4e-05"),
         ("dark-offset", "dn", "DN", 0.086, "dn off by 0.086 DN"),
         ("filter-shift", "effective_index", "1", 0.0025, "effective_index of 20"),  # 20^-2
     ],
 )
-def test_limits_are_said_in_the_effects_own_numbers(effect, parameter, unit, distance, words):
-    assert limit_text(Limit(effect, {}, parameter, unit, distance, 1e-3, 0.8, True)) == words
+def test_limits_are_said_in_the_effects_own_numbers(effect, parameter, unit, distance, phrase):
+    assert limit_text(Limit(effect, {}, parameter, unit, distance, 1e-3, 0.8, True)) == phrase
     of = Limit(effect, {"material": "white", "albedo": 0.9}, parameter, unit, distance, 1e-3, 0.8, True)
-    assert limit_text(of) == f"{words} (white, albedo 0.9)"
+    assert limit_text(of) == f"{phrase} (white, albedo 0.9)"

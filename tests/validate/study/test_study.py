@@ -19,14 +19,14 @@ from helpers.glare_capture import GLARE, glare_capture
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def path(tmp_path_factory):
     return tmp_path_factory.mktemp("study")
 
 
 @pytest.fixture(scope="module")
-def study(place):
-    folder = glare_capture(place / "capture")
-    return Study.open(folder, noise=3.0, seed=1, cache=place / "cache")
+def study(path):
+    folder = glare_capture(path / "capture")
+    return Study.open(folder, noise=3.0, seed=1, cache=path / "cache")
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,8 @@ def fitted(study):
     return study.add("veiling-glare", fraction=0.01).fit()
 
 
-def same_bits(one, other):
-    pairs = zip(one.predictions(), other.predictions(), strict=True)
+def same_bits(first, other):
+    pairs = zip(first.predictions(), other.predictions(), strict=True)
     return all(p.signal.tobytes() == q.signal.tobytes() and p.chi2 == q.chi2 for p, q in pairs)
 
 
@@ -43,29 +43,29 @@ def test_a_moved_effect_is_the_models_prediction(study):
     """With camera and lamp held, the change of the picture is that of the predictor alone: (mean - L) f."""
     base = study.predictions()[0].rendered
     moved = study.add("veiling-glare", fraction=0.01).change("veiling-glare", fraction=0.04)
-    held = moved.predictions(refit=False)[0]
+    fixed = moved.predictions(refit=False)[0]
     plain = base.predictor.signal(())
     expected = base.fit.lamp_scale * (base.signal + base.predictor.signal(moved.effects) - plain)
-    np.testing.assert_allclose(held.signal, expected, rtol=1e-12)
+    np.testing.assert_allclose(fixed.signal, expected, rtol=1e-12)
     dark = plain < 0.2 * plain.mean(axis=(1, 2), keepdims=True)
-    assert dark.any() and np.all((held.signal - base.fit.lamp_scale * base.signal)[dark] > 0)
+    assert dark.any() and np.all((fixed.signal - base.fit.lamp_scale * base.signal)[dark] > 0)
 
 
 def test_camera_and_lamp_follow_as_in_the_complete_fit(study):
     """The fit to first order reaches the chi2 of the nonlinear one, within 2 %, and less than with them held."""
     moved = study.add("veiling-glare", fraction=0.01)
-    quick, held = moved.predictions()[0], moved.predictions(refit=False)[0]
+    quick, fixed = moved.predictions()[0], moved.predictions(refit=False)[0]
     rendered, prepared = quick.base.rendered, quick.base.validation.prepared
     signal = rendered.predictor.signal(moved.effects)
     complete = refitted_picture(prepared, replace(rendered, signal=signal), moved.effects)
     expected = replace(quick, rendered=complete)
     assert quick.chi2.value == pytest.approx(expected.chi2.value, rel=0.02)
-    assert quick.chi2.value < held.chi2.value
+    assert quick.chi2.value < fixed.chi2.value
 
 
 def test_chi2_is_that_of_the_comparison(study):
-    for one in (study, study.add("veiling-glare", fraction=0.01)):
-        prediction = one.predictions()[0]
+    for study_of_effects in (study, study.add("veiling-glare", fraction=0.01)):
+        prediction = study_of_effects.predictions()[0]
         assert prediction.chi2.value == pytest.approx(prediction.comparison.chi2.value, rel=1e-9)
         assert prediction.chi2.dof == pytest.approx(prediction.comparison.chi2.dof)
 
@@ -93,9 +93,9 @@ def test_two_captures_know_an_effect_better_than_one(study, fitted):
     pictures = study_module._Pictures(2 * study._pictures.prepared, study.model)
     pictures._bases.get((), lambda: 2 * study._bases(NO_PROGRESS))
     twice = replace(study, _pictures=pictures).add("veiling-glare", fraction=0.01).fit()
-    one, both = fitted.effects[0], twice.effects[0]
-    assert both.values["fraction"] == pytest.approx(one.values["fraction"], rel=1e-3)
-    assert both.sigma["fraction"] == pytest.approx(one.sigma["fraction"] / 2**0.5, rel=0.05)
+    single, both = fitted.effects[0], twice.effects[0]
+    assert both.values["fraction"] == pytest.approx(single.values["fraction"], rel=1e-3)
+    assert both.sigma["fraction"] == pytest.approx(single.sigma["fraction"] / 2**0.5, rel=0.05)
     assert twice.chi2 == pytest.approx(fitted.chi2, rel=1e-3) and len(twice.predictions()) == 2
 
 
@@ -116,7 +116,7 @@ def test_nothing_is_done_twice(fitted, monkeypatch):
     assert again.predictions()[0] is fitted.predictions()[0]
 
 
-def test_a_rendered_study_comes_back_with_the_same_bits(fitted, place, monkeypatch):
+def test_a_rendered_study_comes_back_with_the_same_bits(fitted, path, monkeypatch):
     """Rendered with its effects it stays near what was predicted; opened again it is the same, with its history.
 
     Neither rendered nor fitted again; and not calibrated where its capture is open.
@@ -124,14 +124,14 @@ def test_a_rendered_study_comes_back_with_the_same_bits(fitted, place, monkeypat
     rendered = fitted.render()
     assert rendered.rendered and not fitted.rendered
     assert rendered.chi2 == pytest.approx(fitted.chi2, rel=0.25)
-    study_json, model = rendered.write(place / "saved")
+    study_json, model = rendered.write(path / "saved")
     assert load_model(model).effects[0].sigma == fitted.effects[0].sigma
     monkeypatch.setattr(picture_cache, "gather", None)
     monkeypatch.setattr(fit_cache, "fit_nuisances", None)
-    opened = Study.read(place / "saved", cache=place / "cache")
+    opened = Study.read(path / "saved", cache=path / "cache")
     assert same_bits(opened, rendered)
     monkeypatch.setattr(study_module, "prepare", None)
-    assert same_bits(Study.read(place / "saved", calibrated_study=opened), rendered)
+    assert same_bits(Study.read(path / "saved", calibrated_study=opened), rendered)
     assert [e.id for e in opened.undo().effects] == ["veiling-glare"] and opened.undo().undo().effects == ()
     content = json.loads(study_json.read_text())
     assert content["captures"] == ["../capture"] and len(content["states"]) == 3

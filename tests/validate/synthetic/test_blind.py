@@ -69,8 +69,8 @@ def test_a_new_seal_over_the_old_one_has_another_hash(sealed):
 def test_the_hash_told_decides_whether_the_answer_is_opened(sealed, cbox, which, code):
     folder, digest = sealed
     options = {"told": ["--hash", digest.upper()], "none": [], "other": ["--hash", "0" * 64]}[which]
-    found, out, err = cbox("reveal", folder, *options)
-    assert found == code
+    record, out, err = cbox("reveal", folder, *options)
+    assert record == code
     assert digest in (err if code else out)
     assert ("veiling-glare" in out) == (code == 0)
     assert ("did not compare it" in out) == (which == "none")
@@ -108,11 +108,11 @@ def test_a_capture_without_a_seal_is_named(tmp_path):
 
 def test_drawn_effects_are_physical_and_never_nothing():
     generator = np.random.default_rng(0)
-    drawn = [draw_effect(generator, cornell_box(), BANDS) for _ in range(400)]
+    effects = [draw_effect(generator, cornell_box(), BANDS) for _ in range(400)]
     possible = {name for name, effect in catalogue().items() if effect.stage in PHOTOGRAPHED}
     # Each of n effects misses 400 draws with probability (1 - 1/n)^400, below 1e-5 for n up to 35.
-    assert {effect.id for effect in drawn} == possible
-    for effect in drawn:
+    assert {effect.id for effect in effects} == possible
+    for effect in effects:
         apply_checked(effect.id, effect.values, "test")  # within its bounds
         numbers = [p for p in effect.effect.parameters if not p.choices and p.null is not None]
         assert all(effect.values[p.name] != p.null for p in numbers)
@@ -120,10 +120,10 @@ def test_drawn_effects_are_physical_and_never_nothing():
 
 def test_effects_are_drawn_on_what_the_box_and_the_capture_hold():
     box, generator = box_with_lamp(0.5), np.random.default_rng(1)
-    drawn = [draw_effect(generator, box, ("g1", "g2")) for _ in range(300)]
-    assert {effect.values["material"] for effect in drawn if "material" in effect.values} == {"grey"}
-    assert {effect.values["band"] for effect in drawn if "band" in effect.values} == {"g1", "g2"}
-    assert not any("block" in effect.values for effect in drawn)
+    effects = [draw_effect(generator, box, ("g1", "g2")) for _ in range(300)]
+    assert {effect.values["material"] for effect in effects if "material" in effect.values} == {"grey"}
+    assert {effect.values["band"] for effect in effects if "band" in effect.values} == {"g1", "g2"}
+    assert not any("block" in effect.values for effect in effects)
     with pytest.raises(InputError, match="block-"):
         draw_effect(generator, box, ("g1", "g2"), ["block-pose"])
 
@@ -153,8 +153,8 @@ def test_a_right_diagnosis_scores():
 
 
 def test_a_wrong_first_answer_scores_by_rank():
-    found = diagnosis([("dark-offset", {"dn": 3.0}), ("veiling-glare", {"fraction": 0.005})], ["dark-offset"])
-    result = score(HIDDEN, found)
+    outcome = diagnosis([("dark-offset", {"dn": 3.0}), ("veiling-glare", {"fraction": 0.005})], ["dark-offset"])
+    result = score(HIDDEN, outcome)
     assert not result.first and not result.exact
     assert result.falsely_selected == ("dark-offset",)
     assert result.effects[0].rank == 2 and not result.effects[0].selected

@@ -86,7 +86,7 @@ def sensing_of(settings, flat, frame_bands=None):
     )
     count = len(pick)
     light = photographed_light(picture(), [], None, CAMERA, settings)[1][pick] * flat
-    level = np.array([plane[own].mean() for plane, own in zip(light, pixels, strict=True)])
+    level = np.array([plane[mask].mean() for plane, mask in zip(light, pixels, strict=True)])
     current = settings.dark_current_e_s / settings.gain_e_per_dn
     dark = {kind: np.full(count, settings.bias_dn + current * t) for kind, t in EXPOSURES.items()}
     seconds = {kind: np.full(count, t) for kind, t in EXPOSURES.items()}
@@ -123,10 +123,10 @@ def test_the_raw_frames_are_those_expected(pattern, name):
     sensing = sensing_of(settings, flat)
     light = scene_light(picture(), after_stage(sensing.curves, effects, "filter"), CAMERA)
     expected = expected_counts(light, sensing, effects, CAMERA)
-    found = simulated(settings, flat, effects, picture())
-    for band, own in enumerate(sensing.mosaic.pixels):
-        np.testing.assert_allclose(found["band"][own], expected.scene[band][own], rtol=1e-9)
-        np.testing.assert_allclose(found["reference"][own], expected.reference[band][own], rtol=1e-9)
+    frames_made = simulated(settings, flat, effects, picture())
+    for band, mask in enumerate(sensing.mosaic.pixels):
+        np.testing.assert_allclose(frames_made["band"][mask], expected.scene[band][mask], rtol=1e-9)
+        np.testing.assert_allclose(frames_made["reference"][mask], expected.reference[band][mask], rtol=1e-9)
 
 
 @pytest.mark.parametrize("pattern", ["RGGB", PATTERNS["X-Trans"]], ids=["RGGB", "X-Trans"])
@@ -141,14 +141,14 @@ def test_crosstalk_goes_from_colour_to_colour(pattern):
     shared = (1 - f) * raw + f / 4 * (around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:])
     assert shared.sum() == pytest.approx(raw.sum(), rel=1e-12)
     signal = expected_signal(picture(), sensing, [apply_checked("crosstalk", {"fraction": f}, "test")], CAMERA)
-    for band, own in enumerate(sensing.mosaic.pixels):
+    for band, mask in enumerate(sensing.mosaic.pixels):
         # the flat is divided out channel by channel: where a channel's neighbours are alike it changes the level only
-        inner = np.zeros_like(own)
-        inner[1:-1, 1:-1] = own[1:-1, 1:-1]
+        inner = np.zeros_like(mask)
+        inner[1:-1, 1:-1] = mask[1:-1, 1:-1]
         ratio = signal[band][inner] / shared[inner]
         assert ratio.std() / ratio.mean() < (0.03 if " " in pattern else 1e-3)
-    means = [light.signal[band][own].mean() for band, own in enumerate(sensing.mosaic.pixels)]
-    change = [signal[band][own].mean() / means[band] for band, own in enumerate(sensing.mosaic.pixels)]
+    means = [light.signal[band][mask].mean() for band, mask in enumerate(sensing.mosaic.pixels)]
+    change = [signal[band][mask].mean() / means[band] for band, mask in enumerate(sensing.mosaic.pixels)]
     assert change[int(np.argmin(means))] > 1.01 > 1.0 > change[int(np.argmax(means))]
 
 
@@ -156,14 +156,14 @@ def test_a_channel_in_no_band_shows_the_band_s_light_times_their_ratio():
     """A frame of which only green stands in a band is predicted as the whole frame, for light of one spectrum."""
     settings = behind_mosaic(CaptureSettings(), "RGGB")
     flat = flat_of(settings)
-    whole, green = sensing_of(settings, flat), sensing_of(settings, flat, [1])
+    all_channels, green = sensing_of(settings, flat), sensing_of(settings, flat, [1])
     effects = [apply_checked("crosstalk", {"fraction": 0.1}, "test")]
-    light = scene_light(picture(uniform=True), whole.curves, CAMERA).signal.mean(axis=(1, 2))
-    unseen = tuple(UnseenChannel(0, whole.mosaic.pixels[band], light[band] / light[1]) for band in (0, 2))
+    light = scene_light(picture(uniform=True), all_channels.curves, CAMERA).signal.mean(axis=(1, 2))
+    unseen = tuple(UnseenChannel(0, all_channels.mosaic.pixels[band], light[band] / light[1]) for band in (0, 2))
     green = replace(green, mosaic=Interleaving(green.mosaic.pixels, ((0,),), unseen))
-    pixels = whole.mosaic.pixels[1]
+    pixels = all_channels.mosaic.pixels[1]
     alone, together = (
         expected_counts(scene_light(picture(uniform=True), s.curves, CAMERA), s, effects, CAMERA).scene[i][pixels]
-        for s, i in ((green, 0), (whole, 1))
+        for s, i in ((green, 0), (all_channels, 1))
     )
     np.testing.assert_allclose(alone, together, rtol=1e-3)

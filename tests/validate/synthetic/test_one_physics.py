@@ -85,17 +85,17 @@ def constants(effects: list[AppliedEffect], flat: np.ndarray) -> Sensing:
     """What a calibration without any error finds before the counts' effects act."""
     _, field, _ = photographed_light(image(), [e for e in effects if e.stage == "filter"], None, CAMERA, SETTINGS)
     unit = unit_factors(SETTINGS, SIZE, grid=FILTER_GRID)
-    seen = field * flat
+    signal = field * flat
     sphere = np.tile(sphere_spectrum().at(WAVELENGTH_NM), (len(BANDS), 1))
-    level = seen.mean(axis=(1, 2)) * EXPOSURES["flat"]
-    everywhere = np.ones(seen.shape, bool)
+    level = signal.mean(axis=(1, 2)) * EXPOSURES["flat"]
+    everywhere = np.ones(signal.shape, bool)
     dark = {kind: SETTINGS.bias_dn + DARK_DN_S * seconds for kind, seconds in EXPOSURES.items()}
     scene = ResponseFactors(unit.bands, unit.grid, unit.transmittance, unit.rest, unit.factor * EXPOSURES["band"])
     return Sensing(
         curves=over_field(scene, CAMERA),
         flat_radiance=sphere,
         reference_radiance=sphere,
-        flat=seen / seen.mean(axis=(1, 2), keepdims=True),
+        flat=signal / signal.mean(axis=(1, 2), keepdims=True),
         usable=everywhere,
         good=everywhere,
         flat_level=level,
@@ -121,7 +121,7 @@ def test_every_effect_behind_the_scene_has_a_case():
 def test_the_frames_are_those_expected(names):
     effects = [apply_checked(name, VALUES[name], "test") for name in names]
     flat = pixel_maps(CAMERA, SETTINGS, np.random.default_rng(1)).flat
-    found, sensing = photographed(effects, flat), constants(effects, flat)
+    frames_made, sensing = photographed(effects, flat), constants(effects, flat)
     light = scene_light(image(), after_stage(sensing.curves, effects, "filter"), CAMERA)
     expected = expected_counts(light, sensing, effects, CAMERA)
     for kind, frame, dark in (
@@ -129,11 +129,11 @@ def test_the_frames_are_those_expected(names):
         ("flat", expected.flat, expected.dark_flat),
         ("reference", expected.reference, expected.dark_reference),
     ):
-        np.testing.assert_allclose(found[kind], frame, rtol=1e-9, err_msg=kind)
-        np.testing.assert_allclose(found[f"dark-{kind}"], dark, rtol=1e-9, err_msg=f"dark of {kind}")
+        np.testing.assert_allclose(frames_made[kind], frame, rtol=1e-9, err_msg=kind)
+        np.testing.assert_allclose(frames_made[f"dark-{kind}"], dark, rtol=1e-9, err_msg=f"dark of {kind}")
     if names:
         plain = photographed([], flat)
-        assert max(np.abs(found[kind] / plain[kind] - 1).max() for kind in EXPOSURES) > 1e-3
+        assert max(np.abs(frames_made[kind] / plain[kind] - 1).max() for kind in EXPOSURES) > 1e-3
 
 
 @pytest.mark.parametrize("name", ["nonlinearity", "shutter-offset", "dark-offset", "lamp-drift"])

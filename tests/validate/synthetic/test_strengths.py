@@ -19,12 +19,12 @@ BANDS = tuple(band_filters())
 def test_the_distance_from_null_is_scaled_until_the_strength_is_reached():
     """Chi2 that grows with the square of the amplitude: the answer is known."""
     weak = apply_checked("block-pose", {"dx_mm": 1.0, "dz_mm": -0.5, "yaw_deg": 0.1}, "test")
-    found = at_strength(weak, 8.0, lambda e: 0.02 * float(e.values["dx_mm"]) ** 2)
-    assert found is not None
-    assert found.values["dx_mm"] == pytest.approx(20.0, rel=0.02)
-    assert found.values["dz_mm"] == pytest.approx(-0.5 * found.values["dx_mm"])
-    assert found.values["yaw_deg"] == pytest.approx(0.1 * found.values["dx_mm"])
-    less = at_strength(found, 0.06, lambda e: 0.02 * float(e.values["dx_mm"]) ** 2)
+    scaled = at_strength(weak, 8.0, lambda e: 0.02 * float(e.values["dx_mm"]) ** 2)
+    assert scaled is not None
+    assert scaled.values["dx_mm"] == pytest.approx(20.0, rel=0.02)
+    assert scaled.values["dz_mm"] == pytest.approx(-0.5 * scaled.values["dx_mm"])
+    assert scaled.values["yaw_deg"] == pytest.approx(0.1 * scaled.values["dx_mm"])
+    less = at_strength(scaled, 0.06, lambda e: 0.02 * float(e.values["dx_mm"]) ** 2)
     assert less is not None and less.values["dx_mm"] == pytest.approx(np.sqrt(3), rel=0.02)
     assert at_strength(weak, 8.0, lambda e: 1e-6 * float(e.values["dx_mm"]) ** 2) is None
 
@@ -34,17 +34,17 @@ def test_strength_grows_with_the_square_of_an_effect_and_holds_no_noise_of_its_p
     """An offset's chi2 is its square's to rounding. A block's small motion changes pixels by less than their rays'
     noise: of a tenth of a motion a hundredth is left, to which squares would add their noise."""
     scale = scale_of(Model(), cornell_camera(32), CaptureSettings(), 5)
-    one, two = (scale(apply_checked("dark-offset", {"dn": dn}, "test")) for dn in (0.3, 0.6))
-    assert one > 0 and two / one == pytest.approx(4.0, rel=2e-3)
+    weak, two = (scale(apply_checked("dark-offset", {"dn": dn}, "test")) for dn in (0.3, 0.6))
+    assert weak > 0 and two / weak == pytest.approx(4.0, rel=2e-3)
     far, near = (scale(apply_checked("block-pose", {"block": "tall", "dx_mm": dx}, "test")) for dx in (3.0, 0.3))
     assert near / far == pytest.approx(1 / 100, rel=0.3)
 
 
 def test_an_index_is_scaled_in_the_square_of_its_inverse():
     shift = apply_checked("filter-shift", {"effective_index": 2.0}, "test")
-    found = at_strength(shift, 1.0, lambda e: 100 * float(e.values["effective_index"]) ** -4)
-    assert found is not None
-    assert found.values["effective_index"] == pytest.approx(100**0.25, rel=0.01)
+    scaled = at_strength(shift, 1.0, lambda e: 100 * float(e.values["effective_index"]) ** -4)
+    assert scaled is not None
+    assert scaled.values["effective_index"] == pytest.approx(100**0.25, rel=0.01)
 
 
 def test_interreflection_is_drawn_only_where_it_is_named():

@@ -144,11 +144,11 @@ def test_the_survey_and_the_lamp_are_those_before_the_effect(image, scene, tmp_p
         apply_checked("camera-pose", {"rx_deg": 0.5, "tx_mm": 8.0}, "test"),
         apply_checked("lamp-power", {"scale": 1.2}, "test"),
     ]
-    for name, given in (("plain", []), ("moved", effects)):
+    for name, effects_of_capture in (("plain", []), ("moved", effects)):
         photograph_image(
             tmp_path / name,
             image,
-            given,
+            effects_of_capture,
             None,
             scene,
             perturbed_camera(SIZE, SEED),

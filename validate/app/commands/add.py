@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import folder_lock
+from cboxlab.utils.numbers import number_of
 from cboxlab.utils.progress import share
 
 from .arguments import JsonOption, complete_effect
@@ -123,7 +125,5 @@ def _pair(text: str) -> tuple[str, str | float]:
     key, separator, value = text.partition("=")
     if not separator or not key or not value:
         raise InputError("cbox add", repr(text), "key=value, such as fraction=0.02")
-    try:
-        return key, float(value)
-    except ValueError:
-        return key, value
+    number = number_of(value)
+    return (key, value) if math.isnan(number) else (key, number)

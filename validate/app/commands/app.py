@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Cancelled
 from rich.text import Text
 
-from ..terminal import command_line, this_run
+from ..terminal import command_line, require_numbers, this_run
 from .add import add
 from .batch import batch
 from .calibrate import calibrate
@@ -48,32 +48,34 @@ _MIN_ADDRESS_SPACE = 2 * 2**30
 #: Exit code of an interrupted command, as of a shell: 128 and the number of SIGINT.
 _INTERRUPTED = 130
 
+#: Functions of all commands, in the sequence of the help.
+_COMMANDS = (
+    demo,
+    validate,
+    calibrate,
+    hyperspectral,
+    import_,
+    compare,
+    verify,
+    batch,
+    diagnose,
+    studio,
+    trend,
+    regress,
+    export,
+    renderers,
+    render,
+    simulate,
+    dataset,
+    capture,
+    reveal,
+    add,
+    effects,
+)
 #: The command line.
 app = command_line(
     "Measure how far a physically based rendering is from photographs of a real Cornell box, where, and why.",
-    (
-        demo,
-        validate,
-        calibrate,
-        hyperspectral,
-        import_,
-        compare,
-        verify,
-        batch,
-        diagnose,
-        studio,
-        trend,
-        regress,
-        export,
-        renderers,
-        render,
-        simulate,
-        dataset,
-        capture,
-        reveal,
-        add,
-        effects,
-    ),
+    _COMMANDS,
 )
 
 
@@ -94,6 +96,7 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
     try:
         _require_letters(command)
         _require_address_space()
+        require_numbers(command, _COMMANDS)
         app(prog_name="cbox", args=command)
     except SystemExit as ended:
         if ended.code == _INTERRUPTED:  # Typer ends an interrupted command without a message

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .number_options import command_name
 from .output import STANDARD_OUTPUT, show_results_apart, this_run
 
 __all__ = ["JsonOption", "command_line"]
@@ -70,8 +71,7 @@ def command_line(help_text: str, commands: Iterable[Callable[..., Any]]) -> type
     app.callback()(_root)
     for command in commands:
         summary = inspect.cleandoc(command.__doc__ or "").partition("\n")[0]  # else it is cut to one line
-        name = command.__name__.rstrip("_").replace("_", "-")  # import_ is `import`, a word of Python
-        app.command(name, short_help=summary)(_with_common_options(command))
+        app.command(command_name(command), short_help=summary)(_with_common_options(command))
     return app
 
 

@@ -41,6 +41,10 @@ _CLEAR_FILTER = 1.6
 _GROSS = 0.2
 #: Variance of means over that of independent pixels in such pictures: that of a pixel filter three pixels wide.
 _WIDEST_FILTER = 6.0
+#: Groups of pixels by their light, in which a change by light is looked for.
+_LIGHT_GROUPS = 8
+#: Fewest pixels of such a group.
+_MIN_LIGHT_PX = 12
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
 _MIN_PIXELS_PER_BAND = 8
 #: Standard deviations at which residuals are clipped in the correlation between wavelengths: outliers would rule it.
@@ -394,8 +398,9 @@ def _clustering(
     if paired:
         sigma = np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300))
         sigma = sigma * max(float(np.sqrt(np.mean((total / sigma)[smooth] ** 2))) if smooth.any() else 1.0, 1e-300)
-    quotient = total / sigma
-    single = difference_variance(np.clip(quotient, -50, 50), smooth)
+    steady = total - _by_light(total, level, smooth) if estimated else total
+    single = difference_variance(np.clip(total / sigma, -50, 50), smooth)
+    quotient = steady / sigma
     if not smooth.any():
         return 1.0, single
     middle = np.median(quotient[smooth])
@@ -414,6 +419,25 @@ def _clustering(
     elif not stepped and (estimated or (apart < _MOST_APART and spread < _MOST_SPREAD)):
         ratio = max(ratio, of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
+
+
+def _by_light(total: NDArray, level: NDArray, smooth: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(y, x) part of a difference that is a function of the light.
+
+    A factor, a constant and a power are such functions, noise is none. The part is the median of pixels of similar
+    light.
+    """
+    used = smooth & (level > 1e-3 * max(float(level.mean()), 1e-300))
+    if used.sum() < _LIGHT_GROUPS * _MIN_LIGHT_PX:
+        return np.zeros_like(total)
+    # the mean of both pictures, whose noise is nearly independent of their difference's
+    half = np.maximum(level + 0.5 * total, 1e-3 * float(level.mean()))
+    light, relative = np.log(half[used]), total[used] / half[used]
+    groups = np.array_split(np.argsort(light), _LIGHT_GROUPS)
+    at, medians = (np.array([np.median(values[g]) for g in groups]) for values in (light, relative))
+    result = np.zeros_like(total)
+    result[used] = half[used] * np.interp(light, at, medians)
+    return result
 
 
 def batch_clustering(batches: NDArray[np.float64], level: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:

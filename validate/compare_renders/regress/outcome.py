@@ -130,7 +130,7 @@ class Outcome(FrozenMappings):
         """Pattern whose means cancel, in words; None without one that decides.
 
         A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one. Scatter at edges
-        is stated where nothing else differs.
+        is stated where nothing else differs, a ripple where nothing else is clearer.
         """
         rows = {kind: row for kind in CANCELLING for row in reversed(self.of_kind(kind)) if row.different}
         others = any(row.different for row in self.pools if row.kind not in CANCELLING)
@@ -138,7 +138,9 @@ class Outcome(FrozenMappings):
             del rows["texture"]
         if "dark" in rows:
             return f"{rows['dark'].pixels} {rows['dark'].name}"
-        for kind in ("grid", "steps", "tile", "line", "texture"):
+        if "wave" in rows and rows["wave"] is not self.deciding[0]:
+            del rows["wave"]
+        for kind in ("grid", "wave", "steps", "tile", "line", "texture"):
             if kind in rows:
                 return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of the light"
         return None
@@ -259,7 +261,7 @@ class Outcome(FrozenMappings):
             "even": {row.name: _record(row) for row in self.of_kind("even")},
             "blocks": {row.name: _record(row) for row in self.of_kind("block")},
             "spread": {row.name: _record(row) for row in self.of_kind("spread")},
-            "order": {row.name: _record(row) for row in self.of_kind("order")},
+            "order": {row.name: _record(row) for kind in ("order", "place") for row in self.of_kind(kind)},
             "deciding": [f"{row.kind}: {row.name}" for row in self.deciding],
             "false_alarm_rate": self.false_alarms,
             "outliers": {"pixels": self.outliers, "relative_light": self.outlier_share},

@@ -28,10 +28,12 @@ from .patterns import (
     block_spread,
     dark_pixels,
     mirror_order,
+    moved_texture,
     odd_lines,
     odd_tiles,
     periodic,
     pool_of_finding,
+    ripple,
     textures,
     tile_steps,
 )
@@ -250,7 +252,7 @@ def difference_of(pooling: Pooling) -> Difference:
 def cancelling_patterns(
     pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
 ) -> tuple[PooledMean, ...]:
-    """Tests of patterns whose means cancel.
+    """Tests of patterns whose means cancel, and of the place of fine structure.
 
     Parameters
     ----------
@@ -265,18 +267,27 @@ def cancelling_patterns(
         One for each kind of pattern, at its clearest instance.
     """
     difference = difference_of(pooling)
-    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in CANCELLING}
+    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in (*CANCELLING, "place")}
     findings = [
         ("grid", periodic(difference)),
+        ("wave", ripple(difference, _steps(pooling))),
         ("line", odd_lines(difference)),
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
         ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
+        ("place", moved_texture(baseline, candidate)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)
     share = critical["texture"] / max(len(of_texture), 1)
     return (*rows, *(pool_of_finding("texture", finding, share) for finding in of_texture))
+
+
+def _steps(pooling: Pooling) -> float:
+    """Relative standard deviation from the steps of files; 0 for fine steps."""
+    if pooling.shared is None:
+        return 0.0
+    return float(pooling.shared.sum()) / max(float(pooling.level.sum()), 1e-300)
 
 
 def _pool_of(

@@ -13,6 +13,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.other_packages import entries_of, loaded
 
 from ..field_fit import Family
+from ._of_other_packages import checked_family
 
 __all__ = ["families"]
 
@@ -32,7 +33,7 @@ def families() -> dict[str, Family]:
     Raises
     ------
     InputError
-        If an entry point cannot be loaded, is no Family, or has the identifier of another.
+        If an entry point cannot be loaded, is no sound Family, or has the identifier of another.
     """
     names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
     members: dict[str, Family] = {}
@@ -40,7 +41,7 @@ def families() -> dict[str, Family]:
         family = import_module(f"{__name__}.{name}").FAMILY
         members[family.id] = family
     for where, entry in entries_of(_GROUP):
-        family = loaded(where, entry, Family)
+        family = checked_family(loaded(where, entry, Family), where)
         if family.id in members:
             raise InputError(where, f"'{family.id}', the identifier of another family", "a new identifier")
         members[family.id] = family

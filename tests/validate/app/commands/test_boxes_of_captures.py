@@ -13,20 +13,20 @@ from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from helpers.command_line import assert_one_line_of_help
 
 
-@pytest.mark.parametrize("given", [False, True])
-def test_a_capture_of_another_box_is_told_before_the_work(given, tmp_path, capsys):
+@pytest.mark.parametrize("capture_folder", [False, True])
+def test_a_capture_of_another_box_is_told_before_the_work(capture_folder, tmp_path, capsys):
     """It was compared with the published box for minutes, and was unknown."""
     capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "other")
     manifest = capture / "capture.toml"
     manifest.write_text(manifest.read_text().replace('scene = "cornell-box"', 'scene = "my-box"'))
     model = tmp_path / "model.toml"
     model.write_text('format = "model/1"\nscene = "cornell-box"\n')
-    model, captures = console.load_inputs(model if given else None, [DEMO_CAPTURE, capture])
+    model, captures = console.load_inputs(model if capture_folder else None, [DEMO_CAPTURE, capture])
     assert model.scene.origin.reference == "cornell-box"
     assert [loaded.folder for loaded in captures] == [DEMO_CAPTURE, capture]
     err = capsys.readouterr().err
     expected = f'{manifest}: scene is "my-box", but the model is "cornell-box". Give the box with --model.\n'
-    assert err == ("" if given else expected)
+    assert err == ("" if capture_folder else expected)
 
 
 @pytest.fixture

@@ -107,10 +107,10 @@ FAULTS = {
 @pytest.mark.parametrize("command", ["validate", "calibrate"])
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_broken_capture_is_one_line_of_help(name, command, capture, tmp_path, cbox):
-    break_it, words = FAULTS[name]
+    break_it, phrases = FAULTS[name]
     break_it(capture)
     outcome = cbox(command, capture, "--out", tmp_path / "out")
-    assert_one_line_of_help(outcome, [*words, "expected"])
+    assert_one_line_of_help(outcome, [*phrases, "expected"])
     assert {path.name for path in tmp_path.iterdir()} == {"capture"}
 
 
@@ -144,6 +144,10 @@ MISTAKES = [
     ),
     ("render cornell-box --out {t}/a.nc --wavelengths 400:700:0", ["--wavelengths", "400:700:0"]),
     ("render cornell-box --out {t}/a.nc --wavelengths 400,x", ["--wavelengths", "400,x"]),
+    ("render cornell-box --out {t}/a.nc --size 1_6", ["--size", "'1_6'", "a whole number"]),
+    ("render cornell-box --out {t}/a.nc --percentile 9_0", ["--percentile", "'9_0'", "a number"]),
+    ("render cornell-box --out {t}/a.nc --percentile=nan", ["--percentile", "'nan'", "a number"]),
+    ("add {t}/model.toml veiling-glare fraction=0_3", ["fraction", "'0_3'", "a number from 0 to 0.5"]),
     ("render cornell-box --out {t}/a.nc --noise -1", ["--noise", "-1", "above 0"]),
     ("render cornell-box --out {t}/a.nc --camera {t}", ["capture.toml"]),
     ("simulate {t}/none.nc --out {t}/a.tif", ["none.nc", "no such file"]),
@@ -168,12 +172,12 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("command", "words"), MISTAKES, ids=[command for command, _ in MISTAKES])
-def test_a_mistake_is_one_line_of_help(command, words, tmp_path, cbox):
+@pytest.mark.parametrize(("command", "phrases"), MISTAKES, ids=[command for command, _ in MISTAKES])
+def test_a_mistake_is_one_line_of_help(command, phrases, tmp_path, cbox):
     (tmp_path / "file").write_text("neither a folder nor = a model")
-    places = {"t": tmp_path, "d": DEMO_CAPTURE}
-    outcome = cbox(*command.format(**places).split())
-    assert_one_line_of_help(outcome, [word.format(**places) for word in words])
+    folders = {"t": tmp_path, "d": DEMO_CAPTURE}
+    outcome = cbox(*command.format(**folders).split())
+    assert_one_line_of_help(outcome, [word.format(**folders) for word in phrases])
     assert {path.name for path in tmp_path.iterdir()} == {"file"}
 
 
@@ -296,10 +300,10 @@ def test_a_capture_is_photographed_by_the_camera_given(tmp_path, cbox):
     assert code == 0 and "32 x 24 px" in out
     assert load_capture(tmp_path / "own").shape == (24, 32)
     points = np.genfromtxt(tmp_path / "own" / "points.csv", delimiter=",", names=True)
-    place, seen = (
+    photo, camera_seen = (
         np.stack([points[n] for n in names], axis=-1) for names in (("x_mm", "y_mm", "z_mm"), ("u_px", "v_px"))
     )
-    off = np.linalg.norm(camera.project(place) - seen, axis=1)
+    off = np.linalg.norm(camera.project(photo) - camera_seen, axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.5
 
 
@@ -345,7 +349,7 @@ def test_calibrate_init_names_the_files_it_left_out(tmp_path, cbox):
 @pytest.mark.parametrize("command", ["diagnose", "studio"])
 def test_what_needs_a_compiler_says_so_before_it_computes(cbox, monkeypatch, command):
     monkeypatch.setattr("cboxlab.rendering.device.variant.compiled", lambda: False)
-    code, out, told = cbox(command, DEMO_CAPTURE)
+    code, out, errors = cbox(command, DEMO_CAPTURE)
     assert code == 2 and not out
     expected = "no compiled variant; expected LLVM 16 or newer, or a GPU. Debian/Ubuntu: apt install libllvm19"
-    assert " ".join(told.split()) == f"error: cbox {command}: found {expected}"
+    assert " ".join(errors.split()) == f"error: cbox {command}: found {expected}"

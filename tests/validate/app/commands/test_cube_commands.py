@@ -66,11 +66,11 @@ def test_a_cube_says_where_it_comes_from(cubes, tmp_path):
     """Model, seed, version, camera and command, in NetCDF and, after a round trip, in OpenEXR."""
     cube = read_cube(cubes / "2.nc")
     write_cube(tmp_path / "2.exr", cube)
-    for found in (cube.attrs, read_cube(tmp_path / "2.exr").attrs):
-        assert found["seed"] == "2" and found["cboxlab_version"] == version("cboxlab")
-        assert found["command"].startswith("cbox render cornell-box --size 32 --wavelengths 400:700:50")
-        assert json.loads(found["camera"])["width_px"] == 32
-        (tmp_path / "model.toml").write_text(found["model"])
+    for attributes in (cube.attrs, read_cube(tmp_path / "2.exr").attrs):
+        assert attributes["seed"] == "2" and attributes["cboxlab_version"] == version("cboxlab")
+        assert attributes["command"].startswith("cbox render cornell-box --size 32 --wavelengths 400:700:50")
+        assert json.loads(attributes["camera"])["width_px"] == 32
+        (tmp_path / "model.toml").write_text(attributes["model"])
         assert load_model(tmp_path / "model.toml").scene.origin.reference == "cornell-box"
 
 
@@ -80,36 +80,36 @@ def test_a_simulation_names_the_faulty_cube_and_tells_saturation(cubes, tmp_path
     cube.to_netcdf(tmp_path / "gap.nc", engine="h5netcdf")
     code, _, said = cbox("simulate", cubes / "1.nc", tmp_path / "gap.nc", "--out", tmp_path / "{name}.tif")
     assert code == 2 and f"{tmp_path / 'gap.nc'}: radiance[3, 4, 2]" in said
-    for seconds, told in (("auto", False), ("1e6", True)):
+    for seconds, is_saturated in (("auto", False), ("1e6", True)):
         code, out, _ = cbox("simulate", cubes / "1.nc", "--out", tmp_path / "a.tif", "--exposure", seconds)
-        assert code == 0 and ("of the pixels are saturated" in out) == told
+        assert code == 0 and ("of the pixels are saturated" in out) == is_saturated
 
 
 def test_cubes_frames_and_verdicts_are_verified(cubes, tmp_path, cbox):
     """Each has a manifest next to it, or, being a folder, in it; a result or an input that changed is named."""
-    one, envi, frame, folder = (tmp_path / name for name in ("1.nc", "cube.hdr", "frame.tif", "capture"))
-    one.write_bytes((cubes / "1.nc").read_bytes())
+    plain, envi, frame, folder = (tmp_path / name for name in ("1.nc", "cube.hdr", "frame.tif", "capture"))
+    plain.write_bytes((cubes / "1.nc").read_bytes())
     assert cbox("render", "cornell-box", "--size", 8, "--wavelengths", "500,600", "--samples", 4, "--out", envi)[0] == 0
-    assert cbox("simulate", one, "--out", frame, "--seed", 3)[0] == 0
-    assert cbox("simulate", one, "--out", folder)[0] == 0
+    assert cbox("simulate", plain, "--out", frame, "--seed", 3)[0] == 0
+    assert cbox("simulate", plain, "--out", folder)[0] == 0
     verdict, table = tmp_path / "verdict.json", tmp_path / "verdict.xml"
-    code = cbox("regress", one, cubes / "2.nc", "--json", verdict, "--junit", table)[0]
+    code = cbox("regress", plain, cubes / "2.nc", "--json", verdict, "--junit", table)[0]
     assert code in (0, 1)
     for path in (cubes / "2.nc", envi, frame, folder, verdict, table):
         code, said, _ = cbox("verify", path)
         assert code == 0 and "are unchanged" in said
     assert json.loads((tmp_path / "frame.tif.manifest.json").read_text())["seed"] == 3
     envi.with_suffix(".img").write_bytes(b"")
-    one.write_bytes(b"")
-    for path, words in (
+    plain.write_bytes(b"")
+    for path, phrase in (
         (envi, "cube.img: this result has changed"),
         (frame, "1.nc: this input has changed since"),
         (folder, "1.nc: this input has changed since"),
         (table, "1.nc: this input has changed since"),
     ):
         code, said, _ = cbox("verify", path)
-        assert code == 1 and words in said
-    assert_one_line_of_help(cbox("verify", one), ["1.nc.manifest.json"])
+        assert code == 1 and phrase in said
+    assert_one_line_of_help(cbox("verify", plain), ["1.nc.manifest.json"])
 
 
 def test_cubes_of_other_cameras_are_refused(cubes, tmp_path, cbox):
@@ -188,7 +188,7 @@ def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
 
 def test_luminances_are_told_with_the_cube(tmp_path, cbox):
     """Against the cube's own radiance summed by colour-science, on pixels away from edges; keys as in the manual."""
-    out, told = tmp_path / "a.nc", tmp_path / "a.json"
+    out, luminances = tmp_path / "a.nc", tmp_path / "a.json"
     code, said, _ = cbox(
         "render",
         "cornell-box",
@@ -203,9 +203,9 @@ def test_luminances_are_told_with_the_cube(tmp_path, cbox):
         "--out",
         out,
         "--json",
-        told,
+        luminances,
     )
-    record = json.loads(told.read_text())
+    record = json.loads(luminances.read_text())
     light = record["photometry"]
     assert code == 0 and "16 wavelengths from 400 to 700 nm" in said and "whole picture" in said
     rows = [*light["surfaces"].values(), light["lamp"], light["picture"]]

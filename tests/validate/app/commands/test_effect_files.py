@@ -62,17 +62,17 @@ def test_amplitudes_beyond_their_bounds_are_refused(written, cbox):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "phrases"),
     [
         ({"family": "none"}, ["explanation.family", "'none'"]),
         ({"field": None}, ["explanation.field", "Diagnose the capture again"]),
         ({"field": {"acts": "magic"}}, ["field.acts", "magic"]),
     ],
 )
-def test_an_explanation_without_a_field_gives_no_effect(record, changes, words, tmp_path, monkeypatch, cbox):
+def test_an_explanation_without_a_field_gives_no_effect(record, changes, phrases, tmp_path, monkeypatch, cbox):
     monkeypatch.chdir(tmp_path)
     diagnosis = _diagnosis(tmp_path, {**record, **changes})
-    assert_one_line_of_help(cbox("effects", "--new", "rows", "--from", diagnosis), words)
+    assert_one_line_of_help(cbox("effects", "--new", "rows", "--from", diagnosis), phrases)
     assert not (tmp_path / "rows.toml").exists()
 
 
@@ -101,7 +101,7 @@ def test_what_cannot_be_told_apart_is_said(record, tmp_path, monkeypatch, cbox):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "phrase"),
     [
         ('format = "effect/1"', 'format = "effect/2"', "'effect/1'"),
         ('kind = "rows"', 'kind = "columns"\norder = 99', "order"),
@@ -109,10 +109,10 @@ def test_what_cannot_be_told_apart_is_said(record, tmp_path, monkeypatch, cbox):
         ('acts = "offset"', 'acts = "reflectance"', "field.spectrum"),
     ],
 )
-def test_a_damaged_file_is_refused_with_the_place(written, old, new, words):
+def test_a_damaged_file_is_refused_with_the_place(written, old, new, phrase):
     text = (written / "rows.toml").read_text()
     assert old in text
     (written / "rows.toml").write_text(text.replace(old, new))
     with pytest.raises(InputError, match=r"rows\.toml") as caught:
         load_effect_file(written / "rows.toml")
-    assert words in str(caught.value)
+    assert phrase in str(caught.value)

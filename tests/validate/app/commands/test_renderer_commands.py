@@ -93,10 +93,10 @@ def test_renderers_are_run_and_what_they_wrote_is_collected(tmp_path, cbox, monk
     assert code == 0, err
     assert "tall-block" in said and "mitsuba: " in said
     record = json.loads((tmp_path / "found.json").read_text())
-    (found,) = record["renderers"]
-    assert set(found["surfaces"]) == set(found["bands"]) and len(found["bands"]["floor"]["sigma"]) == 2
-    assert abs(found["surfaces"]["back"]["relative_difference"]) < 0.05
-    assert found["variance_times_cpu_s"] > 0 and (out / "bias-mitsuba.png").stat().st_size > 1000
+    (renderer,) = record["renderers"]
+    assert set(renderer["surfaces"]) == set(renderer["bands"]) and len(renderer["bands"]["floor"]["sigma"]) == 2
+    assert abs(renderer["surfaces"]["back"]["relative_difference"]) < 0.05
+    assert renderer["variance_times_cpu_s"] > 0 and (out / "bias-mitsuba.png").stat().st_size > 1000
     assert cbox("verify", out)[0] == 0
     first = read_cube(out / "mitsuba.nc")
     (out / "mitsuba.nc").unlink()

@@ -26,7 +26,7 @@ def tree(*folders):
 
 
 @pytest.fixture(scope="module")
-def places(tmp_path_factory):
+def folders(tmp_path_factory):
     """The workbench's folder with a capture, and a folder of secrets next to it."""
     base = tmp_path_factory.mktemp("attacks")
     root, outside = base / "root", base / "outside"
@@ -45,20 +45,20 @@ def places(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def client(places):
-    app = build_app(Workbench(places[0], None, noise=3.0, seed=1), "secret", HOSTS, idle_s=1e9)
-    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as made:
-        yield made
+def client(folders):
+    app = build_app(Workbench(folders[0], None, noise=3.0, seed=1), "secret", HOSTS, idle_s=1e9)
+    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
+        yield test_client
 
 
 @pytest.fixture(autouse=True)
-def unchanged(places):
+def unchanged(folders):
     """Nothing is written outside the folder, and nothing in it is replaced."""
-    before = tree(*places)
+    before = tree(*folders)
     yield
-    after = tree(*places)
+    after = tree(*folders)
     assert {path: after.get(path) for path in before} == before
-    assert not {path for path in after if str(places[1]) in path} - set(before)
+    assert not {path for path in after if str(folders[1]) in path} - set(before)
 
 
 def answered(client, path, body):
@@ -87,9 +87,9 @@ def names(outside):
     return [*paths, f"//{outside}/secret.toml", f"./{'../' * 20}etc/passwd.toml", f"{outside}/../outside/secret.toml"]
 
 
-def test_names_that_leave_the_folder_are_refused(client, places):
+def test_names_that_leave_the_folder_are_refused(client, folders):
     count = 0
-    for name in names(places[1]):
+    for name in names(folders[1]):
         for path, body in [
             ("job/open", {"capture": name}),
             ("job/open", {"capture": "capture", "model": name}),
@@ -106,9 +106,9 @@ def test_names_that_leave_the_folder_are_refused(client, places):
     assert count > 200
 
 
-def test_files_below_the_folder_open_no_others(client, places):
+def test_files_below_the_folder_open_no_others(client, folders):
     """Scenes, tables, meshes, effects and captures that a model, a scene or a study names."""
-    root, outside = places
+    root, outside = folders
     scene = 'format = "scene/1"\nname = "x"\n[lamp]\nname = "l"\nradiance = "{table}"\n{more}'
     targets = [str(outside), "../outside", "linked"]
     folder = root / "hostile"
@@ -165,28 +165,28 @@ def test_a_folder_that_is_no_studys_is_not_written(client):
 
 
 @pytest.mark.parametrize("token", ["secret", ""])
-def test_foreign_names_and_pages_are_refused_with_and_without_a_token(places, token):
-    app = build_app(Workbench(places[0]), token, HOSTS)
+def test_foreign_names_and_pages_are_refused_with_and_without_a_token(folders, token):
+    app = build_app(Workbench(folders[0]), token, HOSTS)
     prefix = f"/{token}" if token else ""
     foreign = ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "localhost.evil.example", "[::2]", "", "0"]
-    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as made:
+    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
         for host, path in product(foreign, ["/", "/api/state", "/api/places", "/api/effects", "/studio.js"]):
             headers = {"host": host, "origin": f"http://{host}"}
-            assert made.get(prefix + path, headers=headers).status_code == 403, host
+            assert test_client.get(prefix + path, headers=headers).status_code == 403, host
         for origin in ["http://evil.example", "null", "http://127.0.0.1.evil.example", "http://127.0.0.1:1", "file://"]:
             for path in ("step/undo", "job/open", "cancel"):
-                answer = made.post(f"{prefix}/api/{path}", json={}, headers={"origin": origin})
+                answer = test_client.post(f"{prefix}/api/{path}", json={}, headers={"origin": origin})
                 assert answer.status_code == 403, origin
-        assert made.get(f"{prefix}/", headers={"origin": "http://127.0.0.1"}).status_code == 200
+        assert test_client.get(f"{prefix}/", headers={"origin": "http://127.0.0.1"}).status_code == 200
 
 
-def test_every_address_of_the_computer_is_allowed_but_no_foreign_name(places):
-    app = build_app(Workbench(places[0]), "", HOSTS | {ANY_ADDRESS, "laboratory"})
-    with TestClient(app, base_url="http://127.0.0.1") as made:
+def test_every_address_of_the_computer_is_allowed_but_no_foreign_name(folders):
+    app = build_app(Workbench(folders[0]), "", HOSTS | {ANY_ADDRESS, "laboratory"})
+    with TestClient(app, base_url="http://127.0.0.1") as test_client:
         for host in ("192.168.0.7:8000", "[fe80::1]:8000", "laboratory", "localhost:1"):
-            assert made.get("/", headers={"host": host}).status_code == 200
+            assert test_client.get("/", headers={"host": host}).status_code == 200
         for host in ("evil.example", "192.168.0.7.evil.example", "*", "laboratory.evil.example"):
-            assert made.get("/", headers={"host": host}).status_code == 403
+            assert test_client.get("/", headers={"host": host}).status_code == 403
 
 
 def test_a_file_of_another_folder_is_refused_before_it_is_looked_at(tmp_path):

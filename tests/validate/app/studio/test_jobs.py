@@ -18,16 +18,16 @@ def test_the_time_gone_is_told_between_reports(monkeypatch):
         all_jobs = jobs.Jobs()
         events = all_jobs.listen()
         await all_jobs.start("rendering", lambda progress: heard.wait(60), nothing)
-        told = [await events.get() for _ in range(4)]
+        reports = [await events.get() for _ in range(4)]
         heard.set()
         while (last := await events.get())["event"] == "progress":
             pass
         await asyncio.sleep(0.05)
         all_jobs.close()
-        return told, last, events.empty()
+        return reports, last, events.empty()
 
-    told, last, silent = asyncio.run(asyncio.wait_for(listen(), 60))
-    assert {(event["event"], event["job"], event["done"]) for event in told} == {("progress", "rendering", 0.0)}
-    assert all("elapsed" in event["times"] for event in told)
+    reports, last, silent = asyncio.run(asyncio.wait_for(listen(), 60))
+    assert {(event["event"], event["job"], event["done"]) for event in reports} == {("progress", "rendering", 0.0)}
+    assert all("elapsed" in event["times"] for event in reports)
     assert (last["event"], last["error"]) == ("end", "")
     assert silent

@@ -29,26 +29,26 @@ HERE = frozenset({"127.0.0.1", "localhost"})
 def bench(tmp_path_factory):
     root = tmp_path_factory.mktemp("studio")
     glare_capture(root / "capture")
-    made = Workbench(root, root / ".cache", noise=3.0, seed=1)
-    made.open("capture", None, NO_PROGRESS)
-    return made
+    workbench = Workbench(root, root / ".cache", noise=3.0, seed=1)
+    workbench.open("capture", None, NO_PROGRESS)
+    return workbench
 
 
 @pytest.fixture(autouse=True)
 def fresh(request):
     """Every test begins with the study as it was opened."""
     if "bench" in request.fixturenames:
-        found = request.getfixturevalue("bench")
-        while found.study.history.can_undo:
-            found.undo()
-        found.show(0, True)
+        workbench = request.getfixturevalue("bench")
+        while workbench.study.history.can_undo:
+            workbench.undo()
+        workbench.show(0, True)
 
 
 @pytest.fixture
 def client(bench):
     app = build_app(bench, "secret", HERE, idle_s=1e9)
-    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as made:
-        yield made
+    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
+        yield test_client
 
 
 def record_of(answer):
@@ -136,12 +136,12 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
 )
 def test_every_mistake_is_one_line(client, path, body, line):
     answer = client.post(f"/secret/api/{path}", json={"revision": present(client), **body})
-    told = answer.json().get("error")
-    if told is None:
+    message = answer.json().get("error")
+    if message is None:
         while (state := client.get("/secret/api/state").json())["job"]:
             time.sleep(0.02)
-        told = state["error"]
-    assert line in told and "\n" not in told
+        message = state["error"]
+    assert line in message and "\n" not in message
 
 
 def test_a_step_on_an_earlier_state_changes_nothing(client, bench):
@@ -183,14 +183,14 @@ def test_what_is_no_json_is_refused(client):
 def test_a_fit_is_saved_and_opened_again(client, bench):
     step(client, "add", effect="veiling-glare")
     finished(client, "fit")
-    found, _ = record_of(client.get("/secret/api/view"))
-    assert found["effects"][0]["values"]["fraction"] == pytest.approx(GLARE, abs=0.003)
+    fitted, _ = record_of(client.get("/secret/api/view"))
+    assert fitted["effects"][0]["values"]["fraction"] == pytest.approx(GLARE, abs=0.003)
     shutil.rmtree(bench.root / "out", ignore_errors=True)
     assert not finished(client, "save", folder="out")["error"]
     assert load_model(bench.root / "out" / "model.toml").effects[0].id == "veiling-glare"
-    places = client.get("/secret/api/places").json()
-    assert places["captures"] == ["capture"] and places["studies"] == ["out"]
-    assert "cornell-box" in places["models"] and "out/model.toml" in places["models"]
+    folders = client.get("/secret/api/places").json()
+    assert folders["captures"] == ["capture"] and folders["studies"] == ["out"]
+    assert "cornell-box" in folders["models"] and "out/model.toml" in folders["models"]
     assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
     assert "below" in finished(client, "open", capture="nowhere")["error"]
     assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
@@ -270,19 +270,19 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     page.until("document.getElementById('saved').textContent.includes('model.toml')")
     fitted = load_model(bench.root / "from-page" / "model.toml").effects[0]
     assert fitted.values == bench.study.effects[0].values
-    found = chi2(page)
+    fitted_chi2 = chi2(page)
     press(page, "undo")
     page.until(f"document.getElementById('chi2').textContent == '{at:g}'")
     press(page, "show-open")
     page.run("document.getElementById('open-capture').value = 'from-page'")
     page.run("document.getElementById('open').requestSubmit()")
-    page.until(f"document.getElementById('chi2').textContent == '{found:g}' && !page.job")
+    page.until(f"document.getElementById('chi2').textContent == '{fitted_chi2:g}' && !page.job")
     assert bench.study.effects[0].values == fitted.values
     assert not page.run("document.getElementById('undo').disabled")
     assert page.run("page.record.effects[0].values.fraction") == pytest.approx(fitted.values["fraction"])
     page.reload()
     page.until("page.record?.can_undo && page.viewer && page.controls?.length === 1 && !page.job")
-    page.until(f"document.getElementById('chi2').textContent == '{found:g}'")
+    page.until(f"document.getElementById('chi2').textContent == '{fitted_chi2:g}'")
     assert page.run("document.getElementById('mistake').textContent") == ""
 
 
@@ -358,7 +358,7 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
     stages = page.run("[...stage_seen].join('; ')")
     assert "trying every effect" in stages and "choosing among effects" in stages
     times = page.run("[...times_seen]")
-    assert len(times) > 3 and all(" elapsed" in told for told in times)
+    assert len(times) > 3 and all(" elapsed" in line for line in times)
     press(page, "adopt")
     page.until("page.controls.length === 1")
     assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before

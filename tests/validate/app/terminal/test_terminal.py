@@ -139,12 +139,14 @@ def test_numbers_of_a_table_are_never_cut(width, count, monkeypatch):
     with console.capture() as printed:
         print_table(table)
     lines = printed.get().splitlines()
-    words = " ".join(lines).split()
+    cells_printed = " ".join(lines).split()
     assert max(map(len, lines)) <= width
-    assert sorted(word for word in words if word in bands) == sorted(bands)
-    assert sorted(word for word in words if ".2345" in word) == sorted(cells[0] + cells[1])
-    assert words.count("Bands") == 1 and words.count("back") == words.count("surface") == words.count("last")
-    assert words.count("back") == 1 or (width, count) in ((40, 16), (80, 16), (40, 4))
+    assert sorted(word for word in cells_printed if word in bands) == sorted(bands)
+    assert sorted(word for word in cells_printed if ".2345" in word) == sorted(cells[0] + cells[1])
+    assert cells_printed.count("Bands") == 1 and cells_printed.count("back") == cells_printed.count(
+        "surface"
+    ) == cells_printed.count("last")
+    assert cells_printed.count("back") == 1 or (width, count) in ((40, 16), (80, 16), (40, 4))
 
 
 def test_numbers_that_are_not_finite_become_null(tmp_path):
@@ -184,12 +186,12 @@ def test_effects_complete_in_the_shell():
 
 def test_options_of_all_commands_reach_none_of_them():
     """A command is called with its own arguments alone."""
-    seen = []
+    parsed = []
 
     def greet(name: str, *, loud: bool = False) -> None:
         """Greet."""
-        seen.append((name, loud))
+        parsed.append((name, loud))
 
     with pytest.raises(SystemExit):
         command_line("A program.", [greet])(args=["greet", "Ann", "--loud", "--verbose"])
-    assert seen == [("Ann", True)]
+    assert parsed == [("Ann", True)]

@@ -26,7 +26,7 @@ def rendered(max_bounces=None):
     return mean, SurfaceMap(surface, image.surface_names, surface == -1)
 
 
-def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, stated=True, mapped=True):
+def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, with_errors=True, mapped=True):
     """One side: a picture with skewed noise, nearly the same at all wavelengths, in a few batches.
 
     noise : relative, of a pixel. tails : part of the samples that are eight times as noisy. fireflies : part of the
@@ -37,13 +37,13 @@ def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, s
     clean = clean if picture is None else picture
     shape = (batches, *clean.shape[:2])
     common = (rng.standard_gamma(1.0, shape) - 1) * np.where(rng.random(shape) < tails, 8.0, 1.0)
-    own = 0.15 * rng.standard_normal((*shape, clean.shape[2]))
-    values = clean * (1 + noise * np.sqrt(batches) * (common[..., None] + own))
+    batch_noise = 0.15 * rng.standard_normal((*shape, clean.shape[2]))
+    values = clean * (1 + noise * np.sqrt(batches) * (common[..., None] + batch_noise))
     hit = rng.random(clean.shape[:2]) < fireflies
     values = values + np.where(hit, rng.standard_cauchy(hit.shape), 0.0)[..., None] * clean.mean()
     mean = values.mean(axis=0).astype(np.float32).astype(float)
     variance = values.var(axis=0, ddof=1) / batches
     side = Side(f"picture {seed}", WAVELENGTHS, mean, variance, batches - 1.0, surfaces)
-    if not stated:
+    if not with_errors:
         side = replace(side, variance=None, degrees=0.0)
     return side if mapped else replace(side, surfaces=None)

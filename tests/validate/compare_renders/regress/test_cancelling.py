@@ -36,11 +36,11 @@ PATTERNS = {
 }
 
 
-@pytest.mark.parametrize("stated", [True, False], ids=["stated errors", "single pictures"])
+@pytest.mark.parametrize("with_errors", [True, False], ids=["stated errors", "single pictures"])
 @pytest.mark.parametrize("name", PATTERNS)
-def test_a_pattern_is_described(name, stated):
-    candidate = noisy(2, rendered()[0] * PATTERNS[name][..., None], stated=stated)
-    outcome = regress_pictures(noisy(1, stated=stated), candidate)
+def test_a_pattern_is_described(name, with_errors):
+    candidate = noisy(2, rendered()[0] * PATTERNS[name][..., None], with_errors=with_errors)
+    outcome = regress_pictures(noisy(1, with_errors=with_errors), candidate)
     assert not outcome.same
     assert outcome.cancelling.startswith(name)
     assert outcome.to_dict()["cancelling"] == outcome.cancelling
@@ -58,14 +58,14 @@ def test_a_fixed_texture_is_seen_by_stated_errors():
     spoilt = rendered()[0] * texture(0.1)[..., None]
     outcome = regress_sides(noisy(1), noisy(2, spoilt))[0]
     assert "texture" in {row.kind for row in outcome.deciding}
-    assert regress_sides(noisy(1, stated=False), noisy(2, spoilt, stated=False))[0].same
+    assert regress_sides(noisy(1, with_errors=False), noisy(2, spoilt, with_errors=False))[0].same
 
 
 def test_a_pattern_hides_no_change_of_the_mean():
     """1.2 % more light beneath a checkerboard of 30 %, within four standard deviations of 0.2 %."""
     spoilt = 1.012 * rendered()[0] * checkerboard(2, 0.3)[..., None]
-    outcome, found = regress_sides(noisy(1), noisy(2, spoilt))
-    assert found.removed == "checkerboard of 2 px"
+    outcome, names = regress_sides(noisy(1), noisy(2, spoilt))
+    assert names.removed == "checkerboard of 2 px"
     assert outcome.whole.different
     assert outcome.whole.difference == pytest.approx(0.012, abs=4 * outcome.whole.sigma)
 
@@ -73,7 +73,7 @@ def test_a_pattern_hides_no_change_of_the_mean():
 def filtered(seed, by):
     """A single picture through a filter; its lamp is quiet, as lamps are."""
     clean, surfaces = rendered()
-    side = noisy(seed, stated=False)
+    side = noisy(seed, with_errors=False)
     radiance = np.where(surfaces.lamp[..., None], clean, np.maximum(side.radiance, 0))
     return replace(side, radiance=by(radiance))
 

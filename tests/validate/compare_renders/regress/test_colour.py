@@ -58,12 +58,12 @@ def test_wavelengths_that_nobody_sees_add_nothing():
     visible = (wider >= 360) & (wider <= 830)
     values = np.random.default_rng(1).uniform(0.5, 1, (24, 24, wider.size))
     picture = side_of([as_xyz_picture(np.ones((24, 24, 3)))], ["a picture"])
-    whole, part = (
-        regress_sides(picture, side_of([as_cube(values[..., kept], wider[kept])], ["a cube"]))[0]
-        for kept in (wider > 0, visible)
+    complete, part = (
+        regress_sides(picture, side_of([as_cube(values[..., mask], wider[mask])], ["a cube"]))[0]
+        for mask in (wider > 0, visible)
     )
-    assert whole.whole.difference == pytest.approx(part.whole.difference, rel=1e-9)
-    assert any("over 360 to 830 nm" in note for note in whole.notes)
+    assert complete.whole.difference == pytest.approx(part.whole.difference, rel=1e-9)
+    assert any("over 360 to 830 nm" in note for note in complete.notes)
 
 
 def radiance_file(tmp_path, radiance):

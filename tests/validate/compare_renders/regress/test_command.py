@@ -172,8 +172,8 @@ def test_the_documented_declarations_for_radiance_hold_with_stated_primaries(pic
 def test_one_of_two_files_has_a_declaration_of_its_own(pictures, capsys):
     """A scale of 179 for both makes the other 179 times as bright; for one alone both are the same light."""
     files = pictures / "xyz.exr", pictures / "bare.hdr"
-    own = declare("units=cd m^-2", "candidate:scale=179", "candidate:colour-space=radiance")
-    assert ended("regress", *files, *own) == 0
+    declaration = declare("units=cd m^-2", "candidate:scale=179", "candidate:colour-space=radiance")
+    assert ended("regress", *files, *declaration) == 0
     assert ended("regress", *files, *declare(*RECIPE)) == 1
     capsys.readouterr()
     assert ended("compare", *files, *declare("units=cd m^-2", "B:scale=179", "B:colour-space=radiance")) == 0

@@ -33,9 +33,9 @@ def variants():
 
 def named(picture, **noise):
     """First named change of a picture against an unchanged one, by pictures alone."""
-    outcome, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02, **noise))
+    outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02, **noise))
     assert not outcome.same
-    return named_changes(found, None)[0]
+    return named_changes(names, None)[0]
 
 
 def bordered(clean):
@@ -81,7 +81,7 @@ def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
 
 
 @pytest.mark.parametrize(
-    ("factor", "words"),
+    ("factor", "phrase"),
     [
         (2.0, "both sides"),
         (np.pi, "radiosity"),
@@ -91,11 +91,11 @@ def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
         (1e-3, "prefix"),
     ],
 )
-def test_a_unit_taken_for_another_is_told(factor, words):
+def test_a_unit_taken_for_another_is_told(factor, phrase):
     first = named(factor * rendered()[0])
     assert first.change == "lamp-scale"
     assert first.parameters["factor"] == pytest.approx(factor, rel=2e-3)
-    assert words in first.parameters["meaning"]
+    assert phrase in first.parameters["meaning"]
 
 
 def test_a_factor_of_no_meaning_has_none():
@@ -113,8 +113,8 @@ def test_bin_edges_taken_for_points_are_told():
     """Rendered at wavelengths 20 nm lower than its labels say."""
     image = render(RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7))
     picture, _ = image.project(np.eye(WAVELENGTHS.size))
-    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
-    first = named_changes(found, variants())[0]
+    _, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
+    first = named_changes(names, variants())[0]
     assert first.change == "wavelengths"
 
 
@@ -122,8 +122,8 @@ def test_bin_edges_taken_for_points_are_told():
 def test_light_after_too_many_reflections_is_missed(depth):
     """Depth rendered again: none of the explanation's own rays are in the picture."""
     picture, _ = rendered(depth)
-    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
-    first = named_changes(found, variants())[0]
+    _, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
+    first = named_changes(names, variants())[0]
     assert (first.change, first.parameters) == ("path-depth", {"max_bounces": depth})
 
 
@@ -140,15 +140,15 @@ def test_glossy_white_paint_is_named_gloss():
     for seed, scene in enumerate((box, replace(box, materials=glossy))):
         image = render(RenderJob(scene, cornell_camera(SIZE), WAVELENGTHS, 48, 4, seed=seed), integrator="path")
         sides.append(side_of([labelled_cube(image)], [f"seed {seed}"]))
-    _, found = regress_sides(*sides)
-    first = named_changes(found, variants())[0]
+    _, names = regress_sides(*sides)
+    first = named_changes(names, variants())[0]
     assert (first.change, first.parameters["material"]) == ("gloss", "white")
     assert first.parameters["roughness"] in (0.05, 0.15)
     assert first.parameters["specular"] == pytest.approx(0.9, abs=0.2)
 
 
-@pytest.mark.parametrize("stated", [True, False])
-def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(stated):
+@pytest.mark.parametrize("with_errors", [True, False])
+def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors):
     """Too few pixels for the correlation between wavelengths, and edges whose errors may not be stated: the change is
     hardly larger than noise, and what noise leaves is no evidence of anything else."""
     first, second = (
@@ -157,12 +157,12 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(stated):
         )
         for seed in (5, 6)
     )
-    if not stated:
+    if not with_errors:
         first, second = (replace(side, variance=None, degrees=0.0) for side in (first, second))
-    _, found = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
-    assert found.noise.correlation is None
-    own = build_variants(cornell_box(), cornell_camera(32), first)
-    probability = {change.change: change.probability for change in named_changes(found, own)}
+    _, names = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
+    assert names.noise.correlation is None
+    variants = build_variants(cornell_box(), cornell_camera(32), first)
+    probability = {change.change: change.probability for change in named_changes(names, variants)}
     assert probability["lamp-scale"] > 0.25
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 
@@ -172,8 +172,8 @@ def test_a_coat_is_sized():
     coat = {"material": "white", "specular": 0.8, "roughness": 0.15}
     glossy = apply_checked("gloss", coat, "gloss", names_in(cornell_box())).apply(variants().light)
     ratio = variants().ratio(glossy.picture())
-    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, ratio * rendered()[0], noise=0.02))
-    first = named_changes(found, variants())[0]
+    _, names = regress_sides(noisy(1, noise=0.02), noisy(2, ratio * rendered()[0], noise=0.02))
+    first = named_changes(names, variants())[0]
     assert (first.change, first.parameters["material"]) == ("gloss", "white")
     assert first.parameters["roughness"] == 0.15
     assert first.parameters["specular"] == pytest.approx(0.8, abs=0.1)
@@ -228,11 +228,11 @@ def test_another_camera_is_named(altered, pattern, change, expected):
         cosine, sine = np.cos(altered["rotation"]), np.sin(altered["rotation"])
         turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])  # of what it sees: x to y is clockwise
         altered = {"rotation": turn @ camera.rotation}
-    outcome, found = regress_sides(through(camera, 1), through(replace(camera, **altered), 2))
+    outcome, names = regress_sides(through(camera, 1), through(replace(camera, **altered), 2))
     clearest = max(outcome.of_kind("pattern"), key=lambda row: abs(row.statistic))
     assert clearest.different
     assert (clearest.name, clearest.difference > 0) == pattern
-    first = named_changes(found, None)[0]
+    first = named_changes(names, None)[0]
     assert first.change == change and first.probability > 0.9
     tolerance = {"magnification": 2e-3, "turned_deg": 0.05, "outwards_px_at_half_width": 0.03}
     for key, value in expected.items():
@@ -258,14 +258,14 @@ def test_what_no_explanation_fits_is_unknown():
     clean, _ = rendered()
     rows, columns = np.indices(clean.shape[:2])
     stain = np.exp(-((rows - 18) ** 2 + (columns - 24) ** 2) / 18.0) * np.sin(WAVELENGTHS[:, None, None] / 30)
-    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, clean * (1 + 0.4 * np.moveaxis(stain, 0, -1)), noise=0.02))
-    assert named_changes(found, variants())[0].change == "unknown"
+    _, names = regress_sides(noisy(1, noise=0.02), noisy(2, clean * (1 + 0.4 * np.moveaxis(stain, 0, -1)), noise=0.02))
+    assert named_changes(names, variants())[0].change == "unknown"
 
 
 def test_a_right_explanation_leaves_noise():
     """Chi-square per number is at most 1: floors make it smaller."""
-    _, found = regress_sides(noisy(1), noisy(2, 1.05 * rendered()[0]))
-    evidence = build_evidence(found)
+    _, names = regress_sides(noisy(1), noisy(2, 1.05 * rendered()[0]))
+    evidence = build_evidence(names)
     best = min(from_pictures(evidence, noisy(1)), key=lambda e: e.chi2)
     assert best.change.startswith("lamp")
     assert 0.3 < best.chi2 / evidence.numbers < 1.2
@@ -280,9 +280,9 @@ def test_a_picture_without_the_inside_of_a_surface_is_still_explained():
         return replace(side, radiance=side.radiance[:6, :6], variance=side.variance[:6, :6], surfaces=small)
 
     sides = corner(noisy(1, noise=0.02)), corner(noisy(2, 1.3 * rendered()[0], noise=0.02))
-    _, found = regress_sides(*sides)
-    assert (build_evidence(found).cell < 0).all()
-    first = named_changes(found, None)[0]
+    _, names = regress_sides(*sides)
+    assert (build_evidence(names).cell < 0).all()
+    first = named_changes(names, None)[0]
     assert first.change == "lamp-scale" and first.parameters["factor"] == pytest.approx(1.3, abs=0.03)
 
 

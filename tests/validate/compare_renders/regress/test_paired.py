@@ -31,8 +31,8 @@ def other_paths(radiance, rng):
 
 
 def test_a_change_of_three_thousandths_of_a_percent_is_seen():
-    outcome, found = regress_sides(side(100), side(100, lambda radiance, rng: radiance * (1 + 3e-5)))
-    assert found.pooling.paired
+    outcome, names = regress_sides(side(100), side(100, lambda radiance, rng: radiance * (1 + 3e-5)))
+    assert names.pooling.paired
     assert not outcome.same
     assert outcome.whole.difference == pytest.approx(3e-5, abs=4 * outcome.whole.sigma)
     assert outcome.would_have_seen < 3e-5
@@ -62,8 +62,8 @@ def test_stated_pairs_need_as_many_cubes_on_each_side(tmp_path):
 
 
 def test_other_random_numbers_are_not_paired():
-    outcome, found = regress_sides(side(100), side(200))
-    assert not found.pooling.paired
+    outcome, names = regress_sides(side(100), side(200))
+    assert not names.pooling.paired
     assert outcome.same
 
 

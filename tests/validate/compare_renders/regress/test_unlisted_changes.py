@@ -64,8 +64,8 @@ def without_shadows():
     walls = tuple(surface for surface in box.surfaces if "block" not in surface.name)
     bare = build_variants(replace(box, surfaces=walls), cornell_camera(SIZE), noisy(1))
     names, index = [surface.name for surface in box.surfaces], variants().surface_map().index
-    seen = np.isin(index, [number for number, name in enumerate(names) if "block" not in name])
-    return with_more(np.where(seen, np.maximum(bare.light.change(max_bounces=1).picture() - order(1), 0), 0))
+    visible = np.isin(index, [number for number, name in enumerate(names) if "block" not in name])
+    return with_more(np.where(visible, np.maximum(bare.light.change(max_bounces=1).picture() - order(1), 0), 0))
 
 
 def quadrant(contrast):
@@ -97,23 +97,23 @@ LISTED = {
 @pytest.mark.parametrize("change", LISTED)
 def test_a_cause_of_the_catalogue_is_named(change):
     name, picture = LISTED[change]
-    outcome, found = regress_sides(noisy(1, noise=0.02), noisy(2, picture(), noise=0.02))
+    outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture(), noise=0.02))
     assert not outcome.same
-    first = named_changes(found, variants())[0]
+    first = named_changes(names, variants())[0]
     assert first.change == name
     assert first.fits
 
 
 @pytest.mark.parametrize("change", UNLISTED)
 def test_a_change_that_is_not_in_the_list_is_unknown(change):
-    outcome, found = regress_sides(noisy(1, noise=0.02), noisy(2, UNLISTED[change](), noise=0.02))
+    outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, UNLISTED[change](), noise=0.02))
     if outcome.same:
         pytest.skip("not seen: nothing is named")
-    changes = named_changes(found, variants())
+    changes = named_changes(names, variants())
     assert changes[0].change == UNKNOWN, changes[:3]
-    best = next((one for one in changes if one.change != UNKNOWN), None)
+    best = next((change_named for change_named in changes if change_named.change != UNKNOWN), None)
     if best is None:
-        assert found.removed
+        assert names.removed
         return
     assert best.probability < 0.5
     outcome = replace(outcome, named=changes)
@@ -136,8 +136,8 @@ def test_a_cause_of_a_file_is_tried(tmp_path, monkeypatch):
     (tmp_path / "quarter.py").write_text("\n".join(lines))
     monkeypatch.setenv("CBOXLAB_REGRESS_CAUSES", str(tmp_path / "quarter.py"))
     causes.cache_clear()
-    _, found = regress_sides(noisy(1, noise=0.02), noisy(2, quadrant(0.1), noise=0.02))
-    first = named_changes(found, None)[0]
+    _, names = regress_sides(noisy(1, noise=0.02), noisy(2, quadrant(0.1), noise=0.02))
+    first = named_changes(names, None)[0]
     assert first.change == "lower-right"
     assert first.parameters["part"] == pytest.approx(0.1, abs=0.02)
     (tmp_path / "quarter.py").write_text("CAUSE = 1")
@@ -149,7 +149,7 @@ def test_a_cause_of_a_file_is_tried(tmp_path, monkeypatch):
 
 
 def test_a_change_of_the_list_fits_and_is_named():
-    outcome, found = regress_sides(noisy(1, noise=0.02), noisy(2, rendered(3)[0], noise=0.02))
-    outcome = replace(outcome, named=named_changes(found, variants()))
+    outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, rendered(3)[0], noise=0.02))
+    outcome = replace(outcome, named=named_changes(names, variants()))
     assert outcome.fits and outcome.named[0].probability > 0.99
     assert name_line(outcome).startswith("named path-depth")

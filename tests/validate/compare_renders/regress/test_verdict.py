@@ -101,7 +101,7 @@ def test_the_even_change_has_the_smaller_error_where_noise_is_uneven():
         ]
         outcome = verdict(*sides)
         rows.append((outcome.whole, outcome.of_kind("even")[0]))
-    assert all(even.sigma < 0.5 * whole.sigma for whole, even in rows)
+    assert all(even.sigma < 0.5 * overall.sigma for overall, even in rows)
     assert all(even.difference == pytest.approx(0.003, abs=4 * even.sigma) for _, even in rows)
 
 
@@ -189,9 +189,9 @@ def test_several_cubes_of_one_picture_are_one_input_with_a_variance():
 def test_a_cube_without_errors_is_estimated_and_said_so():
     side = side_of([cube(noisy(0))], ["plain"])
     outcome = verdict(side, side_of([cube(noisy(1))], ["other"]))
-    stated = verdict(noisy(0), noisy(1))
+    stated_verdict = verdict(noisy(0), noisy(1))
     assert any("no standard error" in note for note in outcome.notes)
-    assert outcome.whole.sigma == pytest.approx(stated.whole.sigma, rel=0.3)
+    assert outcome.whole.sigma == pytest.approx(stated_verdict.whole.sigma, rel=0.3)
 
 
 def test_what_cannot_be_compared_is_an_input_error(tmp_path):
@@ -246,8 +246,8 @@ def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
     outcome = verdict(noisy(0), side_of([as_xyz_picture(xyz)], ["colour"]))
     assert outcome.same
     assert [row.name for row in outcome.of_kind("band")] == ["X", "Y", "Z"]
-    whole = verdict(noisy(0), other).whole
-    assert outcome.whole.difference == pytest.approx(whole.difference, abs=2 * whole.sigma)
+    overall = verdict(noisy(0), other).whole
+    assert outcome.whole.difference == pytest.approx(overall.difference, abs=2 * overall.sigma)
     brighter = verdict(noisy(0), side_of([as_xyz_picture(1.05 * xyz)], ["colour"]))
     assert brighter.whole.difference == pytest.approx(0.05, abs=4 * brighter.whole.sigma)
     assert brighter.whole.sigma < 0.005

@@ -35,10 +35,10 @@ def test_radiosity_of_a_white_cube_is_its_lamps():
 
 def test_radiosity_of_a_nearly_black_cube_is_direct_light():
     """Reflectance e: the floor has e F(parallel) and the walls e F(perpendicular), up to e squared."""
-    found = cube_radiosity(dict.fromkeys(FACES, 1e-6), "ceiling", 8)
-    assert found["floor"] / 1e-6 == pytest.approx(parallel_squares(1.0), rel=1e-5)
+    radiosity = cube_radiosity(dict.fromkeys(FACES, 1e-6), "ceiling", 8)
+    assert radiosity["floor"] / 1e-6 == pytest.approx(parallel_squares(1.0), rel=1e-5)
     for wall in ("left", "right", "front", "back"):
-        assert found[wall] / 1e-6 == pytest.approx(perpendicular_rectangles(1.0, 1.0), rel=1e-5)
+        assert radiosity[wall] / 1e-6 == pytest.approx(perpendicular_rectangles(1.0, 1.0), rel=1e-5)
 
 
 @pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

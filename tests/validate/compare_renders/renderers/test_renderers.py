@@ -34,7 +34,8 @@ def distorted_box():
     settings = ExportSettings(np.array([450.0, 550.0, 600.0, 650.0]), samples=32, batches=4)
     exported = exported_scene(cornell_box(), distorted(), settings)
     return {
-        lamp: (own, reference_cube(own)) for lamp, own in {True: exported, False: exported.with_black_lamps}.items()
+        lamp: (scene, reference_cube(scene))
+        for lamp, scene in {True: exported, False: exported.with_black_lamps}.items()
     }
 
 
@@ -47,8 +48,8 @@ def test_a_renderer_agrees_with_ours_through_a_distorting_lens(distorted_box, re
     run = run_renderer(tmp_path / "box", renderer)
     exported, reference = distorted_box[renderer != "radiance"]
     judged = judge(renderer, read_rendered(tmp_path / "box", renderer), reference, exported, run)
-    whole = judged.outcome.whole
-    assert abs(whole.difference) < 4 * whole.sigma and whole.sigma < 0.02
+    overall = judged.outcome.whole
+    assert abs(overall.difference) < 4 * overall.sigma and overall.sigma < 0.02
     assert {n: d for n, (d, s) in judged.surfaces.items() if abs(d) > max(4 * s, 0.005)} == {}
     assert bool(judged.remark) == (renderer == "radiance")
     assert run.cpu_s > 0 and judged.cost > 0
@@ -64,8 +65,8 @@ def test_inside_a_closed_box_of_grey_walls(renderer, tmp_path):
     write_export(tmp_path / "box", exported)
     run_renderer(tmp_path / "box", renderer)
     judged = judge(renderer, read_rendered(tmp_path / "box", renderer), reference_cube(exported), exported)
-    whole = judged.outcome.whole
-    assert abs(whole.difference) < 4 * whole.sigma < 0.04
+    overall = judged.outcome.whole
+    assert abs(overall.difference) < 4 * overall.sigma < 0.04
 
 
 def lamp_above_a_white_floor():
@@ -85,7 +86,7 @@ def reflecting_box():
     """The export, the mean of our picture of it, and of one with a black lamp."""
     settings = ExportSettings(np.array([500.0, 600.0]), samples=96, batches=4)
     exported = exported_scene(lamp_above_a_white_floor(), camera_inside(16), settings)
-    means = (mean_light(reference_cube(own, samples=64))[0] for own in (exported, exported.with_black_lamps))
+    means = (mean_light(reference_cube(scene, samples=64))[0] for scene in (exported, exported.with_black_lamps))
     return exported, *means
 
 
@@ -119,8 +120,8 @@ def test_two_lamps_have_their_own_spectra(renderer, tmp_path):
     theirs, ours = read_rendered(tmp_path / "box", renderer), reference_cube(exported, samples=64)
     for channel in (0, 1):
         pair = (mean_light(cube.isel(wavelength=[channel])) for cube in (theirs, ours))
-        (there, error), (here, _) = pair
-        assert abs(there - here) < 4.5 * error < 0.05 * here
+        (their_box, error), (our_box, _) = pair
+        assert abs(their_box - our_box) < 4.5 * error < 0.05 * our_box
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
@@ -174,12 +175,12 @@ def test_an_interrupted_run_goes_on(tmp_path):
     write_export(out, exported)
     first = run_renderer(out, "mitsuba")
     picture = read_rendered(out, "mitsuba")["radiance"]
-    kept = out / "mitsuba" / "out" / "batch-0-group-0.exr"
+    batch_file = out / "mitsuba" / "out" / "batch-0-group-0.exr"
     (out / "mitsuba" / "out" / "batch-2-group-0.exr").unlink()
-    before = kept.stat().st_mtime_ns
+    before = batch_file.stat().st_mtime_ns
     write_export(out, exported)
     again = run_renderer(out, "mitsuba")
-    assert kept.stat().st_mtime_ns == before
+    assert batch_file.stat().st_mtime_ns == before
     assert first.cpu_s > 0 and np.isnan(again.cpu_s)
     assert np.array_equal(read_rendered(out, "mitsuba")["radiance"], picture)
     with pytest.raises(InputError):
@@ -189,11 +190,11 @@ def test_an_interrupted_run_goes_on(tmp_path):
 def test_light_that_is_cut_short_is_named(tmp_path):
     """Stock Mitsuba with two reflections, asked for all."""
     settings = ExportSettings(np.array([450.0, 550.0, 650.0]), samples=64, batches=4)
-    whole = exported_scene(cornell_box(), cornell_camera(32), settings)
+    complete = exported_scene(cornell_box(), cornell_camera(32), settings)
     cut = exported_scene(cornell_box(), cornell_camera(32), settings, max_bounces=2)
     write_export(tmp_path / "box", cut)
     run = run_renderer(tmp_path / "box", "mitsuba")
-    judged = judge("mitsuba", read_rendered(tmp_path / "box", "mitsuba"), reference_cube(whole), whole, run)
+    judged = judge("mitsuba", read_rendered(tmp_path / "box", "mitsuba"), reference_cube(complete), complete, run)
     assert judged.sentence.startswith("different") and "path-depth (max_bounces 2)" in judged.sentence
     assert judged.agreeing == ()
 

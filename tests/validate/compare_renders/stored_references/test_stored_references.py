@@ -39,13 +39,13 @@ def reference(seed, **options):
 
 def test_false_alarms_are_as_rare_as_stated():
     """At a stated 5 %: 200 pairs have more than 22 with probability 2e-4 (binomial)."""
-    found = 0
+    alarms = 0
     for seed in range(SEEDS):
         try:
             require_same_light(reference(2 * seed), reference(2 * seed + 1), 0.05)
         except AssertionError:
-            found += 1
-    assert found <= 22
+            alarms += 1
+    assert alarms <= 22
 
 
 def test_standard_deviations_are_those_of_repeated_pictures():
@@ -58,10 +58,10 @@ def test_standard_deviations_are_those_of_repeated_pictures():
 
 def test_one_changed_surface_is_named():
     changed = CLEAN * np.where(np.arange(SIZE)[:, None, None] < 16, 1.003, 1.0)
-    with pytest.raises(AssertionError, match=r"surface: back: \+0\.[23]") as told:
+    with pytest.raises(AssertionError, match=r"surface: back: \+0\.[23]") as failure:
         require_same_light(reference(0), reference(1, clean=changed))
-    assert "surface: floor" not in str(told.value)
-    assert "seed 0, 64 samples" in str(told.value)
+    assert "surface: floor" not in str(failure.value)
+    assert "seed 0, 64 samples" in str(failure.value)
 
 
 def with_lamp(shift_px=0.0):

@@ -64,8 +64,8 @@ def test_scores_are_those_of_the_whole_covariance():
     model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
-    whole = covariance(model, fitted.width)
-    expected = whitened @ np.linalg.solve(whole, whitened) + np.linalg.slogdet(whole)[1]
+    joint = covariance(model, fitted.width)
+    expected = whitened @ np.linalg.solve(joint, whitened) + np.linalg.slogdet(joint)[1]
     assert fitted.score == pytest.approx(expected, rel=1e-5)
     for factor in (0.7, 1.4):
         moved = replace(fitted, width={kind: factor * width for kind, width in fitted.width.items()})
@@ -117,12 +117,12 @@ def test_single_pixels_count_as_evidence_and_are_taken_off_as_likely_as_they_are
     smallest, flaws = ((change.T * width**2) @ change for width in (np.full(6, 0.01), prior))
     pixel = np.tile(np.arange(SIDE**2), BANDS)
     flaws += (100 * model.pixel_error) ** 2 * (pixel[:, None] == pixel)
-    none, whole = np.eye(SIGNAL.size) + smallest, np.eye(SIGNAL.size) + flaws
-    first, last = (residual @ np.linalg.solve(each, residual) + np.linalg.slogdet(each)[1] for each in (none, whole))
+    none, flawed = np.eye(SIGNAL.size) + smallest, np.eye(SIGNAL.size) + flaws
+    first, last = (residual @ np.linalg.solve(each, residual) + np.linalg.slogdet(each)[1] for each in (none, flawed))
     assert model.nothing - fitted.score == pytest.approx(first - last, abs=0.1)
     assert first - last > 50 and not model.beyond_flaws
     taken_off = model.change_dn(Plain(), fitted, residual)
-    np.testing.assert_allclose(taken_off, flaws @ np.linalg.solve(whole, residual), atol=2e-3)
+    np.testing.assert_allclose(taken_off, flaws @ np.linalg.solve(flawed, residual), atol=2e-3)
 
 
 def test_pixels_that_deviate_by_a_percent_are_no_flaw():

@@ -56,7 +56,7 @@ def test_a_bulge_turns_both_sides_of_a_wall_apart_and_neither_faces_of_a_body_no
         ratio = change / np.where(np.abs(lean) < 1e-9, np.nan, lean)
         axis = np.nanargmax(np.abs([np.nansum(ratio * (position - middle)[:, k]) for k in (0, 1)]))
         away = (position - middle)[:, axis]
-        known = np.isfinite(ratio)
-        assert np.abs(np.corrcoef(ratio[known], away[known])[0, 1]) > 1 - 1e-9
+        finite = np.isfinite(ratio)
+        assert np.abs(np.corrcoef(ratio[finite], away[finite])[0, 1]) > 1 - 1e-9
     assert list(slopes(signal, 0.05 * signal, used, face, transport)) == []
     assert list(slopes(signal, signal, used, face, _wall((0, 0))[1])) == []

@@ -95,7 +95,7 @@ def test_a_paint_that_is_matte_but_not_as_lamberts_is_a_lobe_on_all_of_its_surfa
     assert explanation.rivals[0].surface is None
     assert explanation.rivals[0].form == "the paint grey, not Lambertian"
     assert explanation.share > 0.8
-    assert {one.surface for one in explanation.field.surfaces} == {"floor", "wall"}
+    assert {surface.surface for surface in explanation.field.surfaces} == {"floor", "wall"}
 
 
 def test_a_pattern_that_does_not_follow_the_angles_is_no_lobe():
@@ -104,19 +104,19 @@ def test_a_pattern_that_does_not_follow_the_angles_is_no_lobe():
 
 
 @pytest.mark.parametrize(
-    ("family", "change", "words"),
+    ("family", "change", "phrase"),
     [
         ("sensor-offset", EXPOSURE_S[:, None, None] * np.ones(SIGNAL.shape), "grows with the exposure"),
         ("sensor-gain", (1 / EXPOSURE_S - 1 / 4)[:, None, None] * SIGNAL / 100, "shutter"),
     ],
 )
-def test_offsets_and_gains_by_the_time_of_exposure(family, change, words):
+def test_offsets_and_gains_by_the_time_of_exposure(family, change, phrase):
     """Rows that glow while a frame is exposed, and a slit that opens unevenly before photographs and flats."""
     rows = np.random.default_rng(5).normal(0, 1.0, (1, SIZE, 1))
     explanation = explain(small_excess(5 * rows * change))
     assert (
         explanation.family == family
-        and words in explanation.form
+        and phrase in explanation.form
         and explanation.told_apart
         and explanation.share > 0.9
     )
@@ -145,8 +145,8 @@ def test_an_explanation_is_told_in_words_and_in_json():
     record = json.loads(json.dumps(explanation_record(explanation), allow_nan=False))
     assert (record["family"], record["runner_up"]) == ("object", explanation.runner_up)
     assert set(record["bands"]) <= set(record["relative_change"])
-    words = explanation_sentence(explanation)
-    assert "object" in words and "about pixel (34, 36)" in words
+    sentence = explanation_sentence(explanation)
+    assert "object" in sentence and "about pixel (34, 36)" in sentence
     assert set(record) == described("docs/reference/files.md", "explanation")
     assert explanation_record(None)["family"] == NONE
 
@@ -217,9 +217,9 @@ def test_what_stays_of_the_frame_before_is_a_matter_of_order():
     explanation = explain(replace(small_excess(0.04 * mean), signal=pictures))
     assert (explanation.family, explanation.form) == ("time-order", "a part of each frame stays in the next")
     assert explanation.field.acts == "previous" and not explanation.levels
-    taken = np.diag([0.02] * 4)
-    taken[[2, 0, 3], [1, 2, 0]] = 0.02
-    np.testing.assert_allclose(explanation.field.coefficients, taken, atol=0.002)
+    per_band = np.diag([0.02] * 4)
+    per_band[[2, 0, 3], [1, 2, 0]] = 0.02
+    np.testing.assert_allclose(explanation.field.coefficients, per_band, atol=0.002)
 
 
 def test_a_fringe_in_one_band_is_a_gain_of_that_band():

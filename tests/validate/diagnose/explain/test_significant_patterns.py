@@ -61,14 +61,14 @@ def test_a_smooth_flaw_of_all_bands_is_left_to_the_other_test():
     assert not _seen(0.3 * SIGMA * np.cos(COLUMNS / 30))
 
 
-@pytest.mark.parametrize(("where", "seen"), [(COLUMNS >= 0, True), (abs(COLUMNS - 20) < 12, False)])
-def test_rows_stand_out_where_they_hold_between_edges(where, seen):
+@pytest.mark.parametrize(("where", "expected"), [(COLUMNS >= 0, True), (abs(COLUMNS - 20) < 12, False)])
+def test_rows_stand_out_where_they_hold_between_edges(where, expected):
     """Half of the columns are near an edge along the rows: what is wrong there alone is no pattern of the sensor."""
     rows = 0.5 * SIGMA * DRAW.normal(0, 1, (1, SIZE, 1))
     excess = small_excess(np.where(where, rows, 0.0))
     inside = np.broadcast_to(abs(COLUMNS - 20) >= 12, SIGNAL.shape).ravel()
     model = replace(_model(excess), interior=inside)
-    assert is_significant_pattern(explain(excess), model, model.residual, 0.0) == seen
+    assert is_significant_pattern(explain(excess), model, model.residual, 0.0) == expected
 
 
 def _spot(row, column):
@@ -78,12 +78,12 @@ def _spot(row, column):
 
 def test_a_grain_on_the_sensor_is_seen_and_spots_here_and_there_are_left_to_the_other_test():
     """One alone; and with three weaker ones, as the dark corners of a picture may be wrong together."""
-    one = _spot(12, 10)
-    assert _seen(one)
-    others = 0.7 * sum(_spot(*place) for place in ((36, 38), (12, 38), (36, 10)))
-    together = small_excess(one + others)
+    grain = _spot(12, 10)
+    assert _seen(grain)
+    others = 0.7 * sum(_spot(*position) for position in ((36, 38), (12, 38), (36, 10)))
+    together = small_excess(grain + others)
     assert explain(together).form.startswith("a spot; then a spot")
-    assert not _seen(one + others)
+    assert not _seen(grain + others)
 
 
 @pytest.mark.parametrize("radius", [1.6, 2.3, 5.0])
@@ -120,16 +120,16 @@ def _exchanged(*steps):
 def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step, line):
     smear, blur = _exchanged(step), _exchanged((0, 1), (1, 0))
     gain = np.sum((smear / SIGMA) ** 2)
-    for change, by_effects, seen in (
+    for change, by_effects, is_seen in (
         (smear, gain, True),
         (smear, 200 * gain, False),
         (blur, 0.0, False),
     ):
         excess = small_excess(change)
         model = _model(excess)
-        found, *_ = explain_masked_families(excess)
-        assert is_significant_pattern(found, model, model.residual, by_effects) == seen
-        assert change is blur or found.form.startswith(f"along {line}")
+        explanation, *_ = explain_masked_families(excess)
+        assert is_significant_pattern(explanation, model, model.residual, by_effects) == is_seen
+        assert change is blur or explanation.form.startswith(f"along {line}")
 
 
 def _blurred_by(share):
@@ -139,35 +139,35 @@ def _blurred_by(share):
 
 
 def test_a_blur_that_grows_across_the_picture_stands_out_and_an_even_one_does_not():
-    for share, seen in ((0.3 * (COLUMNS / SIZE) ** 2, True), (0.2, False)):
+    for share, is_seen in ((0.3 * (COLUMNS / SIZE) ** 2, True), (0.2, False)):
         excess = small_excess(_blurred_by(share))
         model = _model(excess)
         (form,), (_, uneven, _) = uneven_blurs(excess), explain_masked_families(excess)
-        assert (form.evidence > 0) == seen
-        assert is_significant_pattern(uneven, model, model.residual, 0.0) == seen
+        assert (form.evidence > 0) == is_seen
+        assert is_significant_pattern(uneven, model, model.residual, 0.0) == is_seen
         # what an even blur gains does not count: the least gain is 0.004 of each of these samples
         assert not is_significant_pattern(replace(uneven, gain=0.003 * excess.count), model, model.residual, 0.0)
 
 
 def test_the_noise_of_a_picture_without_edges_neither_asks_for_a_blur_nor_informs_of_one():
-    own, draw = (SIGMA * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
-    excess = replace(small_excess(-own), signal=np.mean(SIGNAL, axis=(1, 2), keepdims=True) + own)
-    plain, known = (
+    noise_map, draw = (SIGMA * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
+    excess = replace(small_excess(-noise_map), signal=np.mean(SIGNAL, axis=(1, 2), keepdims=True) + noise_map)
+    plain, informed = (
         blur_equations(replace(excess, noise=noise), ImageMaps("cosines"), 1)[0] for noise in (0 * draw, draw)
     )
-    for with_noise, without in ((plain.a, known.a), (plain.b, known.b), (plain.trial_b, known.trial_b)):
+    for with_noise, without in ((plain.a, informed.a), (plain.b, informed.b), (plain.trial_b, informed.trial_b)):
         assert np.all(np.abs(without.sum(axis=0)) < 0.1 * np.abs(with_noise.sum(axis=0)).max())
 
 
 def test_what_a_blur_gains_by_averaging_the_noise_of_the_picture_is_no_blur():
     """A picture half of which is as noisy as the photograph; its noise is known by its size, not as it is."""
     half = (COLUMNS < SIZE / 2) * SIGMA
-    own, draw = (half * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
-    for noise, seen in ((draw, False), (0 * draw, True)):
-        excess = replace(small_excess(-own), signal=SIGNAL + own, noise=noise)
+    noise_map, draw = (half * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
+    for noise, is_seen in ((draw, False), (0 * draw, True)):
+        excess = replace(small_excess(-noise_map), signal=SIGNAL + noise_map, noise=noise)
         model = _model(excess)
         _, uneven, _ = explain_masked_families(excess)
-        assert is_significant_pattern(uneven, model, model.residual, 0.0) == seen
+        assert is_significant_pattern(uneven, model, model.residual, 0.0) == is_seen
 
 
 def _turned(size):
@@ -178,24 +178,24 @@ def _turned(size):
 
 
 @pytest.mark.parametrize(
-    ("bands", "words"),
+    ("bands", "phrase"),
     [([0, 0, 1, 0], "a smooth field, in one band"), ([2, 0, -1, -1], "in each band otherwise")],
 )
-def test_a_displacement_of_some_bands_stands_out_beside_one_of_all(bands, words):
+def test_a_displacement_of_some_bands_stands_out_beside_one_of_all(bands, phrase):
     """Errors of the rendered picture's edges are in all bands alike. Where something is left anyway, what explains most
     of it is reported."""
-    alike, own = _turned([0.02] * BANDS), _turned(0.01 * np.array(bands))
+    alike, partial = _turned([0.02] * BANDS), _turned(0.01 * np.array(bands))
     trial_bands = tuple(f"b{index}" for index, part in enumerate(bands) if part)
     for change, left, expected in (
         (alike, False, None),
-        (alike + own, False, trial_bands),
-        (alike + own, True, ("b0", "b1", "b2", "b3")),
-        (own, True, trial_bands),
+        (alike + partial, False, trial_bands),
+        (alike + partial, True, ("b0", "b1", "b2", "b3")),
+        (partial, True, trial_bands),
     ):
         excess = small_excess(change)
         model = _model(excess)
         best, *others = explain(excess), *explain_masked_families(excess)
-        found = explanation_to_report((best, *others), model, model.residual, 0.0, left)
-        assert (found and found.bands) == expected
-    assert found.form.endswith(words)
-    assert (found.family, found.runner_up) == ("displacement", best.runner_up)
+        report = explanation_to_report((best, *others), model, model.residual, 0.0, left)
+        assert (report and report.bands) == expected
+    assert report.form.endswith(phrase)
+    assert (report.family, report.runner_up) == ("displacement", best.runner_up)

@@ -17,14 +17,14 @@ def _spot(x, y, radius):
 
 def _sensor_forms(excess, spot, spot_of_one_band):
     """All offsets and gains on the sensor."""
-    given = FitInput(excess, spot, spot_of_one_band)
-    return [form for family in families().values() if family.acts_on == "sensor" for form in family.generate(given)]
+    fit_input = FitInput(excess, spot, spot_of_one_band)
+    return [form for family in families().values() if family.acts_on == "sensor" for form in family.generate(fit_input)]
 
 
 def _scene_forms(excess):
     """All forms in the scene."""
-    given = FitInput.of(excess)
-    return [form for family in families().values() if family.acts_on == "scene" for form in family.generate(given)]
+    fit_input = FitInput.of(excess)
+    return [form for family in families().values() if family.acts_on == "scene" for form in family.generate(fit_input)]
 
 
 def test_a_spot_of_one_band_is_found_beside_a_denser_one_of_all_bands():
@@ -59,10 +59,10 @@ def test_an_offset_is_likely_where_it_adds_counts_at_the_border_of_the_picture(s
 
 
 def test_a_stain_is_seen_in_more_than_one_band():
-    def odds(bands, words):
+    def odds(bands, form):
         excess = small_excess(-0.08 * SIGNAL * _spot(20, 20, 3) * bands[:, None, None])
         forms = _sensor_forms(excess, hot_spot(excess), None)
-        gain = next(f for f in forms if (f.family.id, f.form) == ("sensor-gain", words))
+        gain = next(f for f in forms if (f.family.id, f.form) == ("sensor-gain", form))
         return spot_log_odds(excess, replace(gain, family=families()["reflectance-map"]), soft=False)
 
     assert odds(np.eye(BANDS)[2], "a spot in one band") < odds(np.ones(BANDS), "a spot") == 0
@@ -119,8 +119,8 @@ def test_a_primer_that_shows_through_paint_is_no_light():
     excess = small_excess(np.zeros(SIGNAL.shape))
     red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
     transport = replace(excess.transport, reflectance=np.array([red, white]))
-    shown = 0.3 * _spot(33, 38, 3) * FLOOR * (white / red - 1)[:, None, None]
-    explanation = explain(replace(small_excess(SIGNAL * shown), transport=transport))
+    primer = 0.3 * _spot(33, 38, 3) * FLOOR * (white / red - 1)[:, None, None]
+    explanation = explain(replace(small_excess(SIGNAL * primer), transport=transport))
     assert (explanation.family, explanation.form, explanation.surface) == (
         "reflectance-map",
         "the paint pale shows",
@@ -144,27 +144,27 @@ def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(f
     excess = small_excess(np.zeros(SIGNAL.shape))
     red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
     transport = replace(excess.transport, reflectance=np.array([red, white]))
-    place = (np.abs(ROWS - 36) < 3) & (np.abs(COLUMNS - 22) < 8)
+    region = (np.abs(ROWS - 36) < 3) & (np.abs(COLUMNS - 22) < 8)
     daylight = 0.5 * (excess.nm / 550) ** -3
     grey = 0.7 * 0.8 / red - 1
     more = {"extra-light": daylight, "object": np.minimum(grey, 4.0)}[family]
-    explanation = explain(replace(small_excess(SIGNAL * place * more[:, None, None]), transport=transport))
+    explanation = explain(replace(small_excess(SIGNAL * region * more[:, None, None]), transport=transport))
     assert explanation.family == family
 
 
 @pytest.mark.parametrize(("part", "family"), [(0.5, "object"), (2.5, "extra-light")])
 def test_no_thing_is_much_brighter_than_a_white_one(part, family):
     """On paint of 0.7, in the light's own colour, a thing would need a reflectance of 1.05 or 2.45."""
-    place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
-    assert explain(small_excess(part * SIGNAL * place)).family == family
+    region = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
+    assert explain(small_excess(part * SIGNAL * region)).family == family
 
 
 @pytest.mark.parametrize(("blue", "family"), [(0.05, "extra-light"), (-0.05, "reflectance-map")])
 def test_a_place_that_is_darker_in_some_bands_has_another_paint(blue, family):
     """Brighter in all bands it may be lit, and paint is the runner-up."""
-    place = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
+    region = (np.abs(ROWS - 16) < 5) & (np.abs(COLUMNS - 34) < 5)
     change = np.array([blue, blue, 0.1, 0.1])
-    explanation = explain(small_excess(SIGNAL * place * change[:, None, None]))
+    explanation = explain(small_excess(SIGNAL * region * change[:, None, None]))
     assert explanation.family == family
 
 

@@ -70,8 +70,8 @@ def test_no_module_but_its_own_names_a_family():
         for name in _families_named(path.read_text(encoding="utf-8"))
     }
     modules = {family.id: sys.modules[family.generate.__module__].__file__ for family in families().values()}
-    own = {(file.removeprefix(f"{ROOT}/"), name) for name, file in modules.items()}
-    assert members == own | OTHER_MEANINGS
+    named_in = {(file.removeprefix(f"{ROOT}/"), name) for name, file in modules.items()}
+    assert members == named_in | OTHER_MEANINGS
 
 
 @pytest.mark.parametrize("line", ['x = "blur"', 'if y == "sensor-gain": pass', 'x = ["a sensor-gain of rows"]'])
@@ -149,19 +149,19 @@ def test_a_family_of_another_package_can_be_a_rival():
 
 
 @pytest.mark.parametrize(
-    ("value", "found"),
+    ("value", "message"),
     [
         ("nowhere:FAMILY", "nowhere"),
         ("math:pi", "a float"),
         ("cboxlab.validation.diagnose.families.blur:FAMILY", "'blur'"),
     ],
 )
-def test_an_entry_point_that_is_no_new_family_is_named(monkeypatch, value, found):
+def test_an_entry_point_that_is_no_new_family_is_named(monkeypatch, value, message):
     entry = EntryPoint("smear", value, "cboxlab.families")
     monkeypatch.setattr(other_packages, "entry_points", lambda group: [entry])
     families.cache_clear()
     try:
-        with pytest.raises(InputError, match=f"smear = {value}.*{found}"):
+        with pytest.raises(InputError, match=f"smear = {value}.*{message}"):
             families()
     finally:
         families.cache_clear()

@@ -25,7 +25,7 @@ def _moved(picture, down, right):
 
 
 @pytest.mark.parametrize(
-    ("copy", "words"),
+    ("copy", "form"),
     [
         (_moved(SIGNAL, 5, -7), "a faint copy of the picture, shifted by (-7, 5)"),
         (SIGNAL[:, :, ::-1], "a mirrored copy of the picture"),
@@ -33,9 +33,9 @@ def _moved(picture, down, right):
     ],
     ids=["pane", "mirror", "ghost"],
 )
-def test_a_copy_of_the_picture_is_light_astray(copy, words):
+def test_a_copy_of_the_picture_is_light_astray(copy, form):
     explanation = explain(small_excess(0.03 * copy))
-    assert explanation.family == "blur" and explanation.form.startswith(words)
+    assert explanation.family == "blur" and explanation.form.startswith(form)
     assert explanation.share > 0.9
     again = field_of_record(json.loads(json.dumps(field_record(explanation.field))), "field.toml")
     assert again.picture_copy == explanation.field.picture_copy
@@ -49,8 +49,8 @@ def test_a_copy_is_that_of_numpy():
     assert (middle[:, 0] == 0).all()
 
 
-@pytest.mark.parametrize(("angle", "words"), [(0, "to the right"), (90, "down"), (180, "to the left"), (270, "up")])
-def test_trails_keep_the_charge_and_their_way(angle, words):
+@pytest.mark.parametrize(("angle", "form"), [(0, "to the right"), (90, "down"), (180, "to the left"), (270, "up")])
+def test_trails_keep_the_charge_and_their_way(angle, form):
     point = np.zeros((31, 31))
     point[15, 15] = 1.0
     for trail in exchanges("trail", point, angle_deg=angle):
@@ -64,11 +64,11 @@ def test_trails_keep_the_charge_and_their_way(angle, words):
         late[:, :, column] = 0.6 * late[:, :, column - 1] + 0.4 * turned[:, :, column - 1]
     change = 0.1 * np.rot90(late - turned, -(angle // 90), axes=(1, 2))
     explanation = explain(small_excess(change))
-    assert (explanation.family, explanation.form) == ("blur", f"trails {words}")
+    assert (explanation.family, explanation.form) == ("blur", f"trails {form}")
 
 
 @pytest.mark.parametrize(
-    ("change", "family", "words"),
+    ("change", "family", "form"),
     [
         (0.03 * SIGNAL * DRAW.normal(0, 1, (SIZE, SIZE)), "sensor-gain", "single pixels, alike in all bands"),
         (
@@ -79,9 +79,9 @@ def test_trails_keep_the_charge_and_their_way(angle, words):
     ],
     ids=["old flats", "hot pixels"],
 )
-def test_single_pixels_that_bands_share_are_the_sensors(change, family, words):
+def test_single_pixels_that_bands_share_are_the_sensors(change, family, form):
     explanation = explain(small_excess(change))
-    assert (explanation.family, explanation.form) == (family, words)
+    assert (explanation.family, explanation.form) == (family, form)
     assert explanation.heldout > 0.3
     assert explanation.sharp == (family == "sensor-offset")  # a rendering's own noise is alike in all bands
     assert np.corrcoef(explanation.change.ravel(), change.ravel())[0, 1] > 0.9
@@ -113,14 +113,14 @@ def test_a_lamp_whose_lobe_has_a_colour_is_the_lamps():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "form"),
     [
         (-0.05 * SIGNAL * (np.hypot(ROWS - 15, COLUMNS - 30) < 4), "counts are missing, in proportion to the signal"),
         (np.ones(BANDS)[:, None, None] * 40.0 * (ROWS == 20), "there are counts too many, alike in all bands"),
     ],
 )
-def test_sign_and_scaling_are_measured(change, words):
-    assert appearance(registration(small_excess(change))).startswith(words)
+def test_sign_and_scaling_are_measured(change, form):
+    assert appearance(registration(small_excess(change))).startswith(form)
 
 
 def test_every_form_has_words_for_the_laboratory():
@@ -138,8 +138,8 @@ def test_what_no_family_explains_has_an_experiment_too():
 
 def test_probabilities_are_no_constants():
     weak, strong = (explain(small_excess(part * SIGNAL * DRAW.normal(0, 1, (1, SIZE, 1)))) for part in (0.002, 0.03))
-    for found in (weak, strong):
-        assert sum(found.odds.values()) == pytest.approx(1)
-        assert explanation_record(found)["probability"] == pytest.approx(found.probability, abs=1e-4)
+    for probability in (weak, strong):
+        assert sum(probability.odds.values()) == pytest.approx(1)
+        assert explanation_record(probability)["probability"] == pytest.approx(probability.probability, abs=1e-4)
     assert strong.probability > weak.probability
     assert strong.cause_probability > weak.cause_probability

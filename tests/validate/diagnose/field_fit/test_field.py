@@ -11,20 +11,20 @@ def test_a_field_of_one_band_beside_one_of_all_is_that_of_least_squares():
     """The gain of both fields together, less that of the one of all bands; priors too wide to matter."""
     draw = np.random.default_rng(8)
     columns = draw.normal(size=(BANDS, PIXELS, NUMBERS))
-    known = np.linalg.qr(draw.normal(size=(BANDS * PIXELS, NUISANCES)))[0]
+    known_changes = np.linalg.qr(draw.normal(size=(BANDS * PIXELS, NUISANCES)))[0]
     everywhere, alone = columns.reshape(-1, NUMBERS), np.zeros((BANDS, PIXELS, NUMBERS))
     alone[1] = columns[1]
     alone = alone.reshape(-1, NUMBERS)
     residual = 30 * (everywhere @ draw.normal(size=NUMBERS) + alone @ draw.normal(size=NUMBERS))
     residual += draw.normal(size=len(residual))
-    residual -= known @ (known.T @ residual)
-    per_band, nuisances = residual.reshape(BANDS, PIXELS), known.reshape(BANDS, PIXELS, NUISANCES)
+    residual -= known_changes @ (known_changes.T @ residual)
+    per_band, nuisances = residual.reshape(BANDS, PIXELS), known_changes.reshape(BANDS, PIXELS, NUISANCES)
 
     a, b = columns.swapaxes(1, 2) @ columns, np.einsum("bpk,bp->bk", columns, per_band)
     n = NormalEquations(a, b, nuisances.swapaxes(1, 2) @ columns, a, b)
     spectrum_fit = fixed_spectrum(beside_common(n), np.eye(BANDS)[1])
 
-    common, both = (_fitted(residual, [known, *parts]) for parts in ([everywhere], [everywhere, alone]))
+    common, both = (_fitted(residual, [known_changes, *parts]) for parts in ([everywhere], [everywhere, alone]))
     assert_allclose(spectrum_fit.coefficients[[0, 2]], 0)
     assert_allclose(spectrum_fit.coefficients[1], both[0][-NUMBERS:], rtol=1e-3)
     assert_allclose(spectrum_fit.gain, both[1] - common[1], rtol=1e-4)

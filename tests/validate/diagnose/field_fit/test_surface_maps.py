@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import field, lamp_dn
-from cboxlab.validation.diagnose.field_fit.surface_maps import smooth_surface_maps
+from cboxlab.validation.diagnose.field_fit.surface_maps import _cosines, smooth_surface_maps
 from helpers.small_excess import SIGNAL, small_excess
 
 STEP = 1e-3
@@ -28,7 +28,7 @@ def picture(transport, band, fragment_factor=1.0, patch_factor=1.0, fragment_lig
 def excess():
     plain = small_excess(np.zeros(SIGNAL.shape))
     each = [picture(plain.transport, band)[1:] for band in range(len(plain.bands))]
-    patches, pixels = (np.array(one).T for one in zip(*each, strict=True))
+    patches, pixels = (np.array(column).T for column in zip(*each, strict=True))
     return replace(plain, transport=replace(plain.transport, arriving=pixels, patch_arriving=patches))
 
 
@@ -36,12 +36,12 @@ def test_maps_change_the_picture_as_a_new_solution_does(excess):
     maps, t, band = smooth_surface_maps(excess), excess.transport, 2
     some = [0, 1, len(maps.waves) - 2]
     dn = lamp_dn(excess, band)
-    seen = maps.visible(some)
+    visible = maps.visible(some)
     results = {"reflectance": maps.reflectance(band, some), "light": maps.light(band, some)}
     for row, k in enumerate(some):
         on_fragments = np.where(t.surface == maps.surface[k], maps.waves[k].at(t.position), 0.0)
         on_patches = np.where(t.patch_surface == maps.surface[k], maps.waves[k].at(t.patch_position), 0.0)
-        np.testing.assert_allclose(seen[row], on_fragments, rtol=1e-6)
+        np.testing.assert_allclose(visible[row], on_fragments, rtol=1e-6)
         both = {
             "reflectance": [
                 picture(t, band, 1 + sign * STEP * on_fragments, 1 + sign * STEP * on_patches)[0] for sign in (1, -1)
@@ -58,10 +58,10 @@ def test_maps_change_the_picture_as_a_new_solution_does(excess):
 
 def test_normal_equations_are_the_same_from_blocks_of_pixels(excess, monkeypatch):
     columns = smooth_surface_maps(excess).reflectance(1, range(5))
-    whole = field.normal_equations(excess, columns, 1)
+    equations = field.normal_equations(excess, columns, 1)
     monkeypatch.setattr(field, "_BLOCK_PIXELS", 501)
-    for one, other in zip(whole, field.normal_equations(excess, columns, 1), strict=True):
-        np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-9 * np.abs(one).max())
+    for part, other in zip(equations, field.normal_equations(excess, columns, 1), strict=True):
+        np.testing.assert_allclose(other, part, rtol=1e-9, atol=1e-9 * np.abs(part).max())
 
 
 def test_a_matte_lobe_changes_direct_light_by_its_incidence_and_all_light_by_the_view(excess):
@@ -74,20 +74,31 @@ def test_a_matte_lobe_changes_direct_light_by_its_incidence_and_all_light_by_the
     )
     degrees, knots = np.linspace(0, 90, 7), np.eye(7)
     excess = replace(excess, transport=t)
-    dn, own = lamp_dn(excess, band), t.material == 1
-    found = smooth_surface_maps(excess).lobe(band, 1)
+    dn, on_surface = lamp_dn(excess, band), t.material == 1
+    lobe = smooth_surface_maps(excess).lobe(band, 1)
     rho, patch_rho = t.reflectance[t.material, band], t.reflectance[t.patch_material, band]
     system = np.eye(len(patch_rho)) - patch_rho[:, None] * t.form_factors
-    assert len(found) == 15
-    for at_angle, by_view, by_incidence in zip(knots, found[:7], found[8:], strict=True):
+    assert len(lobe) == 15
+    for at_angle, by_view, by_incidence in zip(knots, lobe[:7], lobe[8:], strict=True):
         view, incidence, of_patches = (
             np.interp(np.degrees(np.arccos(cosine)), degrees, at_angle)
             for cosine in (t.view, t.incidence, t.patch_incidence)
         )
-        exact = own * (view - view[own].mean()) * t.arriving[:, band]
+        exact = on_surface * (view - view[on_surface].mean()) * t.arriving[:, band]
         np.testing.assert_allclose(by_view, dn * rho * exact, atol=1e-4 * dn)
         brighter = np.linalg.solve(system, patch_rho * PATCH_LIGHT * of_patches * (t.patch_material == 1))
-        exact = own * incidence * LIGHT + t.gather @ brighter
+        exact = on_surface * incidence * LIGHT + t.gather @ brighter
         np.testing.assert_allclose(by_incidence, dn * rho * exact, atol=1e-4 * dn)
     both = t.view * t.incidence
-    np.testing.assert_allclose(found[7], dn * rho * own * (both - both[own].mean()) * LIGHT, atol=1e-4 * dn)
+    np.testing.assert_allclose(
+        lobe[7], dn * rho * on_surface * (both - both[on_surface].mean()) * LIGHT, atol=1e-4 * dn
+    )
+
+
+def test_the_prior_of_a_map_falls_to_one_half_at_the_second_order():
+    maps = _cosines("floor", np.array([[0.0, 0, 0], [400, 0, 300]]))
+    order = {tuple(m.waves[0]): float(m.values[0]) for m in maps}
+    assert order[0, 0, 0] == 1
+    assert order[2, 0, 0] == order[0, 0, 2] == pytest.approx(1 / 2)
+    assert order[1, 0, 1] == pytest.approx(1 / 1.5)
+    assert order[4, 0, 0] == pytest.approx(1 / 5)

@@ -85,8 +85,8 @@ def test_a_clicked_polygon_holds_the_pixels_within(page):
         page.click(*point(page, *corner))
     rows = table(page, "region")
     y, x = np.indices((BOX.size, BOX.size))
-    places = np.stack([x.ravel(), y.ravel()], axis=1)
-    inner, outer = (Outline(corners).contains_points(places, radius=r).reshape(x.shape) for r in (-1e-9, 1e-9))
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    inner, outer = (Outline(corners).contains_points(points, radius=r).reshape(x.shape) for r in (-1e-9, 1e-9))
     for row, i in zip(rows, ORDER, strict=True):
         assert int(row["pixels"]) in {(inner & USED[i]).sum(), (outer & USED[i]).sum()}
         assert float(row["measured_dn"]) == pytest.approx(MAPS["measured"].values[i][outer & USED[i]].mean(), rel=1e-3)

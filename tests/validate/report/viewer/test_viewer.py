@@ -94,11 +94,11 @@ def test_a_click_shows_the_numbers_of_the_comparison(page, comparison):
     assert (record["x"], record["y"]) == (x, y)
     assert record["surface"] == SURFACES[int(maps["surface"].values[y, x])]
     assert [b["nm"] for b in record["bands"]] == sorted(NM)
-    for shown, i in zip(record["bands"], ORDER, strict=True):
-        assert shown["id"] == BANDS[i]
+    for entry, i in zip(record["bands"], ORDER, strict=True):
+        assert entry["id"] == BANDS[i]
         for name in ("measured", "rendered", "sigma"):
-            assert shown[name] == pytest.approx(maps[name].values[i, y, x], rel=1e-6)
-        assert shown["residual"] == pytest.approx(maps["residual_over_sigma"].values[i, y, x], abs=1e-4)
+            assert entry[name] == pytest.approx(maps[name].values[i, y, x], rel=1e-6)
+        assert entry["residual"] == pytest.approx(maps["residual_over_sigma"].values[i, y, x], abs=1e-4)
     assert record["xyz_measured"] == pytest.approx(maps["xyz_measured"].values[y, x], rel=1e-5)
     assert record["delta_e_ab"] == pytest.approx(maps["delta_e_ab"].values[y, x], rel=1e-3)
     panel = page.run("document.querySelector('.cbv-pixel').innerText")
@@ -167,9 +167,9 @@ def test_the_pictures_hold_the_figures_of_the_metrics(page, comparison):
     """chi2 of all and of a band, mean and largest colour differences, and pixels left out, from what is shown."""
     written = metrics(comparison, fake_run())
     for layer in ("delta_e_ab", "delta_e_2000"):
-        shown = _layer(page, layer)
-        assert np.nanmean(shown) == pytest.approx(written[layer]["mean"], rel=1e-4)
-        assert np.nanmax(shown) == pytest.approx(written[layer]["max"], rel=1e-3)
+        image = _layer(page, layer)
+        assert np.nanmean(image) == pytest.approx(written[layer]["mean"], rel=1e-4)
+        assert np.nanmax(image) == pytest.approx(written[layer]["max"], rel=1e-3)
     squares = [np.nansum(_layer(page, "residual", i) ** 2) for i in range(len(BANDS))]
     assert sum(squares) / written["residuals"] == pytest.approx(written["chi2_per_dof"], rel=1e-4)
     band = written["bands"][BANDS[ORDER[1]]]
@@ -212,8 +212,8 @@ def test_slider_shows_a_left_and_b_right_of_the_line(page):
     page.run("v.set({b: 'residual', split: 50})")
     assert _colour(page, 0, 40, 20) == _colour(page, 1, 40, 20)
     assert _colour(page, 0, 8, 20) != _colour(page, 1, 8, 20)
-    line, there = _at(page, 0, 23.5, 20), _at(page, 0, 44, 20)
-    page.drag(line, there)
+    line, right_pixel = _at(page, 0, 23.5, 20), _at(page, 0, 44, 20)
+    page.drag(line, right_pixel)
     assert page.run("v.state.split") == pytest.approx(100 * 44.5 / 48, abs=0.5)
     assert _colour(page, 0, 40, 20) != _colour(page, 1, 40, 20)
 
@@ -271,11 +271,11 @@ def test_axes_number_the_pixels_at_their_centres(page, zoom):
 
 def test_wheel_zooms_about_the_pointer_and_dragging_moves(page):
     """Ctrl + wheel: the pixel under the pointer stays there. A drag by a quarter of the width moves by a quarter."""
-    there = _at(page, 0, 12, 12)
-    event = {"type": "mouseWheel", "x": there[0], "y": there[1], "deltaX": 0, "modifiers": 2}
+    pixel = _at(page, 0, 12, 12)
+    event = {"type": "mouseWheel", "x": pixel[0], "y": pixel[1], "deltaX": 0, "modifiers": 2}
     page.call("Input.dispatchMouseEvent", deltaY=-300, **event)
     page.until("v.state.zoom === 2")
-    page.click(*there)
+    page.click(*pixel)
     assert page.run("v.state.pixel") == [12, 12]
     before = page.run("v.state.x")
     start = _at(page, 1, 12, 24)

@@ -16,6 +16,7 @@ from pkgutil import iter_modules
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.other_packages import entries_of, guarded, loaded
 
+from ._of_other_packages import checked_cause
 from .cause import Cause, Pictures, SceneLight, Trial, as_found
 
 __all__ = ["Cause", "Pictures", "SceneLight", "Trial", "as_found", "causes"]
@@ -38,15 +39,16 @@ def causes() -> tuple[Cause, ...]:
     Raises
     ------
     InputError
-        If an entry point or a file cannot be loaded, holds no Cause, or has the identifier of another.
+        If an entry point or a file cannot be loaded, holds no sound Cause, or has the identifier of another.
     """
-    modules = [import_module(f"{__name__}.{m.name}") for m in iter_modules(__path__) if m.name != "cause"]
+    names = [m.name for m in iter_modules(__path__) if m.name != "cause" and not m.name.startswith("_")]
+    modules = [import_module(f"{__name__}.{name}") for name in names]
     catalogue: dict[str, Cause] = {module.CAUSE.id: module.CAUSE for module in modules}
     others = [(where, partial(loaded, where, entry, Cause)) for where, entry in entries_of(_GROUP)]
     files = [Path(text) for text in os.environ.get(_FILES, "").split(os.pathsep) if text]
     others += [(str(file), partial(_of_file, file)) for file in files]
     for where, load in others:
-        cause = load()
+        cause = checked_cause(load(), where)
         if cause.id in catalogue:
             raise InputError(where, f"'{cause.id}', which is there already", "another identifier")
         catalogue[cause.id] = cause

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ _MAX_EXPONENT = 12.0
 _MIN_EXPONENT = 1e-3
 #: Largest distance of an exponent from 4 at which it is taken for the natural fall-off of a lens.
 _NATURAL = 0.15
+#: Tangents of half the angle of view that are tried about the picture's centre where no camera is stated.
+_TANGENTS = (0.2, 0.35, 0.6, 1.0)
 
 
 def _trials(pictures: Pictures) -> Iterator[Trial]:
@@ -26,10 +29,12 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     x, y = pictures.across()
     base, square = pictures.baseline, (x * x + y * y)[..., None]
     yield Trial(lambda a: {"at_half_width": 1 + float(a[0]), "law": "1 + a r^2"}, (base * square,))
+    cosines: list[tuple[float | None, NDArray[np.float64]]]
     if pictures.camera is None:
-        return
-    cosine = _cosine(pictures)
-    for levelled in (False, True):
+        cosines = [(tangent, (1 + tangent**2 * square) ** -0.5) for tangent in _TANGENTS]
+    else:
+        cosines = [(None, _cosine(pictures))]
+    for (tangent, cosine), levelled in product(cosines, (False, True)):
         exponent, factor = 0.0, 1.0
         for _ in range(_STEPS):
             now = factor * base * cosine**exponent
@@ -44,10 +49,12 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
                 "exponent": exponent,
                 **({"factor_at_centre": factor} if levelled else {}),
             }
-            if abs(exponent - 4) < _NATURAL:
+            if tangent is not None:
+                values["tangent_at_half_width"] = tangent
+            elif abs(exponent - 4) < _NATURAL:
                 values["meaning"] = "irradiance of a film behind a lens in place of radiance?"
             picture = factor * base * cosine**exponent
-            yield Trial(as_found(values), fixed=picture - base, selected=1 + levelled)
+            yield Trial(as_found(values), fixed=picture - base, selected=1 + levelled + (tangent is not None))
 
 
 def _cosine(pictures: Pictures) -> NDArray[np.float64]:

@@ -1,14 +1,16 @@
-"""Patterns of a difference whose means cancel: grids, lines, tiles, textures, black pixels."""
+"""Patterns of a difference whose means cancel: grids, ripples, lines, tiles, textures."""
 
 from .correlation import difference_variance, of_blocks, of_filter, of_neighbours
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .lines import odd_lines, odd_tiles, tile_steps
 from .mirror import mirror_order
+from .moved import moved_texture
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, PooledMean, pool_of_finding
 from .spread import block_spread
 from .texture import FIXED_TEXTURE, fine_structure, textures
+from .wave import ripple
 
 __all__ = [
     "CANCELLING",
@@ -23,6 +25,7 @@ __all__ = [
     "difference_variance",
     "fine_structure",
     "mirror_order",
+    "moved_texture",
     "odd_lines",
     "odd_tiles",
     "of_blocks",
@@ -30,6 +33,7 @@ __all__ = [
     "of_neighbours",
     "periodic",
     "pool_of_finding",
+    "ripple",
     "textures",
     "tile_steps",
     "without_period",

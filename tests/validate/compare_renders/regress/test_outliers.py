@@ -1,0 +1,45 @@
+"""Outliers, typical noise and smooth descriptions, each on numbers made up."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.validation.compare_renders.regress import naming, verdict
+from cboxlab.validation.compare_renders.regress.outliers import trimmed
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize(("sigmas", "is_outlier"), [(5.0, False), (7.5, True)])
+def test_an_outlier_is_six_stated_sigmas_away_in_any_unit(unit, sigmas, is_outlier):
+    """Stated errors of twice the scatter, for wavelengths that err alike."""
+    scatter = np.random.default_rng(3).standard_normal((32, 32, 1))
+    scatter = np.clip(scatter, -2, 2) * 0.01 * unit * np.ones(3)
+    scatter[16, 16] = sigmas * 0.02 * unit
+    level = np.full((32, 32, 3), unit)
+    variance = np.full((32, 32, 3), (0.02 * unit) ** 2)
+    outlier = trimmed(scatter, level, variance, 1e6, np.zeros((32, 32), bool)).outlier
+    assert outlier[16, 16] == is_outlier
+    assert outlier.sum() == is_outlier
+
+
+def test_typical_noise_is_a_standard_deviation_over_the_light(monkeypatch):
+    monkeypatch.setattr(verdict, "_quiet", lambda strata, estimated: np.ones((2, 2), bool))
+    level = np.full((2, 2, 3), 4.0)
+    noise = SimpleNamespace(total=np.full((2, 2), 0.36))
+    comparison = SimpleNamespace(strata=None, trimmed=SimpleNamespace(level=level), noise=noise)
+    assert verdict._typical_noise(comparison) == pytest.approx(0.6 / 12)
+
+
+def test_smooth_descriptions_are_polynomials_up_to_the_second_order():
+    """Each of them over a picture of ones is in the span of the templates."""
+    descriptions = []
+    evidence = SimpleNamespace(baseline=np.ones((5, 6, 2)), fit=descriptions.append)
+    free = [explanation.free for explanation in naming._over_picture(evidence)]
+    y, x = np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 6), indexing="ij")
+    expected = [[x, y], [x * x + y * y], [x, y, x * x, x * y, y * y]]
+    assert free == [len(shapes) + 1 for shapes in expected]
+    for templates, shapes in zip(descriptions, expected, strict=True):
+        columns = np.array([template[..., 0].ravel() for template in templates]).T
+        for shape in (np.ones_like(x), *shapes):
+            remainder = shape.ravel() - columns @ np.linalg.lstsq(columns, shape.ravel(), rcond=None)[0]
+            assert np.abs(remainder).max() < 1e-9

@@ -1,0 +1,98 @@
+"""Changes that single pictures without stated errors show: ripples, moved textures, functions of the light."""
+
+import numpy as np
+import OpenEXR
+import pytest
+from cboxlab.validation.compare_renders.regress import Side, regress_sides
+from helpers.other_suite import run_suite
+from scipy.ndimage import gaussian_filter, median_filter, uniform_filter
+
+SIZE = 48
+Y, X = (axis[..., None] for axis in np.meshgrid(*2 * [np.linspace(-1, 1, SIZE)], indexing="ij"))
+#: A smooth light, and a floor whose paint is like noise.
+LIGHT = (1 + 0.4 * X + 0.3 * Y**2) * [0.7, 0.6, 0.5]
+TEXTURED = LIGHT * np.random.default_rng(3).uniform(0.2, 1.8, (SIZE, SIZE, 1))
+NOISE = {
+    "independent": lambda p, rng: p * (1 + 0.05 * rng.standard_normal((SIZE, SIZE, 1))),
+    "filtered": lambda p, rng: gaussian_filter(p * (1 + 0.08 * rng.standard_normal((SIZE, SIZE, 1))), (0.5, 0.5, 0)),
+    "counts": lambda p, rng: p * rng.poisson(400 * p.mean(axis=-1, keepdims=True)) / (400 * p.mean(axis=-1))[..., None],
+    "median": lambda p, rng: median_filter(p * (1 + 0.1 * rng.standard_normal((SIZE, SIZE, 1))), (3, 3, 1)),
+    "wide": lambda p, rng: uniform_filter(p * (1 + 0.15 * rng.standard_normal((SIZE, SIZE, 1))), (5, 5, 1)),
+}
+
+
+def outcome(picture, spoilt, noise, seed):
+    """Outcome of two single pictures, the second spoilt."""
+    rng = np.random.default_rng(seed)
+    pictures = NOISE[noise](picture, rng), spoilt(NOISE[noise](picture, rng))
+    unit = np.full(3, np.nan)
+    sides = (Side("a", unit, p, None, 0.0, None, in_colour=True, colours=("R", "G", "B")) for p in pictures)
+    return regress_sides(*sides)[0]
+
+
+@pytest.mark.parametrize("noise", NOISE)
+@pytest.mark.parametrize("picture", [LIGHT, TEXTURED], ids=["smooth", "textured"])
+def test_equal_single_pictures_are_the_same(picture, noise):
+    for seed in range(4):
+        found = outcome(picture, lambda p: p, noise, seed)
+        assert found.same, found.deciding
+
+
+@pytest.mark.parametrize("noise", ["independent", "filtered", "counts"])
+def test_a_ripple_is_seen_and_its_period_is_stated(noise):
+    cycles = np.hypot(7, 3) / np.pi
+    found = outcome(LIGHT, lambda p: p * (1 + 0.1 * np.sin(7 * Y + 3 * X)), noise, 1)
+    (wave,) = found.of_kind("wave")
+    assert wave.different
+    period = float(wave.name.removeprefix("ripple with a period of ").removesuffix(" px"))
+    assert period == pytest.approx((SIZE - 1) / cycles, rel=0.08)
+    assert wave.difference == pytest.approx(0.1 / np.sqrt(2), rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("place", "spoilt"),
+    [
+        ("moved by 20 px right, 0 px down", lambda p: np.roll(p, 20, axis=1)),
+        ("moved by 0 px right, -3 px down", lambda p: np.roll(p, -3, axis=0)),
+        ("upside down", lambda p: p[::-1]),
+    ],
+)
+def test_a_texture_like_noise_is_found_where_it_moved(place, spoilt):
+    found = outcome(TEXTURED, spoilt, "independent", 2)
+    assert [row.name for row in found.of_kind("place") if row.different] == [f"fine structure {place}"]
+
+
+@pytest.mark.parametrize("spoilt", [lambda p: 1.05 * p, lambda p: p + 0.05 * p.mean(), lambda p: p**1.1])
+def test_a_function_of_the_light_is_no_correlated_noise(spoilt):
+    assert not outcome(TEXTURED, spoilt, "filtered", 3).same
+
+
+#: Spoilt pictures by the name of a test of an imaginary renderer; equal ones first.
+SPOILT = {
+    "equal": lambda p: p,
+    "mirrored": lambda p: p[:, ::-1],
+    "checkered": lambda p: p * (1 + 0.2 * (2 * (np.indices((SIZE, SIZE)).sum(axis=0) % 2) - 1)[..., None]),
+    "moved_lamp": lambda p: p / LIGHT * (1 + 0.2 * X + 0.3 * Y**2) * [0.7, 0.6, 0.5],
+}
+
+
+def test_the_fixture_compares_single_pictures_with_copies_of_earlier_ones(tmp_path):
+    """Pictures of a textured floor without stated errors."""
+
+    def written(name, picture):
+        planes = {channel: np.ascontiguousarray(picture[..., i], np.float32) for i, channel in enumerate("RGB")}
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(tmp_path / f"{name}.exr"))
+
+    def test_of(name):
+        call = f"same_light('{name}', Path(__file__).parent / '{name}.exr', seed=1, samples=64)"
+        return f"def test_{name}(same_light):\n    {call}"
+
+    (tmp_path / "test_light.py").write_text("\n\n\n".join(["from pathlib import Path", *map(test_of, SPOILT)]))
+    for number, name in enumerate(SPOILT):
+        written(name, NOISE["filtered"](TEXTURED, np.random.default_rng(number)))
+    assert run_suite(tmp_path, "--update-light-references")[0] == 0
+    for number, (name, spoilt) in enumerate(SPOILT.items()):
+        written(name, spoilt(NOISE["filtered"](TEXTURED, np.random.default_rng(50 + number))))
+    code, printed = run_suite(tmp_path)
+    assert code == 1
+    assert "3 failed, 1 passed" in printed, printed

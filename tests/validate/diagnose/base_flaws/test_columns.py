@@ -1,0 +1,21 @@
+"""Shapes of slow errors over a face: of unit size, whatever the size of the face."""
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.base_flaws.columns import _Picture, _shading
+
+
+@pytest.mark.parametrize("size", [24, 48])
+def test_shading_over_a_face_has_unit_size(size):
+    face = np.zeros((size, size), int)
+    face[:, size // 2 :] = 1
+    signal = np.full((2, size, size), 5.0)
+    picture = _Picture(signal, np.ones(signal.shape, bool), face, np.zeros(signal.shape), np.ones((2, 2)))
+    columns = [(kind, column.reshape(signal.shape) / 5.0) for kind, column in _shading(picture, 1)]
+    plain = [column for kind, column in columns if kind == "shading:1"]
+    assert len(plain) == 2
+    for column in plain:
+        assert column[:, face == 1].min() == pytest.approx(-1) and column[:, face == 1].max() == pytest.approx(1)
+        assert not column[:, face == 0].any()
+    for kind, column in columns:
+        assert np.abs(column).max() <= 1 + 1e-9, kind

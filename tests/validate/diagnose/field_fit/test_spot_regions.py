@@ -1,0 +1,29 @@
+"""The border between noise and a spot, in standard deviations of the smoothed excess."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.field_fit import hot_spot, hot_spot_of_one_band
+from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
+from scipy.ndimage import gaussian_filter
+
+#: A smooth excess over noise, of peak 1 after the smoothing by 1.5 px.
+BELL = np.exp(-((COLUMNS - 24) ** 2 + (ROWS - 24) ** 2) / 18)
+BELL /= gaussian_filter(BELL, 1.5).max()
+#: Part of a pixel's standard deviation that is left by the smoothing of white noise: 1 / (2 sqrt(pi) 1.5 px).
+SMOOTHED = 0.18806
+
+
+@pytest.mark.parametrize(("sigmas", "is_spot"), [(5.5, False), (6.5, True)])
+@pytest.mark.parametrize(
+    ("region", "variance", "bands"),
+    [(hot_spot, 2 * BANDS, slice(None)), (hot_spot_of_one_band, 2 * BANDS / (BANDS - 1), slice(2, 3))],
+)
+def test_a_spot_begins_at_six_sigmas(region, variance, bands, sigmas, is_spot):
+    """chi2 of one number has variance 2; one band less the mean of the others has that of n / (n - 1) bands."""
+    data = small_excess(np.zeros(SIGNAL.shape))
+    excess = np.zeros(SIGNAL.shape)
+    excess[bands] = sigmas * SMOOTHED * np.sqrt(variance) * BELL / len(excess[bands])
+    data = replace(data, residual=np.sqrt(data.used + excess).astype(np.float32))
+    assert (region(data) is not None) is is_spot
