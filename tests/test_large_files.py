@@ -71,6 +71,8 @@ CASES = {
     ),
     "dotted.toml": (text(BOX + ".".join(["a"] * 16_000) + " = 1\n"), load_model, "nested too deeply"),
     "table.toml": (text(BOX + "[" + ".".join(["a"] * 16_000) + "]\n"), load_model, "nested too deeply"),
+    "blanks.toml": (text(" " * 1_000_000), load_model, "this key is required"),
+    "lines.toml": (text("\n" * 1_000_000), load_model, "this key is required"),
     "keys.toml": (text(BOX + "".join(f"k{i} = 1\n" for i in range(80_000))), load_model, "unknown key"),
     "scene.toml": (
         text('format = "scene/1"\n' + "".join(f"k{i} = 1\n" for i in range(80_000))),

@@ -57,8 +57,9 @@ _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 #: Number of bytes at the beginning in which a 0 shows that a file is no UTF-8 text.
 _PROBED_BYTES = 1024
 
-#: Beginning of a line with a dotted key of more parts than nested tables may have.
-_DEEP_KEY = re.compile(r"^[ \t]*\[{0,2}(?:[^\s\"'#=.]{0,200}\s*\.\s*){33}", re.MULTILINE)
+#: Beginning of a line with a dotted key of more parts than nested tables may have. Nothing is matched in two ways, so
+#: that a million blanks take no longer than a million letters.
+_DEEP_KEY = re.compile(r"^[ \t]*+\[{0,2}+[ \t]*+(?:[^\s\"'#=.]{0,200}+[ \t]*+\.[ \t]*+){33}", re.MULTILINE)
 
 #: Line number in a message of the TOML reader.
 _LINE = re.compile(r"at line (\d+)")
