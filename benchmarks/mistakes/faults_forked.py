@@ -16,15 +16,16 @@ from cboxlab.validation.app.commands.cli import main
 #: Packages that commands import while they run. Dr.Jit is none of them: its threads do not survive a fork.
 PACKAGES = (
     "calibration",
-    "render.export",
-    "render.files",
-    "validate.compare",
-    "validate.effects",
-    "validate.fields",
-    "validate.commands",
-    "validate.model",
-    "validate.regress",
-    "validate.results",
+    "calibration.result",
+    "rendering.effects",
+    "rendering.export",
+    "rendering.files",
+    "rendering.fitted_fields",
+    "rendering.model",
+    "validation.api",
+    "validation.app.commands",
+    "validation.compare",
+    "validation.compare_renders.regress",
 )
 
 
