@@ -274,11 +274,12 @@ def _explained(
         start = replace(start, residual=start.residual - start.whiten_used(flaws.change_dn))
     by_effects = start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
-    selected, unknown = tuple(c.hypothesis.effect.id for c in effects), _UNKNOWN_EXPLAINED
+    selected = tuple(c.hypothesis.effect.id for c in effects)
+    unknown = _unknown_next_to_flaws(by_effects / model.count, flaws.imitable_chi2) if effects else _UNKNOWN_EXPLAINED
     if explanation is not None:
         explained = explained_part(start, residual)
         # an imitation of another cause explains a part of it
-        unknown = best.cause_probability * (1 - max(explained, 0.0))
+        unknown = max(unknown, best.cause_probability * (1 - max(explained, 0.0)))
         # no effect imitates single pixels
         hold = holds_beside_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
         selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
@@ -295,6 +296,17 @@ def _explained(
             unknown = explanation.cause_probability
         return _Answer(first, [], [], first.model.residual, selected, explanation, unknown)
     return replace(answer, selected=selected, explanation=explanation, unknown=unknown)
+
+
+def _unknown_next_to_flaws(by_effects: float, by_flaws: float) -> float:
+    """Probability that effects only imitate an unknown cause, where the base is off.
+
+    Flaws that nobody listed are as large as those that were fitted. An effect that explains no more than the flaws may
+    be one of them. by_effects, by_flaws : chi2 per sample that effects and flaws explain.
+    """
+    gain = max(by_effects, 0.0)
+    effect_share = gain / (gain + by_flaws) if by_flaws > 0 else 1.0
+    return 1 - (1 - _UNKNOWN_EXPLAINED) * effect_share
 
 
 def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[Step, ...]:
