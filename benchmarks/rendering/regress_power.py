@@ -118,11 +118,7 @@ def alarms(pairs: int) -> None:
             wrong += not regress_sides(first, second)[0].same
             if with_errors:
                 failed += not pixel_rule(first, second)
-        rule = (
-            f"per-pixel rule fails {failed}"
-            if options.get("with_errors", 1)
-            else "per-pixel rule needs standard errors"
-        )
+        rule = f"per-pixel rule fails {failed}" if with_errors else "per-pixel rule needs standard errors"
         print(f"{name:25s} false alarms {wrong}; {rule}", flush=True)
 
 
