@@ -17,9 +17,9 @@ PATCHES, EACH, TRIALS = 64, 30, 600
 COUNT = PATCHES * EACH
 
 WIDTH = Parameter("width", null=0.0, low=0.0, high=20.0, step=0.1)
-SIZE, PLACE = (
+SIZE, CENTRE = (
     Parameter("size", null=0.0, low=-5.0, high=5.0, step=0.1),
-    Parameter("place", low=0.0, high=4.0, step=0.05),
+    Parameter("centre", low=0.0, high=4.0, step=0.05),
 )
 LINE = np.linspace(0.0, 4.0, COUNT)
 
@@ -70,14 +70,14 @@ def bell(size, centre):
 def test_numbers_end_at_the_least_squares_those_without_null_included():
     """Against SciPy's simplex on the same sum of squares; it starts a third of the bell's width next to its place."""
     residual = bell(2.0, 1.6) + np.random.default_rng(1).standard_normal(COUNT)
-    fitted = fit(Bell(bell), start_of({"size": 1.0, "place": 1.5}, SIZE, PLACE), np.append(residual, np.zeros(11)))
+    fitted = fit(Bell(bell), start_of({"size": 1.0, "centre": 1.5}, SIZE, CENTRE), np.append(residual, np.zeros(11)))
     best = minimize(lambda n: np.sum((residual - bell(*n)) ** 2), [2.0, 1.6], method="Nelder-Mead")
     assert fitted.chi2 == pytest.approx(best.fun, abs=0.05)
-    assert [fitted.numbers["size"], fitted.numbers["place"]] == pytest.approx(list(best.x), abs=0.01)
+    assert [fitted.numbers["size"], fitted.numbers["centre"]] == pytest.approx(list(best.x), abs=0.01)
     assert fitted.predicted[:COUNT] == pytest.approx(bell(*best.x), abs=0.02)
     slopes = np.array([bell(1.0, best.x[1]), bell(*best.x) * (LINE - best.x[1]) / 0.09])
     cramer_rao = np.sqrt(np.diag(np.linalg.inv(slopes @ slopes.T)))
-    assert [fitted.sigma["size"], fitted.sigma["place"]] == pytest.approx(list(cramer_rao), rel=0.35)  # 64 clusters
+    assert [fitted.sigma["size"], fitted.sigma["centre"]] == pytest.approx(list(cramer_rao), rel=0.35)  # 64 clusters
 
 
 def test_what_a_blur_gains_by_averaging_noise_is_no_gain():
@@ -126,7 +126,7 @@ def test_a_fit_ends_where_a_round_gains_next_to_nothing():
     """The bell's second round gains 0.3 of chi2, of a few thousand that noise leaves: there is no third."""
     residual = bell(2.0, 1.6) + np.random.default_rng(1).standard_normal(COUNT)
     problem = Bell(bell)
-    fit(problem, start_of({"size": 2.0, "place": 1.58}, SIZE, PLACE), np.append(residual, np.zeros(11)))
+    fit(problem, start_of({"size": 2.0, "centre": 1.58}, SIZE, CENTRE), np.append(residual, np.zeros(11)))
     assert len(problem.tried) == 2 + 2 * 3
 
 

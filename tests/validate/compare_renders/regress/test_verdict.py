@@ -28,7 +28,7 @@ def verdict(first, second):
         {},
         {"tails": 0.03},
         {"fireflies": 0.001},
-        {"stated": False, "mapped": False},
+        {"with_errors": False, "mapped": False},
         {"batches": 2},
     ],
     ids=str,
