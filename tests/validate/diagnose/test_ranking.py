@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from cboxlab.validation.diagnose.diagnosis import _unknown_next_to_flaws
+from cboxlab.validation.diagnose.diagnosis import _UNLISTED_FLAWS, _unknown_next_to_flaws
 from cboxlab.validation.diagnose.ranking import _NOTHING_MISSING, UNKNOWN, ranking
 
 
@@ -63,8 +63,8 @@ def test_chi2_of_an_unknown_cause_is_that_of_the_best_single_effect_per_sample()
     assert entries["ghost"].probability > entries["haze"].probability
 
 
-def test_an_effect_that_explains_no_more_than_the_flaws_of_the_base_is_as_likely_another_flaw():
+def test_an_effect_that_explains_no_more_than_unlisted_flaws_is_as_likely_one_of_them():
     sound = _unknown_next_to_flaws(0.5, 0.0)
-    assert 1 - _unknown_next_to_flaws(0.1, 0.1) == pytest.approx((1 - sound) / 2)
+    assert 1 - _unknown_next_to_flaws(_UNLISTED_FLAWS * 0.1, 0.1) == pytest.approx((1 - sound) / 2)
     assert _unknown_next_to_flaws(50.0, 0.1) == pytest.approx(sound, abs=0.003)
     assert _unknown_next_to_flaws(-0.1, 0.1) == 1.0
