@@ -51,7 +51,7 @@ _MIN_CHI2_FOR_FAMILY = 0.03
 #: (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
 _UNKNOWN_EXPLAINED = 0.02
 
-#: Chi2 of flaws of the base that nobody listed, over that of the fitted ones. Of 26 flawed captures with an effect
+#: Chi2 of flaws of the base that nobody listed, over that of the fitted ones. Of 24 flawed captures with an effect
 #: (`benchmarks/measured/imperfect_bases.jsonl`, mystery-8) the mean log loss is 0.37 without, 0.22 with 0.25, 0.20
 #: with 0.5 or 1. The smallest of the three keeps right names first.
 _UNLISTED_FLAWS = 0.25
