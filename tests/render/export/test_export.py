@@ -56,8 +56,8 @@ def test_a_ball_is_a_sphere_and_its_mesh_has_the_spheres_normals(tmp_path):
     write_export(tmp_path / "box", exported_scene(scene, camera_inside(SIZE), SETTINGS))
     entries = json.loads((tmp_path / "box" / "scene.json").read_text())["surfaces"]
     assert [entry["name"] for entry in entries if "sphere" in entry] == ["ball"]
-    sphere = entries[-1]["sphere"]
-    np.testing.assert_allclose([*sphere["center_mm"], sphere["radius_mm"]], [*sphere[0], sphere[1]], rtol=1e-9)
+    entry = entries[-1]["sphere"]
+    np.testing.assert_allclose([*entry["center_mm"], entry["radius_mm"]], [*sphere[0], sphere[1]], rtol=1e-9)
     mesh = trimesh.load(tmp_path / "box" / entries[-1]["mesh"], process=False)
     np.testing.assert_array_equal(mesh.vertices, ball.vertices_mm)
     np.testing.assert_array_equal(mesh.faces, ball.faces)
