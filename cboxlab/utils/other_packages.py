@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
@@ -21,6 +22,8 @@ __all__ = [
     "checked_generator",
     "entries_of",
     "guarded",
+    "is_identifier",
+    "is_tuple_of",
     "loaded",
     "require",
     "require_fields",
@@ -30,6 +33,9 @@ __all__ = [
 _HINT = "Mend or uninstall the package that it belongs to"
 #: Longest import without a warning, s: the packages that numerical code imports take 1 to 3 s.
 _LONGEST_IMPORT_S = 5.0
+
+#: Identifiers: small letters, digits and hyphens, as names of files and in tables.
+_IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 #: Mark of a generator's end.
 _END = object()
@@ -189,6 +195,40 @@ def require(sound: bool, where: str, fault: str, expected: str) -> None:
     """
     if not sound:
         raise InputError(where, fault, expected, _HINT)
+
+
+def is_identifier(value: object) -> bool:
+    """Whether a value is a text of 1 to 64 small letters, digits and hyphens.
+
+    Parameters
+    ----------
+    value
+        The value.
+
+    Returns
+    -------
+    bool
+        True for an identifier.
+    """
+    return isinstance(value, str) and _IDENTIFIER.fullmatch(value) is not None
+
+
+def is_tuple_of(kind: type, values: object) -> bool:
+    """Whether a value is a tuple whose items have one type.
+
+    Parameters
+    ----------
+    kind
+        The type.
+    values
+        The value.
+
+    Returns
+    -------
+    bool
+        True for such a tuple, an empty one included.
+    """
+    return isinstance(values, tuple) and all(isinstance(value, kind) for value in values)
 
 
 def require_fields(where: str, record: object, sound: Mapping[str, bool]) -> None:

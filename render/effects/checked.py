@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -10,15 +9,13 @@ from typing import Any
 import numpy as np
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.other_packages import guarded
+from cboxlab.utils.other_packages import guarded, is_identifier, is_tuple_of
 from numpy.typing import NDArray
 
 from ..chain import STAGES, Stage
 from .effect import Effect, Parameter
 
 __all__ = ["checked_effect"]
-
-_IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 
 def checked_effect(effect: Effect, where: str) -> Effect:
@@ -44,12 +41,12 @@ def checked_effect(effect: Effect, where: str) -> Effect:
     """
     texts = (effect.summary, effect.confirm, effect.title)
     sound = {
-        "id": isinstance(effect.id, str) and _IDENTIFIER.fullmatch(effect.id) is not None,
+        "id": is_identifier(effect.id),
         "stage": isinstance(effect.stage, str) and effect.stage in STAGES,
-        "parameters": isinstance(effect.parameters, tuple) and all(isinstance(p, Parameter) for p in effect.parameters),
+        "parameters": is_tuple_of(Parameter, effect.parameters),
         "apply": callable(effect.apply),
-        "summary, confirm or title": all(isinstance(text, str) for text in texts),
-        "sources": isinstance(effect.sources, tuple) and all(isinstance(text, str) for text in effect.sources),
+        "summary, confirm or title": is_tuple_of(str, texts),
+        "sources": is_tuple_of(str, effect.sources),
     }
     if wrong := [name for name, right in sound.items() if not right]:
         expected = "an Effect as the manual's page 'Write an effect' describes it"

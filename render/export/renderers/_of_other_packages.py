@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.utils.other_packages import checked_function, guarded, require, require_fields
+from cboxlab.utils.other_packages import (
+    checked_function,
+    guarded,
+    is_identifier,
+    is_tuple_of,
+    require,
+    require_fields,
+)
 from numpy.typing import NDArray
 
 from ..neutral import Layout
@@ -17,7 +23,6 @@ from .renderer import Renderer
 
 __all__ = ["checked_renderer"]
 
-_IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 #: Requirement of ``write``, in messages.
 _FILES = "the scene's files from its function"
 #: Requirement of ``read``.
@@ -49,10 +54,10 @@ def checked_renderer(renderer: Renderer, where: str) -> Renderer:
     """
     texts = (renderer.name, renderer.package, renderer.package_of_programs)
     sound = {
-        "id": isinstance(renderer.id, str) and _IDENTIFIER.fullmatch(renderer.id) is not None,
-        "name or package": all(isinstance(text, str) for text in texts),
-        "command": _texts(renderer.command) and bool(renderer.command),
-        "programs": _texts(renderer.programs),
+        "id": is_identifier(renderer.id),
+        "name or package": is_tuple_of(str, texts),
+        "command": is_tuple_of(str, renderer.command) and bool(renderer.command),
+        "programs": is_tuple_of(str, renderer.programs),
         "pixels": renderer.pixels in ("film", "rays"),
         "write, read or environment": all(map(callable, (renderer.write, renderer.read, renderer.environment))),
     }
@@ -65,7 +70,7 @@ def checked_renderer(renderer: Renderer, where: str) -> Renderer:
         return _checked_pixels(value, layout, renderer.pixels, where)
 
     def variables(value: Any) -> Mapping[str, str]:
-        mapping = isinstance(value, Mapping) and _texts((*value.keys(), *value.values()))
+        mapping = isinstance(value, Mapping) and is_tuple_of(str, (*value.keys(), *value.values()))
         require(mapping, where, f"a {type(value).__name__} that is no mapping of texts", _VARIABLES)
         return dict(value)
 
@@ -75,10 +80,6 @@ def checked_renderer(renderer: Renderer, where: str) -> Renderer:
         read=checked_function(renderer.read, where, _PIXELS, pixels),
         environment=checked_function(renderer.environment, where, _VARIABLES, variables),
     )
-
-
-def _texts(values: object) -> bool:
-    return isinstance(values, tuple) and all(isinstance(value, str) for value in values)
 
 
 def _checked_pixels(value: Any, layout: Layout, kind: str, where: str) -> NDArray:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
 from cboxlab.rendering.fitted_fields import ImageMaps
-from cboxlab.utils.other_packages import checked_function, checked_generator, require, require_fields
+from cboxlab.utils.other_packages import (
+    checked_function,
+    checked_generator,
+    is_identifier,
+    is_tuple_of,
+    require,
+    require_fields,
+)
 
 from ..field_fit import ActsOn, Advice, Family, FitInput, FittedExplanation, MaskedPattern, ResidualData, change_dn
 
 __all__ = ["checked_family"]
 
-_IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 #: Requirement of a generator, in messages.
 _FORMS = "fitted explanations from its generator"
 
@@ -41,14 +46,14 @@ def checked_family(family: Family, where: str) -> Family:
         For fields of another type than those of ``Family``.
     """
     sound = {
-        "id": isinstance(family.id, str) and _IDENTIFIER.fullmatch(family.id) is not None,
+        "id": is_identifier(family.id),
         "title": isinstance(family.title, str),
         "acts_on": family.acts_on in get_args(ActsOn),
         "generate": callable(family.generate),
         "order": isinstance(family.order, int),
         "spot_log_odds": callable(family.spot_log_odds),
-        "masked": _all_are(family.masked, MaskedPattern),
-        "advice": _all_are(family.advice, Advice),
+        "masked": is_tuple_of(MaskedPattern, family.masked),
+        "advice": is_tuple_of(Advice, family.advice),
     }
     require_fields(where, family, sound)
 
@@ -68,10 +73,6 @@ def checked_family(family: Family, where: str) -> Family:
         masked=masked,
     )
     return checked
-
-
-def _all_are(values: object, kind: type) -> bool:
-    return isinstance(values, tuple) and all(isinstance(value, kind) for value in values)
 
 
 def _require_form(form: Any, data: ResidualData, where: str) -> None:
