@@ -18,8 +18,8 @@ def test_correlations_are_those_of_the_complete_information(tmp_path):
     effects = tuple(replace(e, sigma={k: sigma[k] for k in e.values if k in sigma}) for e in study.effects)
     assert fitted_correlations(study._bases(NO_PROGRESS), study.effects) is None
     base = study._bases(NO_PROGRESS)[0]
-    found = fitted_correlations([base], effects)
-    assert found.names == ("veiling-glare fraction", "lamp-power scale")
+    matrix = fitted_correlations([base], effects)
+    assert matrix.names == ("veiling-glare fraction", "lamp-power scale")
 
     prepared, used = base.validation.prepared, base.rendered.used
     still = predict(base, effects, refit=False)
@@ -39,12 +39,12 @@ def test_correlations_are_those_of_the_complete_information(tmp_path):
     scale = np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information / np.outer(scale, scale))
     expected = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
-    assert np.isclose(found.values[0, 1], expected, atol=0.05)
-    assert np.allclose(np.diag(found.values), 1) and np.allclose(found.values, found.values.T)
+    assert np.isclose(matrix.values[0, 1], expected, atol=0.05)
+    assert np.allclose(np.diag(matrix.values), 1) and np.allclose(matrix.values, matrix.values.T)
 
 
 def test_a_strong_correlation_has_one_plain_sentence():
-    found = Correlations(("a x", "b y", "c z"), np.array([[1, 0.95, 0.2], [0.95, 1, np.nan], [0.2, np.nan, 1]]))
-    assert found.sentences == (f"a x and b y (r = +0.95): {HARDLY_DISTINGUISHED}.",)
-    section = correlation_section(found.names, found.values, found.sentences)
-    assert section.blocks[0].rows[1][-1] == "–" and section.paragraphs == found.sentences
+    matrix = Correlations(("a x", "b y", "c z"), np.array([[1, 0.95, 0.2], [0.95, 1, np.nan], [0.2, np.nan, 1]]))
+    assert matrix.sentences == (f"a x and b y (r = +0.95): {HARDLY_DISTINGUISHED}.",)
+    section = correlation_section(matrix.names, matrix.values, matrix.sentences)
+    assert section.blocks[0].rows[1][-1] == "–" and section.paragraphs == matrix.sentences

@@ -34,15 +34,15 @@ def outcome(picture, spoilt, noise, seed):
 @pytest.mark.parametrize("picture", [LIGHT, TEXTURED], ids=["smooth", "textured"])
 def test_equal_single_pictures_are_the_same(picture, noise):
     for seed in range(4):
-        found = outcome(picture, lambda p: p, noise, seed)
-        assert found.same, found.deciding
+        result = outcome(picture, lambda p: p, noise, seed)
+        assert result.same, result.deciding
 
 
 @pytest.mark.parametrize("noise", ["independent", "filtered", "counts"])
 def test_a_ripple_is_seen_and_its_period_is_stated(noise):
     cycles = np.hypot(7, 3) / np.pi
-    found = outcome(LIGHT, lambda p: p * (1 + 0.1 * np.sin(7 * Y + 3 * X)), noise, 1)
-    (wave,) = found.of_kind("wave")
+    result = outcome(LIGHT, lambda p: p * (1 + 0.1 * np.sin(7 * Y + 3 * X)), noise, 1)
+    (wave,) = result.of_kind("wave")
     assert wave.different
     period = float(wave.name.removeprefix("ripple with a period of ").removesuffix(" px"))
     assert period == pytest.approx((SIZE - 1) / cycles, rel=0.08)
@@ -50,16 +50,16 @@ def test_a_ripple_is_seen_and_its_period_is_stated(noise):
 
 
 @pytest.mark.parametrize(
-    ("place", "spoilt"),
+    ("move", "spoilt"),
     [
         ("moved by 20 px right, 0 px down", lambda p: np.roll(p, 20, axis=1)),
         ("moved by 0 px right, -3 px down", lambda p: np.roll(p, -3, axis=0)),
         ("upside down", lambda p: p[::-1]),
     ],
 )
-def test_a_texture_like_noise_is_found_where_it_moved(place, spoilt):
-    found = outcome(TEXTURED, spoilt, "independent", 2)
-    assert [row.name for row in found.of_kind("place") if row.different] == [f"fine structure {place}"]
+def test_a_texture_like_noise_is_found_where_it_moved(move, spoilt):
+    result = outcome(TEXTURED, spoilt, "independent", 2)
+    assert [row.name for row in result.of_kind("place") if row.different] == [f"fine structure {move}"]
 
 
 @pytest.mark.parametrize("spoilt", [lambda p: 1.05 * p, lambda p: p + 0.05 * p.mean(), lambda p: p**1.1])
