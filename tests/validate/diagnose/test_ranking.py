@@ -65,6 +65,7 @@ def test_chi2_of_an_unknown_cause_is_that_of_the_best_single_effect_per_sample()
 
 def test_an_effect_that_explains_no_more_than_unlisted_flaws_is_as_likely_one_of_them():
     sound = _unknown_next_to_flaws(0.5, 0.0)
+    assert 0 < sound < 0.05
     assert 1 - _unknown_next_to_flaws(_UNLISTED_FLAWS * 0.1, 0.1) == pytest.approx((1 - sound) / 2)
     assert _unknown_next_to_flaws(50.0, 0.1) == pytest.approx(sound, abs=0.003)
     assert _unknown_next_to_flaws(-0.1, 0.1) == 1.0
