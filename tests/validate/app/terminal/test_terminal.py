@@ -60,7 +60,7 @@ def test_no_time_left_is_stated_where_it_would_be_a_guess(report):
     assert stages.remaining_s() is None and "left" not in stages.times()
 
 
-def test_a_long_stage_is_told_of_while_it_lasts():
+def test_a_long_stage_is_reported_while_it_lasts():
     _, lines = followed([(0, "rendering", 0.0), (20, "rendering", 0.1), (40, "rendering", 0.2)])
     assert lines == ["rendering: 20% of the computation, 40 s elapsed, about 2 min 40 s left"]
 
