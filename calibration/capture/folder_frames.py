@@ -160,8 +160,8 @@ def _refusal(folder: Path, path: Path) -> str | None:
 def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
     """All frames of a folder and of its subfolder ``frames``, each photograph once.
 
-    A TIFF that holds the same counts as a file of another format was written from it, and is left out. So is one of
-    two files of one name that hold the same counts.
+    Of files that hold the same counts one counts: that of another format than TIFF, from which a TIFF was written, else
+    the one with the shortest name. File managers lengthen the name of a copy.
 
     Parameters
     ----------
@@ -204,14 +204,12 @@ def _is_tiff(frame: FolderFrame) -> bool:
 
 def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[list[FolderFrame], list[LeftOut]]:
     """Each photograph once: files that hold the counts of another one move to ``others``."""
-    originals = [frame for frame in frames if not _is_tiff(frame)]
     by_name: dict[str, FolderFrame] = {}
     photographs: list[FolderFrame] = []
-    for frame in sorted(frames, key=_is_tiff):
-        varied = frame.varied_digests if _is_tiff(frame) and len(frame.varied_digests) == len(frame.digests) else None
+    for frame in sorted(frames, key=lambda frame: (_is_tiff(frame), len(frame.stem))):
         twin = by_name.get(frame.stem.casefold())
-        if varied:
-            twin = next((other for other in originals if varied <= other.varied_digests), twin)
+        if len(frame.varied_digests) == len(frame.digests):
+            twin = next((other for other in photographs if _is_copy(frame, other)), twin)
         if twin is None:
             by_name[frame.stem.casefold()] = frame
             photographs.append(frame)
@@ -225,6 +223,11 @@ def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[l
         else:
             others.append(LeftOut(frame.listed, f"the same counts as {twin.listed}"))
     return sorted(photographs, key=lambda frame: natural_key(frame.listed)), others
+
+
+def _is_copy(frame: FolderFrame, other: FolderFrame) -> bool:
+    """Whether another file has all pictures of a frame."""
+    return frame.path != other.path and frame.varied_digests <= other.varied_digests
 
 
 def _target(band: FolderFrame, frame: FolderFrame) -> Path:
