@@ -117,6 +117,7 @@ def _traced(
     lane = dr.arange(mi.UInt32, count)
     points = SobolPoints(6, samples, lane, seed)
     matrix = dr.zeros(mi.Float, count * count)
+    row_start = lane * dr.opaque(mi.UInt32, count)
     on_patch_at = patch_points(tracer, patches)
 
     def body(
@@ -133,7 +134,7 @@ def _traced(
         target = patch_of(patches, hit.triangle, hit.uv, on_patch)
         for patch, weight in slopes.weights(target, hit.position, on_patch):
             # other modes leave out weights that are not numbers, which hides a disturbed exchange
-            dr.scatter_add(matrix, weight, lane * count + patch, on_patch, mode=dr.ReduceMode.Direct)
+            dr.scatter_add(matrix, weight, row_start + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (
             i + 1,
             [old + dr.select(exposed, new, 0) for old, new in zip(direct, light, strict=True)],
