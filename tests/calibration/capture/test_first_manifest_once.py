@@ -89,10 +89,10 @@ def equal_counts(folder):
 
 
 def copies(folder):
-    """A copy of a file manager, one under another number, and a raw file copied."""
+    """Copies of file managers; a frame of the same counts under another name of its own is a photograph."""
     tiffs(folder, "f550-1s-0", "f550-1s-1")
-    for source, copy in (("0", "-0 - Copy"), ("0", "-0 (2)"), ("1", "-12")):
-        shutil.copy(folder / f"f550-1s-{source}.tif", folder / f"f550-1s{copy}.tif")
+    for copy in ("f550-1s-0 - Copy", "f550-1s-0 - Kopie (2)", "f550-1s-0 copy 2", "f550-1s-0 (2)", "f600-1s-0"):
+        shutil.copy(folder / "f550-1s-0.tif", folder / f"{copy}.tif")
     write_fits(folder / "f650-1s-0.fits", counts(5))
     shutil.copy(folder / "f650-1s-0.fits", folder / "Copy of f650-1s-0.fits")
 
@@ -111,7 +111,7 @@ def test_each_photograph_once_however_often_it_runs(tmp_path, make):
         assert again == first and (tmp_path / "capture.toml").read_text() == text
     listed = frames(first)
     assert len(listed) == len(set(listed))
-    pictures = {"cube": 1, "equal_counts": 4, "copies": 3}.get(make.__name__, 2)
+    pictures = {"cube": 1, "equal_counts": 4, "copies": 4}.get(make.__name__, 2)
     assert len(listed) == pictures
 
 
