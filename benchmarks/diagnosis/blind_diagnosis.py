@@ -58,7 +58,7 @@ from cboxlab.validation.synthetic.model_capture import (
 from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
 from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, varied_settings, with_block_offsets
 from made_causes import CAUSES
-from outside_effects import OUTSIDE
+from outside_effects import KEPT_BACK, OUTSIDE
 from unknown_causes import run as run_unknown
 
 _DRAWS = 8
@@ -170,9 +170,9 @@ def drawn(
 ) -> AppliedEffect | None:
     """An effect with numbers by chance, as strong as asked for; None where it cannot be."""
     for _ in range(_DRAWS):
-        if name in OUTSIDE:
+        if name in OUTSIDE or name in KEPT_BACK:
             position = {"row": float(generator.uniform()), "column": float(generator.uniform())}
-            trial = AppliedEffect(OUTSIDE[name], {"amount": 0.01, **position})
+            trial = AppliedEffect((OUTSIDE | KEPT_BACK)[name], {"amount": 0.01, **position})
         else:
             try:
                 trial = draw_effect(generator, scene, bands, (name,))

@@ -19,8 +19,9 @@ def test_every_ray_through_such_a_pixel_meets_its_plane_first():
     assert len(planar.index) > 0.7 * 64**2
     rays = pixel_rays(camera, device_array(mi.UInt32, planar.index))
     for u, v in np.random.default_rng(1).random((40, 2)):
-        ray = rays(mi.Float(u), mi.Float(v))
+        ray = rays(dr.opaque(mi.Float, u), dr.opaque(mi.Float, v))
         hit = intersect(tracer, ray)
+        dr.eval(hit, ray)  # together: one kernel
         assert dr.all(hit.reflecting)
         assert (hit.material.numpy() == planar.material).all()
         off = (planar.normal * hit.position.numpy().T).sum(axis=1) - planar.height

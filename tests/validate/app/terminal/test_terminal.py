@@ -119,6 +119,19 @@ def test_json_on_standard_output_stands_alone(tmp_path, cbox):
     assert "{" not in cbox("effects", "ghost")[1]
 
 
+@pytest.mark.parametrize(
+    ("option", "described"),
+    [("--json", "a folder"), ("--picture", "a folder"), ("--json", "a file"), ("--picture", "a file")],
+)
+def test_results_that_cannot_be_written_are_refused_before_the_computation(option, described, cbox, tmp_path):
+    """A folder in place of the file, and a file in place of its folder."""
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").touch()
+    target = tmp_path / ("folder.png" if described == "a folder" else "file/result.png")
+    code, _, err = cbox("effects", "veiling-glare", option, target)
+    assert code == 2 and f"found {described}" in err
+
+
 def test_json_of_a_comparison_is_that_of_its_folder(tmp_path, cbox):
     arguments = ("--out", tmp_path / "maps", "--json", tmp_path / "c.json")
     assert cbox("compare", DEMO_CAPTURE, DEMO_CAPTURE, *arguments)[0] == 0

@@ -1,7 +1,6 @@
 """Each change is named first, with its parameters; seeds are fixed, so outcomes do not vary."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -22,13 +21,8 @@ from cboxlab.validation.compare_renders.regress.evidence import build_evidence
 from cboxlab.validation.compare_renders.regress.explanations import from_pictures
 from cboxlab.validation.compare_renders.regress.naming import named_changes
 from cboxlab.validation.compare_renders.regress.variants import build_variants, mismatch, with_lamp_size
-from pictures import SIZE, WAVELENGTHS, noisy, rendered
+from pictures import SIZE, WAVELENGTHS, noisy, rendered, variants
 from scipy.ndimage import convolve1d
-
-
-@cache
-def variants():
-    return build_variants(cornell_box(), cornell_camera(SIZE), noisy(1))
 
 
 def named(picture, **noise):
@@ -161,8 +155,8 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors):
         first, second = (replace(side, variance=None, degrees=0.0) for side in (first, second))
     _, names = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
     assert names.noise.correlation is None
-    variants = build_variants(cornell_box(), cornell_camera(32), first)
-    probability = {change.change: change.probability for change in named_changes(names, variants)}
+    changes = named_changes(names, build_variants(cornell_box(), cornell_camera(32), first))
+    probability = {change.change: change.probability for change in changes}
     assert probability["lamp-scale"] > 0.25
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 
