@@ -1,4 +1,4 @@
-"""Pixels whose camera rays need no intersection: all their rays meet the plane that is told."""
+"""Pixels whose camera rays need no intersection: all their rays meet the plane stated for them."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_a_camera_that_looks_away_sees_none():
 
 
 def test_pixels_of_a_bent_face_are_left_out():
-    """The red wall's two triangles are not in one plane: no pixel along its bend is told to be."""
+    """The red wall's two triangles are not in one plane: no pixel along its bend is called planar."""
     tracer, camera = build_tracer(cornell_box()), cornell_camera(64)
     coverage = facet_coverage(tracer, camera)
     planar = planar_pixels(tracer, camera, coverage)

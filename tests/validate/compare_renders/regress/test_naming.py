@@ -64,7 +64,7 @@ def tent(clean):
         ("power", "exponent", 1 / 2.2, lambda p: (p / p.max()) ** (1 / 2.2)),
     ],
 )
-def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
+def test_a_change_identified_from_the_pictures_alone(change, key, value, alter):
     first = named(alter(rendered()[0]))
     assert first.change == change
     assert first.probability > 0.9
@@ -85,7 +85,7 @@ def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
         (1e-3, "prefix"),
     ],
 )
-def test_a_unit_taken_for_another_is_told(factor, phrase):
+def test_a_unit_taken_for_another_is_reported(factor, phrase):
     first = named(factor * rendered()[0])
     assert first.change == "lamp-scale"
     assert first.parameters["factor"] == pytest.approx(factor, rel=2e-3)
@@ -96,14 +96,14 @@ def test_a_factor_of_no_meaning_has_none():
     assert "meaning" not in named(1.7 * rendered()[0]).parameters
 
 
-def test_wavelengths_with_wrong_labels_are_told():
+def test_wavelengths_with_wrong_labels_are_reported():
     candidate = replace(noisy(2), wavelength_nm=WAVELENGTHS + 20)
     outcome = regress_pictures(noisy(1), candidate)
     assert outcome.named[0].change == "wavelengths"
     assert outcome.named[0].parameters == {"labels_off_nm": pytest.approx(20)}
 
 
-def test_bin_edges_taken_for_points_are_told():
+def test_bin_edges_taken_for_points_are_reported():
     """Rendered at wavelengths 20 nm lower than its labels say."""
     image = render(RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7))
     picture, _ = image.project(np.eye(WAVELENGTHS.size))
@@ -124,8 +124,8 @@ def test_light_after_too_many_reflections_is_missed(depth):
 def test_glossy_white_paint_is_named_gloss():
     """White as rough plastic of Mitsuba, path traced: its diffuse part changes, too, which paint and caches imitate.
 
-    Rough plastic has Beckmann's distribution unless told otherwise, whose lobe at alpha 0.15 has no tails: ours
-    (GGX) fits it with 0.05 as well as with 0.15.
+    By default rough plastic has Beckmann's distribution, whose lobe at alpha 0.15 has no tails: ours (GGX) fits it
+    with 0.05 as well as with 0.15.
     """
     box = cornell_box()
     bsdf = {"type": "roughplastic", "alpha": 0.15, "int_ior": 1.5, "diffuse_reflectance": "reflectance"}
