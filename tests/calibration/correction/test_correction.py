@@ -218,7 +218,7 @@ def test_a_growing_dark_current_is_no_part_of_the_flat(tmp_path):
     assert left / right == pytest.approx(1.0, abs=4.5 * 5e-4)
 
 
-def test_a_flat_has_the_dark_of_its_own_exposure(tmp_path):
+def test_a_flat_has_the_dark_of_its_exposure(tmp_path):
     """A flat of the longest exposure for the band of the shortest; limit as in the test before."""
     fake = FakeCapture(tmp_path / "capture", seed=9, height=12, width=56)
     shortest, longest = sorted(fake.exposure, key=fake.exposure.get)[:: len(fake.exposure) - 1]
