@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_text
+from cboxlab.utils.other_packages import records_in
 
 from ._spectrum_reader import InstrumentFile, InstrumentText, MeasuredSpectrum, SpectrumReader
 
@@ -43,8 +42,7 @@ def catalogue() -> dict[str, SpectrumReader]:
     dict
         By identifier, the readers.
     """
-    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
-    return {name: import_module(f"{__name__}.{name}").READER for name in names}
+    return records_in(__name__, "READER")
 
 
 def is_plain_table(path: Path) -> bool:

@@ -275,7 +275,7 @@ def test_a_reader_of_another_package(tmp_path, plugged):
 
 @pytest.mark.parametrize(
     ("reader", "phrases"),
-    [(7, "a int"), (mine(id="fits"), "'fits', which exists"), (mine(suffixes=(".tif",)), "ending .tif")],
+    [(7, "a int"), (mine(id="fits"), "'fits', which is there"), (mine(suffixes=(".tif",)), "ending .tif")],
     ids=["no reader", "identifier", "ending"],
 )
 def test_a_reader_that_does_not_fit_is_refused(plugged, reader, phrases):
