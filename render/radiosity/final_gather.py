@@ -402,7 +402,10 @@ def _control_shares(lamp: Gathering, camera: Camera, planar: PlanarPixels, spect
     weights = spectra[1:].sum(axis=1).reshape(lamp.firsts, -1).sum(axis=0)
     shares = lamp.control_shares(camera, _planes(planar, slice(None)), list(weights), _PILOT_SEED)
     checkpoint()
-    return None if shares is None else np.stack([share.numpy() for share in shares], axis=1)
+    if shares is None:
+        return None
+    dr.eval(shares)  # together: one kernel
+    return np.stack([share.numpy() for share in shares], axis=1)
 
 
 def _planes(planar: PlanarPixels, entries: np.ndarray | slice) -> Planes:
