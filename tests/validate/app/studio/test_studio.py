@@ -136,14 +136,14 @@ def test_earlier_pictures_leave_the_study_as_it_is(client, bench):
 @pytest.mark.parametrize(
     ("path", "body", "line"),
     [
-        ("step/add", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("step/add", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("step/add", {"effect": "veiling-glare", "values": {"fraction": 9}}, "from 0 to 0.5"),
         ("step/add", {}, "found nothing; expected a name"),
         ("step/change", {"which": 3, "values": {}}, "found 3"),
         ("step/change", {"which": "x"}, "an index from 0"),
         ("step/adopt", {}, "no diagnosis"),
         ("step/dance", {}, "one of add"),
-        ("pattern", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("pattern", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("job/profile", {"effect": 3, "parameter": "fraction"}, "found 3"),
         ("job/open", {"capture": "../other"}, "leaves the folder"),
     ],
