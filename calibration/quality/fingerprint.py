@@ -221,7 +221,7 @@ def _movement(
     return None
 
 
-def _mean_nearby(image: NDArray[np.float64], usable: NDArray[np.bool_], sigma_px: float) -> NDArray[np.float64]:
+    """Gaussian mean (y, x) over usable pixels nearby; far from all of them the image's median."""
     """(y, x) Gaussian mean over the usable pixels nearby; the image's median far from all of them."""
     if usable.all():
         return np.asarray(gaussian_filter(image, sigma_px), np.float64)
