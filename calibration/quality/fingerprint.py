@@ -221,8 +221,8 @@ def _movement(
     return None
 
 
-    """Gaussian mean (y, x) over usable pixels nearby; far from all of them the image's median."""
-    """(y, x) Gaussian mean over the usable pixels nearby; the image's median far from all of them."""
+def _mean_nearby(image: NDArray[np.float64], usable: NDArray[np.bool_], sigma_px: float) -> NDArray[np.float64]:
+    """Gaussian mean (y, x) over usable pixels nearby; far from all of them the median of the image."""
     if usable.all():
         return np.asarray(gaussian_filter(image, sigma_px), np.float64)
     weight = gaussian_filter(usable.astype(float), sigma_px)
