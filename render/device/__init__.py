@@ -4,6 +4,7 @@ from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
+from .sobol import sobol_integers
 
 __all__ = [
     "SobolPoints",
@@ -14,4 +15,5 @@ __all__ = [
     "polynomial",
     "polynomial_at",
     "seed_of_lanes",
+    "sobol_integers",
 ]
