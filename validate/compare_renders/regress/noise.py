@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
+from cv2 import medianBlur
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
@@ -190,9 +191,12 @@ def smooth_variance(level: NDArray[np.float64], variance: NDArray[np.float64], d
 
 
 def _smooth(relative: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
-    """(y, x) relative variances by the median of 5 x 5 pixels."""
+    """(y, x) relative variances by the median of 5 x 5 pixels, in single precision.
+
+    The filter of OpenCV takes a hundredth of the time of SciPy's.
+    """
     scale = _MEDIAN_OF_3 if degrees <= _FEW_DEGREES else 1.0
-    return np.asarray(median_filter(relative, 5, mode="nearest")) / scale
+    return np.asarray(medianBlur(np.ascontiguousarray(relative, np.float32), 5), float) / scale
 
 
 def row_sums(cube: NDArray[np.float64], weights: NDArray[np.float64], root: bool = False) -> NDArray[np.float64]:
