@@ -196,7 +196,9 @@ def _smooth(relative: NDArray[np.float64], degrees: float) -> NDArray[np.float64
     The filter of OpenCV takes a hundredth of the time of SciPy's.
     """
     scale = _MEDIAN_OF_3 if degrees <= _FEW_DEGREES else 1.0
-    return np.asarray(medianBlur(np.ascontiguousarray(relative, np.float32), 5), float) / scale
+    typical = float(np.median(relative)) or 1.0  # single precision holds values around 1 whatever the pictures' units
+    values = np.minimum(relative / typical, np.finfo(np.float32).max).astype(np.float32, order="C")
+    return np.asarray(medianBlur(values, 5), float) * (typical / scale)
 
 
 def row_sums(cube: NDArray[np.float64], weights: NDArray[np.float64], root: bool = False) -> NDArray[np.float64]:
