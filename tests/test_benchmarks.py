@@ -37,19 +37,17 @@ def test_index_names_every_benchmark():
 
 def test_effects_outside_the_catalogue_act_in_every_box():
     """A paint of another colour, a cube on the floor: whatever stands in the room."""
-    boxes, outside = (
-        importlib.import_module("blind_places"),
-        importlib.import_module("outside_effects").OUTSIDE,
-    )
-    of_scenes = [effect for effect in outside.values() if effect.stage == "scene"]
-    assert len(of_scenes) == 2
+    boxes, causes = (importlib.import_module(name) for name in ("blind_places", "outside_effects"))
+    outside = (*causes.OUTSIDE.values(), *causes.KEPT_BACK.values())
+    of_scenes = [effect for effect in outside if effect.stage == "scene"]
+    assert len(of_scenes) == 3
     for box in boxes.BOXES:
         scene = load_scene(boxes.scene_of(box))
         for effect in of_scenes:
             for row in (0.0, 0.6, 1.0):
                 changed = effect.apply(scene, amount=0.3, row=row, column=0.5)
                 assert {s.material for s in changed.surfaces} <= set(changed.materials)
-                assert [s.material for s in changed.surfaces] != [s.material for s in scene.surfaces]
+                assert [s.material for s in changed.all_surfaces] != [s.material for s in scene.all_surfaces]
 
 
 def test_blind_scores():

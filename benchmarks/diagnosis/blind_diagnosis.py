@@ -58,7 +58,7 @@ from cboxlab.validation.synthetic.model_capture import (
 from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
 from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, varied_settings, with_block_offsets
 from made_causes import CAUSES
-from outside_effects import OUTSIDE
+from outside_effects import KEPT_BACK, OUTSIDE
 from unknown_causes import run as run_unknown
 
 _DRAWS = 8
@@ -77,8 +77,10 @@ SHOWING = ("api", "app", "compare_renders/renderers", "compare_renders/stored_re
 #: What may begin with a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: A fitted number is right within this part of its distance from null, or within so many standard deviations.
-_CLOSE, _SIGMAS = 0.15, 2.0
+#: Largest error of a fitted number that counts as right, as a part of its distance from null.
+_CLOSE = 0.15
+#: Largest error of a fitted number that counts as right, in standard deviations, where that is larger.
+_SIGMAS = 2.0
 
 
 @dataclass(frozen=True)
@@ -168,9 +170,9 @@ def drawn(
 ) -> AppliedEffect | None:
     """An effect with numbers by chance, as strong as asked for; None where it cannot be."""
     for _ in range(_DRAWS):
-        if name in OUTSIDE:
+        if name in OUTSIDE or name in KEPT_BACK:
             position = {"row": float(generator.uniform()), "column": float(generator.uniform())}
-            trial = AppliedEffect(OUTSIDE[name], {"amount": 0.01, **position})
+            trial = AppliedEffect((OUTSIDE | KEPT_BACK)[name], {"amount": 0.01, **position})
         else:
             try:
                 trial = draw_effect(generator, scene, bands, (name,))

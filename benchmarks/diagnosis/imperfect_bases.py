@@ -1,9 +1,9 @@
 """Blind practice on boxes that are a little off: what is named next to a flaw of the base, and what is not.
 
 Every capture has a flaw of ``flawed_bases`` (chi2 per sample of 0.05 to 0.5 above noise) and holds nothing else, one
-effect of the catalogue, two, or a weak cause that the catalogue lacks. --kept-back takes the flaws that no decision
-constant was set with, in place of the others. Finished captures are kept in --results (JSON lines), so that an
-interrupted run continues; --score prints the tables of such files and runs nothing.
+effect of the catalogue, two, or a weak cause that the catalogue lacks. --kept-back takes the flaws and the weak causes
+that no decision constant was set with, in place of the others. Finished captures are kept in --results (JSON lines), so
+that an interrupted run continues; --score prints the tables of such files and runs nothing.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, scale_of
 from cboxlab.validation.synthetic.varied import varied_settings
 from flawed_bases import FLAWS, KEPT_BACK, Picture
 from numpy.typing import NDArray
+from outside_effects import KEPT_BACK as KEPT_BACK_OUTSIDE
 from outside_effects import OUTSIDE
 
 #: Chi2 per sample by a flaw over shot and read noise alone, the smallest and the largest: about 0.05 and 0.5 of all
@@ -95,7 +96,8 @@ def cases(options: argparse.Namespace) -> list[Case]:
     cases_drawn: list[tuple[str, tuple[str, ...]]] = [("none", ())] * options.nones
     cases_drawn += [("single", (name,)) for name in draw.permutation(able)[: options.singles]]
     cases_drawn += [("pair", tuple(map(str, draw.choice(able, 2, replace=False)))) for _ in range(options.pairs)]
-    cases_drawn += [("weak", ([*OUTSIDE][i % len(OUTSIDE)],)) for i in range(options.weak)]
+    outside = [*(KEPT_BACK_OUTSIDE if options.kept_back else OUTSIDE)]
+    cases_drawn += [("weak", (outside[i % len(outside)],)) for i in range(options.weak)]
     turns = [(kind, names, flaws[i % len(flaws)]) for i, (kind, names) in enumerate(cases_drawn)]
     several = [Case(*turn, options.first_seed + i) for i, turn in enumerate(turns)]
     return [several[i] for i in draw.permutation(len(several))]

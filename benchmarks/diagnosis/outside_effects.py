@@ -12,7 +12,7 @@ from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
-__all__ = ["OUTSIDE"]
+__all__ = ["KEPT_BACK", "OUTSIDE"]
 
 
 def _places(light: Light) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -107,6 +107,65 @@ def _repainted(scene: Scene, amount: float, row: float, column: float) -> Scene:
     return replace(scene, surfaces=surfaces, materials={**scene.materials, "other": new})
 
 
+def _red_leak(light: Light, amount: float, row: float, column: float) -> Light:
+    """The two bluest filters pass light beyond the reddest band, where paints differ less, or more."""
+    far = light.signal[-1] / light.signal[-1].mean()
+    leak = amount * light.signal.mean(axis=(1, 2))[:, None, None] * far ** (0.5 + row)
+    share = np.zeros(len(leak))
+    share[:2] = 1.0, column
+    return light.with_signal(light.signal + share[:, None, None] * leak)
+
+
+def _hot_pixels(light: Light, amount: float, row: float, column: float) -> Light:
+    """Four of a thousand pixels count too much, each by another amount."""
+    draw, shape = np.random.default_rng(int(1e6 * row)), light.signal.shape[1:]
+    hot = np.where(draw.random(shape) < 0.004, draw.exponential(1.0, shape), 0.0)
+    return light.with_signal(light.signal + 20 * amount * hot * np.median(light.signal, axis=(1, 2))[:, None, None])
+
+
+def _sensor_dust(light: Light, amount: float, row: float, column: float) -> Light:
+    """Seven soft shadows of dust that came to the sensor after the flats."""
+    from scipy.ndimage import gaussian_filter
+
+    draw, (v, u) = np.random.default_rng(int(1e6 * row)), _places(light)
+    shadow = np.zeros_like(v)
+    for _ in range(7):
+        centre, radius, depth = draw.uniform(0.05, 0.95, 2), draw.uniform(0.015, 0.035), draw.uniform(0.3, 1.0)
+        shadow += depth * (np.hypot(v - centre[0], u - centre[1]) < radius)
+    return light.with_signal(light.signal * (1 - 10 * amount * gaussian_filter(shadow, 0.7)))
+
+
+def _shiny_plate(light: Light, amount: float, row: float, column: float) -> Light:
+    """A thin shiny plate on the floor mirrors what the picture shows above it."""
+    height, width = light.signal.shape[1:]
+    top, deep = int((0.8 + 0.08 * row) * height), max(int(0.08 * height), 3)
+    first = int((0.15 + 0.5 * column) * width)
+    columns = slice(first, first + width // 5)
+    signal = light.signal.copy()
+    mirrored = signal[:, top - deep : top, columns][:, ::-1]
+    signal[:, top : top + deep, columns] += 5 * amount * mirrored
+    return light.with_signal(signal)
+
+
+def _band_fringes(light: Light, amount: float, row: float, column: float) -> Light:
+    """Rings of interference in one filter."""
+    (v, u), signal = _places(light), light.signal.copy()
+    away = np.hypot(v - 0.3 - 0.4 * column, u - 0.5)
+    signal[int(row * len(signal))] *= 1 + 5 * amount * np.sin(2 * np.pi * (25 * away**2 + 8 * column))
+    return light.with_signal(signal)
+
+
+def _second_lamp(scene: Scene, amount: float, row: float, column: float) -> Scene:
+    """A small lamp of the same kind burns near the front edge of the ceiling."""
+    lamp = scene.lamp
+    corners = lamp.surface.vertices_mm
+    middle = corners.mean(axis=0)
+    place = np.array([100 + 350 * column, middle[1], 60 + 60 * row])
+    surface = replace(lamp.surface, name="second-lamp", vertices_mm=0.3 * (corners - middle) + place)
+    radiance = replace(lamp.radiance, values=np.asarray(lamp.radiance.values) * 10 * amount)
+    return replace(scene, further_lamps=(*scene.further_lamps, replace(lamp, surface=surface, radiance=radiance)))
+
+
 def _effect(name: str, stage: str, apply: object) -> Effect:
     numbers = (
         Parameter("amount", null=0.0, low=0.0, high=1.0, step=1e-3),
@@ -129,5 +188,18 @@ OUTSIDE = {
         ("row-bands", "optics", _row_bands),
         ("forgotten-cube", "scene", _forgotten_cube),
         ("repainted-block", "scene", _repainted),
+    )
+}
+
+#: Causes that no decision constant was set with.
+KEPT_BACK = {
+    name: _effect(name, stage, apply)
+    for name, stage, apply in (
+        ("red-leak", "optics", _red_leak),
+        ("hot-pixels", "optics", _hot_pixels),
+        ("sensor-dust", "optics", _sensor_dust),
+        ("shiny-plate", "optics", _shiny_plate),
+        ("band-fringes", "optics", _band_fringes),
+        ("second-lamp", "scene", _second_lamp),
     )
 }

@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.utils.progress import checkpoint
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
+from ..device import SobolPoints, cosine_hemisphere, device_array, dr, lanes_per_call, mi
 from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
 
@@ -171,7 +172,7 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
     pixel, face = np.nonzero(coverage > 0)
     strips = [
         _traced(light, camera, (first, last), pixel, face, samples, seed)
-        for first, last in _strips(pixel, len(coverage), len(light.patches))
+        for first, last in _strips(pixel, len(coverage), len(light.patches), samples)
     ]
     dr.flush_malloc_cache()  # the strips' matrices
     direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
@@ -191,13 +192,14 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
     )
 
 
-def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[int, int]]:
-    """First pixel and end of strips of up to ``_ENTRIES`` fragments times patches, or one pixel."""
+def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
+    """First pixel and end of strips for one kernel call each, of up to ``_ENTRIES`` fragments times patches."""
+    most = lanes_per_call(samples, pixels)
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
     while ends[-1] < pixels:
         end = int(np.searchsorted(before, before[ends[-1]] + _ENTRIES // patches, "right")) - 1
-        ends.append(max(end, ends[-1] + 1))
+        ends.append(min(max(end, ends[-1] + 1), ends[-1] + most))
     return list(pairwise(ends))
 
 
@@ -208,6 +210,7 @@ def _traced(
 
     Returns direct light and escape of its fragments, the lamps' patterns of its pixels, and G of its fragments.
     """
+    checkpoint()
     tracer, patches = light.tracer, light.patches
     count, faces = pixels[1] - pixels[0], len(tracer.facet_surface) + 1
     of_strip = slice(*np.searchsorted(pixel, pixels))

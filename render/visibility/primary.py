@@ -209,4 +209,5 @@ def _faces(tracer: Tracer, rays: mi.Ray3f) -> np.ndarray:
     """(n,) int16 flat face that each ray hits from its lit side, -1 for none."""
     hit = intersect(tracer, rays, coherent=True)
     facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+    dr.eval(hit.front, facet)  # together: one kernel
     return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1))

@@ -14,7 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, holds_beside_remainder, likeliest_causes
+from .alternatives import Cause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
     Limit,
@@ -26,7 +26,7 @@ from .evidence import (
 from .explain import Explanation, explain, explain_masked_families
 from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
-from .judgement import BaseFlaws, Verdict, confirmed_beside_flaws, cost_in_power, selected_beside_flaws
+from .judgement import BaseFlaws, Verdict, confirmed_with_flaws, cost_in_power, selected_with_flaws
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -286,7 +286,7 @@ def _explained(
         # an imitation of another cause explains a part of it
         unknown = max(unknown, best.cause_probability * (1 - max(explained, 0.0)))
         # no effect imitates single pixels
-        hold = holds_beside_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
+        hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
         selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
@@ -335,19 +335,21 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
-    effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
-    flaws = beside.found
-    del beside  # its columns take much of the memory
+    effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
+    flaws = fitted_flaws.base_flaws
+    del fitted_flaws  # its columns take much of the memory
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
     doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
     if doubtful or something_remains(search.linearised.model, residual, rendered):
         # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
-        again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
+        again = selected_with_flaws(validation, search.linearised if effects else first, effects, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
         search = replace(by_size, linearised=again.linearised)
-        return _Judged(by_size, search, again.selected, again.assessed, again.flaws.found, verdicts, cost, imitated)
+        return _Judged(
+            by_size, search, again.selected, again.assessed, again.flaws.base_flaws, verdicts, cost, imitated
+        )
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors

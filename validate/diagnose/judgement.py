@@ -26,12 +26,12 @@ from .stepwise import MAX_EFFECTS, refitted
 
 __all__ = [
     "BaseFlaws",
-    "BesideFlaws",
-    "SelectedBesideFlaws",
+    "FlawsWithEffects",
+    "SelectionWithFlaws",
     "Verdict",
-    "confirmed_beside_flaws",
+    "confirmed_with_flaws",
     "cost_in_power",
-    "selected_beside_flaws",
+    "selected_with_flaws",
 ]
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
@@ -88,7 +88,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class BesideFlaws:
+class FlawsWithEffects:
     """Flaws of the base in a residual with effects."""
 
     #: Columns of the flaws in the capture's linear model.
@@ -121,7 +121,7 @@ class BesideFlaws:
         return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
 
     @property
-    def found(self) -> BaseFlaws:
+    def base_flaws(self) -> BaseFlaws:
         """The flaws without their columns."""
         return BaseFlaws(self.reported, self.small, self.change_dn)
 
@@ -139,7 +139,7 @@ class BaseFlaws:
 
     #: Flaws worth a sentence, the largest first.
     reported: tuple[Flaw, ...]
-    #: Whether flaws of the sizes expected explain it, see `BesideFlaws.small`.
+    #: Whether flaws of the sizes expected explain it, see `FlawsWithEffects.small`.
     small: bool
     #: (n,) change of the used samples by all flaws, DN.
     change_dn: NDArray[np.float64]
@@ -191,9 +191,9 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     return build_flaw_model(linearised.model, columns, signal, residual)
 
 
-def confirmed_beside_flaws(
+def confirmed_with_flaws(
     linearised: LinearisedFit, selected: Sequence[Candidate]
-) -> tuple[list[Candidate], BesideFlaws, tuple[Verdict, ...]]:
+) -> tuple[list[Candidate], FlawsWithEffects, tuple[Verdict, ...]]:
     """Effects that hold next to the flaws of the base.
 
     Of those that do not hold, the weakest leaves, and the others are judged again.
@@ -209,7 +209,7 @@ def confirmed_beside_flaws(
     -------
     confirmed : list of Candidate
         The effects that hold, fitted together again where one left.
-    flaws : BesideFlaws
+    flaws : FlawsWithEffects
         What the base is off by with them.
     verdicts : tuple of Verdict
         Of every effect, those that left included.
@@ -217,7 +217,7 @@ def confirmed_beside_flaws(
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
         residual = residual_with(linearised, confirmed)
-        flaws = _beside(linearised, confirmed)
+        flaws = _flaws_of(linearised, confirmed)
         verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
@@ -233,7 +233,7 @@ def _verdict(
     linearised: LinearisedFit,
     selected: Sequence[Candidate],
     index: int,
-    flaws: BesideFlaws,
+    flaws: FlawsWithEffects,
     residual: NDArray[np.float64],
 ) -> Verdict:
     candidate, model = selected[index], flaws.model
@@ -246,7 +246,7 @@ def _verdict(
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
-    (amplitude,), fitted = _amount_beside(model, shape, whitened, np.ones(1))
+    (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
     sigma = float(np.sum(model.weighted(fitted, shape) * shape)) ** -0.5
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
     certainty = amplitude / sigma
@@ -256,7 +256,7 @@ def _verdict(
 
 
 @dataclass(frozen=True, eq=False)
-class SelectedBesideFlaws:
+class SelectionWithFlaws:
     """Effects that hold next to the flaws of the base, their numbers fitted with the flaws free."""
 
     #: The picture with the effects, without errors in its covariance.
@@ -266,14 +266,14 @@ class SelectedBesideFlaws:
     #: The same with their alternatives and tests.
     assessed: list[SelectedEffect]
     #: What the base is off by, with them.
-    flaws: BesideFlaws
+    flaws: FlawsWithEffects
     #: Judgement of every effect, those that left included.
     verdicts: tuple[Verdict, ...]
 
 
-def selected_beside_flaws(
+def selected_with_flaws(
     validation: Validation, linearised: LinearisedFit, confirmed: Sequence[Candidate], signatures: Sequence[Signature]
-) -> SelectedBesideFlaws:
+) -> SelectionWithFlaws:
     """Add effects to those that hold, as long as the evidence grows.
 
     Parameters
@@ -289,42 +289,42 @@ def selected_beside_flaws(
 
     Returns
     -------
-    SelectedBesideFlaws
+    SelectionWithFlaws
         The effects that hold in the end.
     """
-    selected, flaws = list(confirmed), _beside(linearised, confirmed)
+    selected, flaws = list(confirmed), _flaws_of(linearised, confirmed)
     while len(selected) < MAX_EFFECTS:
         present = {c.hypothesis.effect.id for c in selected}
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
         residual = residual_with(linearised, selected)
         exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
         least = gain_of_shape_errors(residual, exact, rendered)
-        best = _best_beside(linearised.problem(selected), rest, flaws, residual, least)
+        best = _best_with_flaws(linearised.problem(selected), rest, flaws, residual, least)
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, flaws), [*selected, best])
         del flaws  # the next one is as large
-        flaws = _beside(linearised, selected)
+        flaws = _flaws_of(linearised, selected)
     del flaws
-    selected, flaws, verdicts = confirmed_beside_flaws(linearised, selected)
+    selected, flaws, verdicts = confirmed_with_flaws(linearised, selected)
     if selected:
         selected = refitted_together(_judged(linearised, flaws), selected)
         assessed = with_alternatives(linearised, selected, signatures)
         selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
         names = {c.hypothesis.effect.id for c in selected}
         verdicts = tuple(replace(verdict, holds=verdict.effect in names) for verdict in verdicts)
-        return SelectedBesideFlaws(linearised, selected, assessed, flaws, verdicts)
-    return SelectedBesideFlaws(linearised, [], [], flaws, verdicts)
+        return SelectionWithFlaws(linearised, selected, assessed, flaws, verdicts)
+    return SelectionWithFlaws(linearised, [], [], flaws, verdicts)
 
 
-def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
+def _flaws_of(linearised: LinearisedFit, selected: Sequence[Candidate]) -> FlawsWithEffects:
     """Flaws of the base with effects in place."""
     residual = residual_with(linearised, selected)
     model = _flaw_model(linearised, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
-    return BesideFlaws(
+    return FlawsWithEffects(
         model,
         fitted,
         model.nothing - fitted.score,
@@ -334,15 +334,15 @@ def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideF
     )
 
 
-def _judged(linearised: LinearisedFit, flaws: BesideFlaws) -> LinearisedFit:
+def _judged(linearised: LinearisedFit, flaws: FlawsWithEffects) -> LinearisedFit:
     """The same fit with the flaws in its covariance."""
     return replace(linearised, model=flaws.model.counted_in(linearised.model, flaws.fitted))
 
 
-def _best_beside(
+def _best_with_flaws(
     problem: Problem,
     signatures: Sequence[Signature],
-    flaws: BesideFlaws,
+    flaws: FlawsWithEffects,
     residual: NDArray[np.float64],
     least: float,
 ) -> Candidate | None:
@@ -363,7 +363,7 @@ def _best_beside(
     best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
     for _, signature, start in (*first, *second):
         columns = _whitened_columns(model, problem, signature)
-        amount, fitted = _amount_beside(model, columns, whitened, start)
+        amount, fitted = _amount_with_flaws(model, columns, whitened, start)
         evidence = flaws.score - fitted.score - price_of(len(amount))
         candidate = _started(screen(problem, signature, residual), signature, amount)
         change = columns_of(problem, signature) @ amount
@@ -373,7 +373,7 @@ def _best_beside(
     return best[1]
 
 
-def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: BesideFlaws) -> float:
+def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: FlawsWithEffects) -> float:
     """Factor by which flaws raise the size that an effect must have to be seen.
 
     Parameters
@@ -409,7 +409,7 @@ def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[n
     return np.asarray(np.linalg.lstsq(weighted.T @ columns, weighted.T @ whitened, rcond=1e-9)[0])
 
 
-def _amount_beside(
+def _amount_with_flaws(
     model: FlawModel[LinearModel], columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], FittedFlaws]:
     """Multiples of an effect's columns and widths of the flaws, fitted in turn."""

@@ -21,7 +21,7 @@ def _selected(behind, dispersion, gain):
 
 
 @pytest.mark.parametrize("dispersion", [1.0, 4.0])
-def test_chi2_differences_scatter_by_the_dispersion_which_widens_what_is_not_told_apart(dispersion):
+def test_chi2_differences_scatter_by_the_dispersion(dispersion):
     limit = INDISTINGUISHABLE_CHI2 * dispersion
     for behind, is_stated in ((0.99 * limit, False), (1.01 * limit, True)):
         selection = _selected(behind, dispersion, gain=100.0)

@@ -17,7 +17,7 @@ from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
 from .patterns import FIXED_TEXTURE
-from .pooled import CANCELLING, PooledMean
+from .pooled import CANCELLING, STRUCTURE, PooledMean
 
 __all__ = [
     "UNKNOWN",
@@ -254,7 +254,7 @@ class Outcome(FrozenMappings):
             "strata": {row.name: _record(row) for row in self.of_kind("stratum")},
             "patterns": {
                 row.name: {**_record(row), "unit": row.unit}
-                for kind in ("pattern", *CANCELLING)
+                for kind in ("pattern", *CANCELLING, *STRUCTURE)
                 for row in self.of_kind(kind)
             },
             "cancelling": self.cancelling,

@@ -23,17 +23,21 @@ from .patterns import (
     CANCELLING,
     POWER,
     SHARES,
+    STRUCTURE,
     Difference,
     PooledMean,
     block_spread,
     dark_pixels,
     mirror_order,
+    moved_slightly,
     moved_texture,
     odd_lines,
     odd_tiles,
+    other_contrast,
     periodic,
     pool_of_finding,
     ripple,
+    slow_change,
     textures,
     tile_steps,
 )
@@ -42,6 +46,7 @@ from .strata import BLOCKS, Strata
 __all__ = [
     "CANCELLING",
     "SHARES",
+    "STRUCTURE",
     "SYSTEMATIC",
     "PooledMean",
     "Pooling",
@@ -267,7 +272,7 @@ def cancelling_patterns(
         One for each kind of pattern, at its clearest instance.
     """
     difference = difference_of(pooling)
-    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in (*CANCELLING, "place")}
+    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in (*CANCELLING, *STRUCTURE, "place")}
     findings = [
         ("grid", periodic(difference)),
         ("wave", ripple(difference, _steps(pooling))),
@@ -276,6 +281,9 @@ def cancelling_patterns(
         ("steps", tile_steps(difference)),
         ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
         ("place", moved_texture(baseline, candidate)),
+        ("slow", slow_change(difference)),
+        ("contrast", other_contrast(difference)),
+        ("displacement", moved_slightly(difference)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)

@@ -286,7 +286,7 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     assert page.run("document.getElementById('mistake').textContent") == ""
 
 
-def test_the_page_tells_a_mistake_and_goes_on(page):
+def test_the_page_shows_a_mistake_and_goes_on(page):
     add(page, "veiling-glare")
     page.run(
         "(() => {const n = document.querySelector('#effects input[type=text]'); n.value = '7';"
