@@ -22,7 +22,6 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows
 from cboxlab.utils.numbers import number_of
-from cboxlab.utils.robust_line import median_line
 from numpy.typing import NDArray
 
 from .manifest import CropTable, pattern_rows
@@ -165,10 +164,12 @@ class Reduction:
         """
         if self.step_px == 1 or self.summed == 1:
             return None
+        from scipy.stats import theilslopes  # slow to import, rarely needed
+
         # noise is linear in the counts; most blocks see no edge, but all of a few groups may
         groups = np.array_split(np.argsort(sums, axis=None), _LEVELS)
         pairs = [np.median([sums.ravel()[g], spread.ravel()[g]], axis=1) for g in groups if g.size]
-        slope, constant = median_line([pair[0] for pair in pairs], [pair[1] for pair in pairs])
+        slope, constant, *_ = theilslopes([pair[1] for pair in pairs], [pair[0] for pair in pairs])
         noise = np.maximum(constant + slope * sums, 0.0)
         by_edges = np.where(spread > _EDGE_SPREAD * noise, spread - noise, 0.0)
         return _edge_error(self.side_px, self.step_px) * self.summed**4 * by_edges
