@@ -11,7 +11,16 @@ if TYPE_CHECKING:
     from .first_manifest import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
     from .frames import split_name
     from .labels import Label
-    from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
+    from .manifest import (
+        BandTable,
+        BracketTable,
+        DarkTable,
+        FlatTable,
+        LensTable,
+        ReferenceTable,
+        TargetTable,
+        split_channel,
+    )
     from .manifest_faults import nearest
     from .mosaic import (
         band_channels,
@@ -52,6 +61,7 @@ __all__ = [
     "nearest",
     "pattern_rows",
     "shares_frames",
+    "split_channel",
     "split_name",
     "write_first_manifest",
 ]

@@ -66,6 +66,8 @@ class Capture(FrozenMappings):
     #: By reference to a channel of a named camera, its peak quantum efficiency over the largest one, measured from the
     #: references; empty where not measured.
     channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
+    #: By letter of the mosaic, relative sensitivity from a chart in the picture; empty where not estimated.
+    chart_sensitivities: Mapping[str, Spectrum] = field(default_factory=FrozenDict)
     #: Window and blocks of the stored frames that are the pixels in use; None where the stored pixels are.
     reduction: Reduction | None = None
     #: Reduced frames that were read; copies of the capture share them.
@@ -344,6 +346,8 @@ class Capture(FrozenMappings):
             If the sensor has a mosaic and no channel is given.
         """
         column = self.manifest.camera.quantum_efficiency
+        if column is None and self.chart_sensitivities and channel is not None:
+            return self.chart_sensitivities.get(split_channel(channel)[0])
         if isinstance(column, tuple | dict):
             if channel is None:
                 raise ValueError("the sensor has a mosaic: say which channel, such as R, G or B")
