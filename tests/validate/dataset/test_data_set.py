@@ -124,7 +124,7 @@ def test_the_model_of_a_picture_is_that_of_its_box(folder, run, recipe_file):
     assert [effect.id for effect in model.effects] == ["veiling-glare"]
     for mine, other in zip(model.scene.all_surfaces, box.model.scene.all_surfaces, strict=True):
         np.testing.assert_allclose(mine.vertices_mm, other.vertices_mm)
-    assert run.dataset.drawn(number) == json.loads(json.dumps(box.record))
+    assert run.dataset.drawn_values(number) == json.loads(json.dumps(box.record))
     with run.dataset[number] as picture:
         assert picture.attrs["effects_left_out"] == "veiling-glare"
 
