@@ -204,7 +204,7 @@ class Reduction:
 
 
 def _about_neighbours(pixels: NDArray, side: int, step: int) -> NDArray[np.float64]:
-    """Variances about the gradients of the neighbouring blocks of the same channel, or about none.
+    """Variances of blocks about the gradients of their neighbours, or about none.
 
     The smaller counts: next to an edge the neighbours lie beyond it.
     pixels : (height, n, width, n), ``step`` px apart in blocks of ``side`` px. Returns (height, width), 0 for n = 1.

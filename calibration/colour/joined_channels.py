@@ -38,7 +38,7 @@ class BandColumns:
 
 
 def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
-    """Join bands that are different channels of the same frames behind a filter, weighted by their noise.
+    """Join the channels of the same frames behind a filter, weighted by their noise.
 
     The channel that is chosen where none is stated gives the column its name. Another one that differs from it by more
     than noise sees light from outside the pass band, and is left out.
@@ -59,7 +59,7 @@ def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
     for members in _groups(capture):
         first = _reference(capture, members)
         used = [index for index in members if index == first or _agree(columns, first, index)]
-        # one weight for all patches: weights of their own noise would favour signals that noise makes small
+        # one weight for all patches: weights of each patch would favour signals that noise makes small
         weight = 1 / np.nanmean(columns.sigma[:, used] ** 2, axis=0)
         weight /= weight.sum()
         reflectance = columns.reflectance[:, used] @ weight
@@ -84,7 +84,7 @@ def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
 
 
 def _groups(capture: Capture) -> list[list[int]]:
-    """Positions of the bands by filter and frames; bands without a stated channel or filter stand alone."""
+    """Positions of the bands by filter and frames; others stand alone."""
     groups: dict[tuple[str, ...], list[int]] = {}
     for index, band in enumerate(capture.manifest.band):
         together = band.channel is not None and band.transmittance is not None
