@@ -9,6 +9,7 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .capture import Capture, FrameTable, load_capture
     from .first_manifest import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+    from .frames import split_name
     from .labels import Label
     from .manifest import (
         BandTable,
@@ -63,6 +64,7 @@ __all__ = [
     "pattern_rows",
     "shares_frames",
     "split_channel",
+    "split_name",
     "write_first_manifest",
 ]
 
