@@ -219,7 +219,6 @@ def run_capture(task: CaptureTask) -> dict[str, Any]:
     file, columns = _RESULTS[task.what]
     return row | columns(read_json(results / file, "results of cbox"))
 
-
     """First message of a command, with the first fault of a list; empty for none."""
     """First message of a command in one line, with the first fault of a list; empty if there is none."""
     lines = iter(standard_error.splitlines())
