@@ -342,6 +342,45 @@ def test_a_reload_during_a_computation_shows_the_last_state_at_work(page, bench,
     page.until("page.job === null && !document.getElementById('add').disabled")
 
 
+def test_a_pattern_a_flip_and_a_curve_are_shown_and_put_away(page, bench):
+    pixel = "JSON.stringify(page.viewer.values(16, 20).bands.map((b) => b.rendered))"
+    opened = page.run(pixel)
+    page.run("document.getElementById('new-effect').value = 'veiling-glare'")
+    press(page, "pattern")
+    page.until("document.getElementById('pattern-words').textContent.includes('veiling-glare, fraction')")
+    assert page.run("page.viewer.state.b") == "pattern-fraction" and bench.study.effects == ()
+    add(page, "veiling-glare")
+    assert page.run("page.viewer.state.b") == "rendered" and not page.run("page.viewer.picture.maps.length")
+    page.run("move({which: 0, values: {fraction: 0.01}, commit: true})")
+    page.until("page.record.effects[0].values.fraction === 0.01 && !page.asking")
+    present_pixel = page.run(pixel)
+    press(page, "before")
+    page.until("document.getElementById('earlier').textContent.includes('before the last change')")
+    assert page.run(pixel) != present_pixel and page.run("page.record.effects[0].values.fraction") == 0.01
+    page.key("b")
+    page.until("document.getElementById('earlier').textContent === ''")
+    assert page.run(pixel) == present_pixel != opened
+    page.run("document.querySelector('.parameter button.small').click()")
+    page.until("document.querySelector('.profile svg') !== null && !page.job")
+    assert "at the ends" in page.run("document.querySelector('.profile').innerText")
+    page.run("document.getElementById('parts').open = true")
+    page.until("document.querySelectorAll('#parts tbody tr').length === 14")
+    per_band = page.run("[...document.querySelectorAll('#parts table')][0].innerText")
+    assert "550 nm" in per_band and "NaN" not in per_band
+
+
+def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(page):
+    add(page, "veiling-glare")
+    page.size(400, 800)
+    page.run("document.querySelector('#effects input[type=range]').scrollIntoView({block: 'end'})")
+    inside = (
+        "['mini', 'glance-chi2', 'p-0-fraction'].every((id) => {const b = document.getElementById(id)"
+        ".getBoundingClientRect(); return b.width > 0 && b.top >= 0 && b.bottom <= innerHeight})"
+    )
+    page.until(inside)
+    assert float(page.run("document.getElementById('glance-chi2').textContent")) == chi2(page)
+
+
 def test_effects_are_grouped_and_searched(page):
     count = "document.querySelectorAll('#new-effect option').length"
     everything = page.run(count)
