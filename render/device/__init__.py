@@ -5,7 +5,6 @@ from .calls import lane_ranges, lanes_per_call
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
-from .sobol import sobol_integers
 
 __all__ = [
     "SobolPoints",
@@ -18,5 +17,4 @@ __all__ = [
     "polynomial",
     "polynomial_at",
     "seed_of_lanes",
-    "sobol_integers",
 ]
