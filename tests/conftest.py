@@ -50,9 +50,9 @@ SLOWEST = (
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the slowest modules first."""
-    rank = {TESTS / name: number for number, name in enumerate(SLOWEST)}
-    assert all(path.is_file() for path in rank), "a module of SLOWEST is absent"
-    items.sort(key=lambda item: rank.get(item.path, len(rank)))
+    ranks = {TESTS / name: number for number, name in enumerate(SLOWEST)}
+    assert all(path.is_file() for path in ranks), "a module of SLOWEST is absent"
+    items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -193,7 +193,7 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
-    """First pixel and end of strips for one kernel call each, of up to ``_ENTRIES`` fragments times patches."""
+    """First pixel and end of each strip of up to ``_ENTRIES`` fragments times patches."""
     most = lanes_per_call(samples, pixels)
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
