@@ -50,9 +50,9 @@ SLOWEST = (
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the slowest modules first."""
-    place = {TESTS / name: number for number, name in enumerate(SLOWEST)}
-    assert all(path.is_file() for path in place), "a module of SLOWEST is absent"
-    items.sort(key=lambda item: place.get(item.path, len(place)))
+    ranks = {TESTS / name: number for number, name in enumerate(SLOWEST)}
+    assert all(path.is_file() for path in ranks), "a module of SLOWEST is absent"
+    items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
 
 
 def pytest_configure(config: pytest.Config) -> None:

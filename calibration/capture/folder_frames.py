@@ -234,7 +234,7 @@ def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[l
 
 
 def _is_managers_copy(frame: FolderFrame, other: FolderFrame) -> bool:
-    """Whether a frame has the pictures of another one and the name that a file manager gives a copy."""
+    """Whether a frame has another one's pictures, and the name of a file manager's copy."""
     names = [_MANAGERS_COPY.sub("", f.stem.casefold()) for f in (frame, other)]
     return frame.path != other.path and names[0] == names[1] and frame.digests == other.digests
 

@@ -193,7 +193,7 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
-    """First pixel and end of strips for one kernel call each, of up to ``_ENTRIES`` fragments times patches."""
+    """First pixel and end of each strip of up to ``_ENTRIES`` fragments times patches."""
     most = lanes_per_call(samples, pixels)
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
@@ -236,18 +236,18 @@ def _traced(
         fragment = dr.gather(mi.UInt32, lookup, lane * faces + facet, shaded)
         for k, lamp in enumerate(light.lamps):
             bright = hit.on_lamp & (hit.material == lamp.material)
-            dr.scatter_add(on_lamp[k], mi.Float(1), lane, bright)
-            dr.scatter_add(glow[k], lamp_seen(lamp, hit, ray.d), lane, bright)
+            dr.scatter_add(on_lamp[k], mi.Float(1), lane, bright, mode=dr.ReduceMode.Direct)
+            dr.scatter_add(glow[k], lamp_seen(lamp, hit, ray.d), lane, bright, mode=dr.ReduceMode.Direct)
             u, v = points.point(i, 4), points.point(i, 5)
             arriving = direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded)
-            dr.scatter_add(direct[k], arriving, fragment, shaded)
+            dr.scatter_add(direct[k], arriving, fragment, shaded, mode=dr.ReduceMode.Direct)
         direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
         on_patch = far.reflecting
         patch = patch_of(patches, far.triangle, far.uv, on_patch)
-        dr.scatter_add(ray_count, mi.Float(1), fragment, shaded)
-        dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid)
-        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch)
+        dr.scatter_add(ray_count, mi.Float(1), fragment, shaded, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples)

@@ -26,6 +26,7 @@ def rays(origin, direction):
 
 def asked(accelerator, ray, active=True):
     """Whether each ray meets anything, the distance, the triangle, its barycentric coordinates (2, n)."""
+    dr.make_opaque(ray)  # a length is not part of a kernel's code
     hit = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
     dr.eval(hit)  # together: one kernel
     assert np.array_equal(np.array(hit.is_valid()), np.isfinite(np.array(hit.t)))
@@ -33,6 +34,7 @@ def asked(accelerator, ray, active=True):
 
 
 def blocked_by(accelerator, ray, **how):
+    dr.make_opaque(ray)
     return np.array(accelerator.ray_test(ray, **how)).astype(bool)
 
 

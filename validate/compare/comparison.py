@@ -31,7 +31,7 @@ __all__ = ["BandRow", "ChiSquare", "Comparison", "Expectation", "RelativeDiffere
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the chi2 that noise gives depends on, apart from the number of residuals."""
+    """Properties of fit and noise that determine the expected chi2."""
 
     #: Number of fitted parameters, subtracted from the degrees of freedom.
     fitted_parameters: int = 0
@@ -67,7 +67,7 @@ class ChiSquare:
 
     @property
     def per_dof_sigma(self) -> float:
-        """Standard deviation of ``per_dof`` under pure Gaussian noise, sqrt(2 / dof + variance_sigma^2)."""
+        """Standard deviation of ``per_dof`` from noise, sqrt(2 / dof + variance_sigma^2)."""
         return float(np.hypot(np.sqrt(2.0 / self.dof), self.variance_sigma)) if self.dof > 0 else float("nan")
 
     @property

@@ -89,7 +89,7 @@ def equal_counts(folder):
 
 
 def copies(folder):
-    """Copies of file managers; a frame of the same counts under another name of its own is a photograph."""
+    """Copies of file managers; a frame of the same counts with a different name is a photograph."""
     tiffs(folder, "f550-1s-0", "f550-1s-1")
     for copy in ("f550-1s-0 - Copy", "f550-1s-0 - Kopie (2)", "f550-1s-0 copy 2", "f550-1s-0 (2)", "f600-1s-0"):
         shutil.copy(folder / "f550-1s-0.tif", folder / f"{copy}.tif")

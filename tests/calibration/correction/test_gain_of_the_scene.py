@@ -82,7 +82,7 @@ def test_the_common_error_of_the_variances_is_that_of_captures(folders):
 
     A standard deviation of twenty has a standard error of 16 %.
     """
-    means, stated = [], []
+    means, relative_errors = [], []
     for folder in folders[2:]:
         capture = load_capture(folder)
         dark = read_darks(capture)
@@ -91,5 +91,5 @@ def test_the_common_error_of_the_variances_is_that_of_captures(folders):
         signal = np.full(bands.images["signal"].shape, 800.0)
         variance, used = bands.predicted_variance(signal), bands.images["mask"].values == 0
         means.append(float(np.median(variance[used])))
-        stated.append(bands.variance_sigma(signal, variance, used, noise))
-    assert np.std(means) / np.mean(means) == pytest.approx(np.mean(stated), rel=0.6)
+        relative_errors.append(bands.variance_sigma(signal, variance, used, noise))
+    assert np.std(means) / np.mean(means) == pytest.approx(np.mean(relative_errors), rel=0.6)

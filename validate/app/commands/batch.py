@@ -219,8 +219,9 @@ def run_capture(task: CaptureTask) -> dict[str, Any]:
     file, columns = _RESULTS[task.what]
     return row | columns(read_json(results / file, "results of cbox"))
 
+
+def _message(standard_error: str) -> str:
     """First message of a command, with the first fault of a list; empty for none."""
-    """First message of a command in one line, with the first fault of a list; empty if there is none."""
     lines = iter(standard_error.splitlines())
     message = next((line for line in lines if line.startswith(("error: ", "fault: "))), "").partition(": ")[2]
     if message.endswith(LIST_OF_FAULTS):

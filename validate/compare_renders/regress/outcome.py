@@ -16,8 +16,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
-from .patterns import FIXED_TEXTURE
-from .pooled import CANCELLING, STRUCTURE, PooledMean
+from .patterns import CANCELLING, FIXED_TEXTURE, STRUCTURE, PooledMean
 
 __all__ = [
     "UNKNOWN",
@@ -140,7 +139,7 @@ class Outcome(FrozenMappings):
             return f"{rows['dark'].pixels} {rows['dark'].name}"
         if "wave" in rows and rows["wave"] is not self.deciding[0]:
             del rows["wave"]
-        for kind in ("grid", "wave", "steps", "tile", "line", "texture"):
+        for kind in ("grid", "wave", "steps", "tile", "line", "reused", "texture"):
             if kind in rows:
                 return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of the light"
         return None

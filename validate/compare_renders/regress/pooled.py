@@ -20,33 +20,19 @@ from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
-    CANCELLING,
     POWER,
     SHARES,
-    STRUCTURE,
     Difference,
     PooledMean,
+    all_patterns,
     block_spread,
-    dark_pixels,
     mirror_order,
-    moved_slightly,
-    moved_texture,
-    odd_lines,
-    odd_tiles,
-    other_contrast,
-    periodic,
     pool_of_finding,
-    ripple,
-    slow_change,
-    textures,
-    tile_steps,
 )
 from .strata import BLOCKS, Strata
 
 __all__ = [
-    "CANCELLING",
     "SHARES",
-    "STRUCTURE",
     "SYSTEMATIC",
     "PooledMean",
     "Pooling",
@@ -223,7 +209,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     tested = [row for row in blocks if row is not None]
     findings = {
         "spread": block_spread(tested, pooling.noise.clustering),
-        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.level + pooling.trimmed.difference),
+        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.difference),
     }
     return (
         *(row for row in pools if row is not None),
@@ -257,7 +243,7 @@ def difference_of(pooling: Pooling) -> Difference:
 def cancelling_patterns(
     pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
 ) -> tuple[PooledMean, ...]:
-    """Tests of patterns whose means cancel, and of the place of fine structure.
+    """Tests of patterns whose means cancel, and of those that need no known noise.
 
     Parameters
     ----------
@@ -271,24 +257,7 @@ def cancelling_patterns(
     tuple of PooledMean
         One for each kind of pattern, at its clearest instance.
     """
-    difference = difference_of(pooling)
-    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in (*CANCELLING, *STRUCTURE, "place")}
-    findings = [
-        ("grid", periodic(difference)),
-        ("wave", ripple(difference, _steps(pooling))),
-        ("line", odd_lines(difference)),
-        ("tile", odd_tiles(difference)),
-        ("steps", tile_steps(difference)),
-        ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
-        ("place", moved_texture(baseline, candidate)),
-        ("slow", slow_change(difference)),
-        ("contrast", other_contrast(difference)),
-        ("displacement", moved_slightly(difference)),
-    ]
-    rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
-    of_texture = textures(difference)
-    share = critical["texture"] / max(len(of_texture), 1)
-    return (*rows, *(pool_of_finding("texture", finding, share) for finding in of_texture))
+    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, _steps(pooling))
 
 
 def _steps(pooling: Pooling) -> float:

@@ -8,6 +8,7 @@ from cboxlab.validation.compare_renders.regress.patterns import (
     Difference,
     moved_slightly,
     other_contrast,
+    reused_numbers,
     slow_change,
 )
 from helpers.other_suite import run_suite
@@ -110,6 +111,27 @@ def test_other_noise_on_each_side_is_no_slow_change_and_no_displacement(pair):
         difference = Difference(totals[0], totals[1] - totals[0], None, inside, {})
         assert min(slow_change(difference).probability, moved_slightly(difference).probability) > 1e-4
         assert other_contrast(difference).probability > 1e-4
+
+
+def repeated_noise(rng, size=96, tile=16):
+    """(y, x) noise that a renderer repeats in each tile."""
+    return np.tile(rng.standard_normal((tile, tile)), (size // tile,) * 2)
+
+
+def test_random_numbers_reused_in_tiles_are_seen_where_one_side_alone_does_so():
+    rng = np.random.default_rng(6)
+    light = np.kron(LIGHT[..., 0] * np.kron(rng.uniform(0.4, 1.6, (4, 4)), np.ones((12, 12))), np.ones((2, 2)))
+    inside = np.pad(np.ones((94, 94), bool), 1)
+
+    def finding(*noise):
+        first, second = (light * (1 + 0.05 * n) for n in noise)
+        return reused_numbers(Difference(first, second - first, None, inside, {}))
+
+    repeats = finding(rng.standard_normal(light.shape), repeated_noise(rng))
+    assert repeats.probability < 1e-6
+    assert repeats.name.startswith("reused random numbers: noise of the candidate repeats")
+    assert finding(rng.standard_normal(light.shape), rng.standard_normal(light.shape)).probability > 1e-3
+    assert finding(repeated_noise(rng), repeated_noise(rng)).probability > 1e-3
 
 
 #: Spoilt pictures by the name of a test of an imaginary renderer; equal ones first.

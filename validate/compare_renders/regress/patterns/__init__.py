@@ -1,5 +1,6 @@
 """Patterns of a difference whose means cancel: grids, ripples, lines, tiles, textures."""
 
+from .all_patterns import all_patterns
 from .correlation import difference_variance, of_blocks, of_filter, of_neighbours
 from .dark import dark_pixels
 from .difference import Difference, Finding
@@ -9,6 +10,7 @@ from .mirror import mirror_order
 from .moved import moved_texture
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
+from .reused import reused_numbers
 from .slow import slow_change, without_slow
 from .spread import block_spread
 from .texture import FIXED_TEXTURE, fine_structure, textures
@@ -23,6 +25,7 @@ __all__ = [
     "Difference",
     "Finding",
     "PooledMean",
+    "all_patterns",
     "block_spread",
     "dark_pixels",
     "difference_variance",
@@ -38,6 +41,7 @@ __all__ = [
     "other_contrast",
     "periodic",
     "pool_of_finding",
+    "reused_numbers",
     "ripple",
     "slow_change",
     "textures",

@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from .difference import Difference, Finding, self_normalised
 
-__all__ = ["moved_slightly", "other_contrast"]
+__all__ = ["block_sums", "fine_light", "moved_slightly", "other_contrast"]
 
 #: Pixels a side of the window whose mean is subtracted for the contrast: blurs are clearest in the finest structure.
 _CONTRAST_PX = 3
@@ -45,7 +45,7 @@ def other_contrast(difference: Difference) -> Finding | None:
     Finding or None
         The size is the part of the contrast that the weaker side lacks. None for small pictures.
     """
-    blocks = _blocks(_fine(difference, _CONTRAST_PX))
+    blocks = _blocks(fine_light(difference, _CONTRAST_PX))
     if blocks is None:
         return None
     sums, weight = blocks
@@ -74,7 +74,7 @@ def moved_slightly(difference: Difference) -> Finding | None:
     Finding or None
         The size is the displacement in px, to first order. None for small pictures.
     """
-    fine = _fine(difference, _PLACE_PX)
+    fine = fine_light(difference, _PLACE_PX)
     blocks = _blocks(fine)
     if blocks is None:
         return None
@@ -82,9 +82,9 @@ def moved_slightly(difference: Difference) -> Finding | None:
     findings = []
     for axis, name in enumerate(("down", "to the right")):
         slopes = [np.gradient(picture, axis=axis) for picture in fine]
-        terms = weight * _block_sums(fine[0] * slopes[1] - fine[1] * slopes[0])
+        terms = weight * block_sums(fine[0] * slopes[1] - fine[1] * slopes[0])
         statistic, share = self_normalised(terms, _alike(difference))
-        squares = weight * _block_sums(2 * slopes[0] * slopes[1])
+        squares = weight * block_sums(2 * slopes[0] * slopes[1])
         size = float(terms.sum() / max(abs(float(squares.sum())), 1e-300))
         probability = min(1.0, 2 * share)
         findings.append(_finding(f"moved {name}", difference, size, statistic, terms.size, probability, "px"))
@@ -107,8 +107,21 @@ def _finding(
     return Finding(name, int(difference.smooth.size), size, max(sigma, 1e-9), count - 1.0, probability, unit=unit)
 
 
-def _fine(difference: Difference, window_px: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(y, x) fine structure of baseline and candidate, relative to a common smooth light."""
+def fine_light(difference: Difference, window_px: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fine structure of both sides, relative to a common smooth light.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+    window_px
+        Pixels a side of the window whose mean is subtracted.
+
+    Returns
+    -------
+    first, second : NDArray
+        (y, x) of baseline and candidate.
+    """
     baseline, candidate = difference.level, difference.level + difference.total
     used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
     light = gaussian_filter(0.5 * (baseline + candidate), _LEVEL_PX, mode="nearest")
@@ -123,7 +136,7 @@ def _blocks(fine: tuple[NDArray, NDArray]) -> tuple[tuple[NDArray, NDArray, NDAr
     height, width = first.shape
     if (height // _BLOCK_PX) * (width // _BLOCK_PX) < _LEAST_BLOCKS:
         return None
-    before, after, product = (_block_sums(p) for p in (first**2, second**2, first * second))
+    before, after, product = (block_sums(p) for p in (first**2, second**2, first * second))
     both = before + after
     if not both.any():
         return None
@@ -131,8 +144,19 @@ def _blocks(fine: tuple[NDArray, NDArray]) -> tuple[tuple[NDArray, NDArray, NDAr
     return (before, after, product), 1 / (both + _STRUCTURED * typical)
 
 
-def _block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) sums of square blocks."""
+def block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums of square blocks.
+
+    Parameters
+    ----------
+    terms
+        (y, x) terms of the pixels.
+
+    Returns
+    -------
+    NDArray
+        (n,) sums.
+    """
     height, width = (size // _BLOCK_PX for size in terms.shape)
     inner = terms[: height * _BLOCK_PX, : width * _BLOCK_PX]
     return np.asarray(inner.reshape(height, _BLOCK_PX, width, _BLOCK_PX).sum(axis=(1, 3)).ravel())

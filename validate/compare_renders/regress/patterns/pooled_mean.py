@@ -18,7 +18,7 @@ SHARES = {
     "band": 0.09,
     "stratum": 0.05,
     "pattern": 0.08,
-    "block": 0.07,
+    "block": 0.06,
     "spread": 0.01,
     "grid": 0.01,
     "line": 0.01,
@@ -32,10 +32,11 @@ SHARES = {
     "slow": 0.05,
     "contrast": 0.03,
     "displacement": 0.02,
+    "reused": 0.01,
 }
 
 #: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark")
+CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "reused")
 
 #: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure.
 STRUCTURE = ("slow", "contrast", "displacement")

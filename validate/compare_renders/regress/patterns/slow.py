@@ -192,5 +192,5 @@ def _by_blocks(terms: NDArray[np.float64], bright: NDArray[np.bool_]) -> float:
     """
     rows, columns = (np.arange(size) * _BLOCKS // size for size in bright.shape)
     block = (rows[:, None] * _BLOCKS + columns)[bright]
-    sums = [np.bincount(block, part, _BLOCKS**2) for part in terms.T]
+    sums = [np.asarray(np.bincount(block, part, _BLOCKS**2), float) for part in terms.T]
     return min(1.0, len(sums) * min(self_normalised(part)[1] for part in sums))
