@@ -146,7 +146,7 @@ def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
 
 
 def _parameter_text(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
-    """Values of an effect with their standard deviations, and their units where the names do not contain them."""
+    """Values of an effect with standard deviations, and units that the names lack."""
     units = {each.name: each.unit for each in effect.effect.parameters}
     parts = []
     for name, value in effect.values.items():

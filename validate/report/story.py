@@ -292,7 +292,7 @@ def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow
 
 
 def _size(diagnosis: Diagnosis, effect: str, alone: str) -> str:
-    """Parameters of an effect in the final model, else those of the ranking, else those fitted alone."""
+    """Parameters of an effect in the final model, else in the ranking, else fitted alone."""
     last = diagnosis.path[-1]
     in_model = {e.id: values_text(e.id, e.values, sigma) for e, sigma in zip(last.effects, last.sigma, strict=True)}
     in_ranking = {each.effect: ranked_values(each) for each in diagnosis.ranking}
