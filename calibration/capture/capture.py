@@ -207,8 +207,8 @@ class Capture(FrozenMappings):
         depth = self.manifest.camera.bit_depth
         return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
 
-    def sampling_variance(self, table: FrameTable) -> NDArray[np.float64] | None:
-        """Variance of a table's mean counts because sums behind a mosaic leave pixels out.
+    def block_scatter(self, table: FrameTable) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Mean sums of blocks behind a mosaic, and the scatter of the pixels in them.
 
         Parameters
         ----------
@@ -217,14 +217,14 @@ class Capture(FrozenMappings):
 
         Returns
         -------
-        NDArray | None
-            (y, x) variance, DN^2, the same in all repeats; None where all pixels count.
+        tuple | None
+            (y, x) mean sum, DN, and scatter about it, DN^2, the means over repeats; None where all pixels count.
         """
         reduction = self.reduction
         if reduction is None or self.is_merged or reduction.step_px == 1 or reduction.summed == 1:
             return None
         sums, spreads = zip(*(self._reduced(name, reduction) for name in table.frames), strict=True)
-        return reduction.sampling_variance(np.mean(sums, axis=0), np.mean(spreads, axis=0))
+        return np.mean(sums, axis=0), np.mean(spreads, axis=0)
 
     def _reduced(self, path: str, reduction: Reduction) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
         """Sums of a frame and the scatter in its blocks."""

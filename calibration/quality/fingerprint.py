@@ -222,7 +222,7 @@ def _movement(
 
 
 def _mean_nearby(image: NDArray[np.float64], usable: NDArray[np.bool_], sigma_px: float) -> NDArray[np.float64]:
-    """(y, x) Gaussian mean over the usable pixels nearby; the image's median far from all of them."""
+    """Gaussian mean (y, x) over usable pixels nearby; the median of the image where none are."""
     if usable.all():
         return np.asarray(gaussian_filter(image, sigma_px), np.float64)
     weight = gaussian_filter(usable.astype(float), sigma_px)

@@ -18,7 +18,6 @@ from ..geometry import CameraFit, capture_points
 from ..instrument import Mask
 from .calibrate import Calibration
 from .geometry_plot import plot_geometry
-from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
 from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
 __all__ = ["calibration_record", "camera_record", "write_calibration", "write_geometry"]
@@ -253,6 +252,9 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
     tuple[Path, ...]
         Files written.
     """
+    # matplotlib is slow to import, and only needed here
+    from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
+
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(calibration_record(calibration), indent=1, allow_nan=False) + "\n"
     jobs: dict[str, Callable[[Path], object]] = {"calibration.json": lambda path: path.write_text(text)}

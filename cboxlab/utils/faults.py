@@ -122,13 +122,13 @@ def suggestion(name: str, candidates: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``"did you mean 'x'?"`` for the most similar candidate, else for the only one that contains the name; empty if
+        ``"Did you mean 'x'?"`` for the most similar candidate, else for the only one that contains the name; empty if
         there is none.
     """
     names = list(candidates)
     containing = [other for other in names if len(name) >= _SHORTEST_PART and name in other]
     near = difflib.get_close_matches(name, names, n=1) or (containing if len(containing) == 1 else [])
-    return f"did you mean '{near[0]}'?" if near else ""
+    return f"Did you mean '{near[0]}'?" if near else ""
 
 
 def path_inside(folder: Path, name: str, where: str | Path) -> Path:

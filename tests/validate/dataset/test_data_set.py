@@ -113,7 +113,7 @@ def test_the_index_and_the_pictures_say_the_same(run):
         assert np.median(relative[picture["surface"].values >= 0]) < 0.1
     arrays = dataset.where(camera="side").arrays("radiance", "albedo")
     assert len(arrays) == 2 and arrays[1]["albedo"].shape == (16, 16, 11)
-    with pytest.raises(InputError, match="did you mean 'albedo'"):
+    with pytest.raises(InputError, match="Did you mean 'albedo'"):
         dataset.arrays("albedoo")
 
 
@@ -311,7 +311,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
     phrases = {
-        "key": ["seeds", "did you mean 'seed'"],
+        "key": ["seeds", "Did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
         "begun": ["another recipe"],

@@ -209,7 +209,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     tested = [row for row in blocks if row is not None]
     findings = {
         "spread": block_spread(tested, pooling.noise.clustering),
-        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.level + pooling.trimmed.difference),
+        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.difference),
     }
     return (
         *(row for row in pools if row is not None),

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import struct
 import threading
 import time
 import urllib.request
@@ -18,6 +17,7 @@ from helpers.browser import open_browser
 from helpers.glare_capture import GLARE, glare_capture
 from helpers.page_faults import FAULTS
 from helpers.server import served
+from helpers.studio import finished, present, record_of, step
 from starlette.testclient import TestClient
 
 #: Effects that the diagnosis tries here; each costs seconds.
@@ -49,30 +49,6 @@ def client(bench):
     app = build_app(bench, "secret", HERE, idle_s=1e9)
     with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
         yield test_client
-
-
-def record_of(answer):
-    assert answer.status_code == 200, answer.text
-    length = struct.unpack("<I", answer.content[:4])[0]
-    return json.loads(answer.content[4 : 4 + length]), np.frombuffer(answer.content[4 + length :], "<f4")
-
-
-def present(client):
-    """Number of the state of the study."""
-    return client.get("/secret/api/state").json()["revision"]
-
-
-def step(client, name, **body):
-    return record_of(client.post(f"/secret/api/step/{name}", json={"revision": present(client), **body}))
-
-
-def finished(client, name, **body):
-    """Run a long computation to its end; returns the state after it."""
-    answer = client.post(f"/secret/api/job/{name}", json=body)
-    assert answer.status_code == 202, answer.text
-    while (state := client.get("/secret/api/state").json())["job"]:
-        time.sleep(0.05)
-    return state
 
 
 def test_only_this_machines_pages_with_the_token_are_answered(client):
@@ -160,14 +136,14 @@ def test_earlier_pictures_leave_the_study_as_it_is(client, bench):
 @pytest.mark.parametrize(
     ("path", "body", "line"),
     [
-        ("step/add", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("step/add", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("step/add", {"effect": "veiling-glare", "values": {"fraction": 9}}, "from 0 to 0.5"),
         ("step/add", {}, "found nothing; expected a name"),
         ("step/change", {"which": 3, "values": {}}, "found 3"),
         ("step/change", {"which": "x"}, "an index from 0"),
         ("step/adopt", {}, "no diagnosis"),
         ("step/dance", {}, "one of add"),
-        ("pattern", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("pattern", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("job/profile", {"effect": 3, "parameter": "fraction"}, "found 3"),
         ("job/open", {"capture": "../other"}, "leaves the folder"),
     ],
