@@ -171,7 +171,8 @@ def with_better_alternatives(
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
     """Replace a selected effect by an alternative as long as one fits better.
 
-    The first of several effects is selected while the others are still missing, so it may resemble their sum.
+    The first of several effects is selected while the others are still missing, so it may resemble their sum. Of two
+    that are indistinguishable, the likelier one is selected.
 
     Parameters
     ----------
@@ -194,8 +195,7 @@ def with_better_alternatives(
         better = [
             (gain, index)
             for index, effect in enumerate(assessed)
-            if effect.alternatives
-            and (gain := penalised(effect.candidate) - penalised(effect.alternatives[0])) > INDISTINGUISHABLE_CHI2
+            if effect.alternatives and (gain := penalised(effect.candidate) - penalised(effect.alternatives[0])) > 0
         ]
         if not better:
             break
@@ -255,7 +255,8 @@ def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float)
     """Whether effects stay the answer although something else remains.
 
     Flaws of the base do not explain that remainder. A cause that no effect describes is imitated by effects in part.
-    Those explain less, and hold less where they were not fitted.
+    Those explain less, and hold less where they were not fitted. Effects that priors judge explain a pull on these,
+    whatever remains in the picture.
 
     Parameters
     ----------
@@ -269,6 +270,8 @@ def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float)
     bool
         False for no effect.
     """
+    if assessed and all(effect.candidate.by_priors for effect in assessed):
+        return True
     ratios = [ratio for effect in assessed for ratio in (effect.heldout_pixels, effect.heldout_bands)]
     return (
         bool(assessed)

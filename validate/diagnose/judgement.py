@@ -10,7 +10,12 @@ from cboxlab.rendering.chain import after_stage
 from numpy.typing import NDArray
 
 from ..compare import Validation
-from .alternatives import SelectedEffect, confirmed_where_held_out, with_alternatives
+from .alternatives import (
+    SelectedEffect,
+    confirmed_where_held_out,
+    with_alternatives,
+    with_better_alternatives,
+)
 from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
 from .linear_model import LinearModel
@@ -29,9 +34,14 @@ __all__ = [
     "BesideFlaws",
     "SelectedBesideFlaws",
     "Verdict",
+    "beside",
+    "best_beside",
     "confirmed_beside_flaws",
     "cost_in_power",
+    "scores_beside_flaws",
     "selected_beside_flaws",
+    "verdict_of",
+    "verdicts_beside_flaws",
 ]
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
@@ -77,6 +87,8 @@ class Verdict:
 
     #: Identifier of the effect.
     effect: str
+    #: Chi2 per sample that it explains, all other effects in place.
+    gain: float
     #: 2 ln evidence of effect and flaws over flaws alone, the price of the effect's numbers paid.
     evidence: float
     #: Amplitude with flaws fitted as well, in its standard deviations.
@@ -216,9 +228,7 @@ def confirmed_beside_flaws(
     """
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
-        residual = residual_with(linearised, confirmed)
-        flaws = _beside(linearised, confirmed)
-        verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
+        flaws, verdicts = verdicts_beside_flaws(linearised, confirmed)
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
@@ -229,6 +239,30 @@ def confirmed_beside_flaws(
         confirmed = refitted_together(linearised, confirmed) if confirmed else []
 
 
+def verdicts_beside_flaws(
+    linearised: LinearisedFit, selected: Sequence[Candidate]
+) -> tuple[BesideFlaws, list[Verdict]]:
+    """Judgement of each of several effects.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    selected
+        Effects fitted together.
+
+    Returns
+    -------
+    flaws : BesideFlaws
+        What the base is off by with them.
+    verdicts : list of Verdict
+        In the order of the effects.
+    """
+    residual = residual_with(linearised, selected)
+    flaws = beside(linearised, residual)
+    return flaws, [_verdict(linearised, selected, index, flaws, residual) for index in range(len(selected))]
+
+
 def _verdict(
     linearised: LinearisedFit,
     selected: Sequence[Candidate],
@@ -236,13 +270,36 @@ def _verdict(
     flaws: BesideFlaws,
     residual: NDArray[np.float64],
 ) -> Verdict:
-    candidate, model = selected[index], flaws.model
     others = [c for i, c in enumerate(selected) if i != index]
     others = refitted_together(linearised, others) if others else []
-    without = residual_with(linearised, others)
-    name = candidate.hypothesis.effect.id
+    return verdict_of(selected[index], residual_with(linearised, others), residual, flaws)
+
+
+def verdict_of(
+    candidate: Candidate, without: NDArray[np.float64], residual: NDArray[np.float64], flaws: BesideFlaws
+) -> Verdict:
+    """Judgement of an effect next to flaws of the base.
+
+    Parameters
+    ----------
+    candidate
+        The effect.
+    without
+        (n + 11,) residual without it.
+    residual
+        (n + 11,) residual with it.
+    flaws
+        Flaws in the latter.
+
+    Returns
+    -------
+    Verdict
+        An effect that priors judge holds.
+    """
+    name, model = candidate.hypothesis.effect.id, flaws.model
+    gain = (square(without) - square(residual)) / model.model.count
     if candidate.by_priors:
-        return Verdict(name, square(without) - square(residual), np.inf, 1.0, True)
+        return Verdict(name, gain, square(without) - square(residual), np.inf, 1.0, True)
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
@@ -252,7 +309,7 @@ def _verdict(
     certainty = amplitude / sigma
     steady = abs(amplitude - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma)
     holds = bool(evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady)
-    return Verdict(name, evidence, certainty, amplitude, holds)
+    return Verdict(name, gain, evidence, certainty, amplitude, holds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,35 +349,57 @@ def selected_beside_flaws(
     SelectedBesideFlaws
         The effects that hold in the end.
     """
-    selected, flaws = list(confirmed), _beside(linearised, confirmed)
+    selected, flaws = list(confirmed), beside(linearised, residual_with(linearised, confirmed))
     while len(selected) < MAX_EFFECTS:
-        present = {c.hypothesis.effect.id for c in selected}
+        present = _names(selected)
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
         residual = residual_with(linearised, selected)
         exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
         least = gain_of_shape_errors(residual, exact, rendered)
-        best = _best_beside(linearised.problem(selected), rest, flaws, residual, least)
+        best = best_beside(linearised.problem(selected), rest, flaws, residual, least)
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, flaws), [*selected, best])
         del flaws  # the next one is as large
-        flaws = _beside(linearised, selected)
+        flaws = beside(linearised, residual_with(linearised, selected))
     del flaws
     selected, flaws, verdicts = confirmed_beside_flaws(linearised, selected)
     if selected:
-        selected = refitted_together(_judged(linearised, flaws), selected)
-        assessed = with_alternatives(linearised, selected, signatures)
-        selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
-        names = {c.hypothesis.effect.id for c in selected}
-        verdicts = tuple(replace(verdict, holds=verdict.effect in names) for verdict in verdicts)
+        # rivals meet the same flaws as the effects: without flaws, the best one imitates these as well
+        judged = _judged(linearised, flaws)
+        better, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
+        if _names(better) != _names(selected):
+            del flaws, judged
+            better, flaws, verdicts = confirmed_beside_flaws(linearised, better)
+            judged = _judged(linearised, flaws)
+            better = refitted_together(judged, better) if better else []
+            assessed = with_alternatives(judged, better, signatures)
+        selected, assessed = confirmed_where_held_out(judged, better, assessed, signatures)
+        verdicts = tuple(replace(verdict, holds=verdict.effect in _names(selected)) for verdict in verdicts)
         return SelectedBesideFlaws(linearised, selected, assessed, flaws, verdicts)
     return SelectedBesideFlaws(linearised, [], [], flaws, verdicts)
 
 
-def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideFlaws:
-    """Flaws of the base with effects in place."""
-    residual = residual_with(linearised, selected)
+def _names(selected: Sequence[Candidate]) -> set[str]:
+    return {c.hypothesis.effect.id for c in selected}
+
+
+def beside(linearised: LinearisedFit, residual: NDArray[np.float64]) -> BesideFlaws:
+    """Flaws of the base in a residual.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    residual
+        (n + 11,) residual with the effects in question.
+
+    Returns
+    -------
+    BesideFlaws
+        Their widths, amounts and evidence.
+    """
     model = _flaw_model(linearised, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
@@ -334,12 +413,30 @@ def _beside(linearised: LinearisedFit, selected: Sequence[Candidate]) -> BesideF
     )
 
 
+def scores_beside_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> list[float]:
+    """Score of each of several residuals of one capture next to flaws of the base.
+
+    Parameters
+    ----------
+    *fits
+        Linearised fit without errors in its covariance, and (n + 11,) its residual. The first one decides how much
+        single pixels deviate.
+
+    Returns
+    -------
+    list of float
+        -2 ln(evidence), the flaws' widths fitted to each.
+    """
+    model = _flaw_model(*fits[0])
+    return [model.fit(model.whitened(residual)).score for _, residual in fits]
+
+
 def _judged(linearised: LinearisedFit, flaws: BesideFlaws) -> LinearisedFit:
     """The same fit with the flaws in its covariance."""
     return replace(linearised, model=flaws.model.counted_in(linearised.model, flaws.fitted))
 
 
-def _best_beside(
+def best_beside(
     problem: Problem,
     signatures: Sequence[Signature],
     flaws: BesideFlaws,
@@ -349,7 +446,25 @@ def _best_beside(
     """The effect with the largest evidence to first order; None where none is needed.
 
     The widths of the flaws are fitted again with each of the best few in place, so that flaws no longer stand for it.
-    Its change must be as large as that of an effect that is selected by size. least : chi2 by errors of shapes.
+    Its change must be as large as that of an effect that is selected by size.
+
+    Parameters
+    ----------
+    problem
+        The capture with the effects already in its model.
+    signatures
+        Signatures of the hypotheses.
+    flaws
+        Flaws in the residual.
+    residual
+        (n + 11,) residual with those effects.
+    least
+        Chi2 that errors of their shapes may let a further effect gain.
+
+    Returns
+    -------
+    Candidate or None
+        With its numbers to first order.
     """
     model, whitened = flaws.model, flaws.model.whitened(residual)
     gains = []
