@@ -30,6 +30,7 @@ __all__ = [
     "holds_beside_remainder",
     "is_edge_artefact",
     "likeliest_causes",
+    "tested_without_errors",
     "with_alternatives",
     "with_better_alternatives",
 ]
@@ -164,6 +165,44 @@ def with_alternatives(
             )
         )
     return assessed
+
+
+def tested_without_errors(linearised: LinearisedFit, assessed: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Effects with the results of the tests where nothing but noise is in the covariance.
+
+    Errors in the covariance take most weight from what is smooth. What is left of an imitation may hold everywhere.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    assessed
+        Effects fitted together, with their alternatives.
+
+    Returns
+    -------
+    list of SelectedEffect
+        Alternatives, chi2 and dispersion stay.
+    """
+    effects = [effect.candidate for effect in assessed]
+    model, together, tested = linearised.model, residual_with(linearised, effects), list[SelectedEffect]()
+    for index, effect in enumerate(assessed):
+        if effect.candidate.by_priors:
+            tested.append(effect)
+            continue
+        others = [candidate for i, candidate in enumerate(effects) if i != index]
+        residual, projected = residual_with(linearised, others), linearised.problem(others).model
+        shape = residual - together
+        tested.append(
+            replace(
+                effect,
+                heldout_pixels=heldout_pixels(model, residual, shape),
+                heldout_bands=heldout_bands(model, residual, shape),
+                amplitude_sigma=_amplitude_sigma(projected, *map(projected.project, (shape, together))),
+                edge_artefact=is_edge_artefact(model, residual, shape),
+            )
+        )
+    return tested
 
 
 def with_better_alternatives(

@@ -13,6 +13,7 @@ from ..compare import Validation
 from .alternatives import (
     SelectedEffect,
     confirmed_where_held_out,
+    tested_without_errors,
     with_alternatives,
     with_better_alternatives,
 )
@@ -375,7 +376,9 @@ def selected_beside_flaws(
             judged = _judged(linearised, flaws)
             better = refitted_together(judged, better) if better else []
             assessed = with_alternatives(judged, better, signatures)
+        assessed = tested_without_errors(linearised, assessed)
         selected, assessed = confirmed_where_held_out(judged, better, assessed, signatures)
+        assessed = tested_without_errors(linearised, assessed)
         verdicts = tuple(replace(verdict, holds=verdict.effect in _names(selected)) for verdict in verdicts)
         return SelectedBesideFlaws(linearised, selected, assessed, flaws, verdicts)
     return SelectedBesideFlaws(linearised, [], [], flaws, verdicts)
