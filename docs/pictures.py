@@ -1,4 +1,4 @@
-"""Makes the manual's pictures anew: python docs/pictures.py [effects | ID ...] [readme]
+"""Renders the pictures of the manual again: python docs/pictures.py [effects | ID ...] [readme]
 
 effects : the signature of every effect, docs/figures/effects/ID.png (about ten minutes); ID : that of one.
 readme : photograph, render and difference of the bundled capture, docs/figures/readme-comparison.png.

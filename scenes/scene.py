@@ -242,6 +242,23 @@ class Scene(FrozenMappings):
         clear = self.medium is None and all(surface.inside is None for surface in self.surfaces)
         return clear and all(self.materials[name].lambertian for name in used)
 
+    def require_diffuse(self, hint: str = "") -> None:
+        """Raise InputError unless the scene is diffuse.
+
+        Parameters
+        ----------
+        hint
+            Advice for the message; empty for none.
+
+        Raises
+        ------
+        InputError
+            For surfaces that are not Lambertian or have a texture, and for a medium.
+        """
+        if not self.diffuse:
+            fault = "surfaces that are not Lambertian or have a texture, or a medium"
+            raise InputError(f"scene {self.name}", fault, "a diffuse scene", hint)
+
     @property
     def lambertian(self) -> Scene:
         """Scene with Lambert's law and mean reflectances for all materials, without media."""

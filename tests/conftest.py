@@ -11,12 +11,48 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
-from helpers.places import SHARED
+from helpers.places import ROOT, SHARED
 from hypothesis import HealthCheck, settings
 
 # derandomize: the same examples on every run, so that a failure can be repeated
 settings.register_profile("repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("repeatable")
+
+#: Where these tests lie.
+TESTS = ROOT / "tests"
+
+
+#: Modules that take longest alone, half a minute or more of processor time. They run first, so that no worker ends long
+#: before the other; the rest follows in its order.
+SLOWEST = (
+    "validate/compare/test_pipeline.py",
+    "validate/diagnose/test_diagnosis.py",
+    "validate/compare/test_mosaic_captures.py",
+    "validate/compare_renders/regress/test_naming.py",
+    "validate/compare_renders/regress/test_unlisted_changes.py",
+    "validate/app/studio/test_studio.py",
+    "validate/app/commands/test_environment.py",
+    "validate/dataset/test_data_set.py",
+    "validate/study/test_study.py",
+    "calibration/geometry/test_geometry.py",
+    "calibration/geometry/test_targets.py",
+    "render/integrators/test_integrators.py",
+    "render/integrators/test_precision.py",
+    "test_api.py",
+    "test_manual.py",
+    "test_benchmarks.py",
+    "validate/diagnose/test_external_render.py",
+    "validate/predict/test_traced_picture.py",
+    "validate/compare/test_missing_light.py",
+    "render/effects/test_transport_references.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the slowest modules first."""
+    ranks = {TESTS / name: number for number, name in enumerate(SLOWEST)}
+    assert all(path.is_file() for path in ranks), "a module of SLOWEST is absent"
+    items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
 
 
 def pytest_configure(config: pytest.Config) -> None:

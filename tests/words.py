@@ -25,8 +25,8 @@ LIMITS = ROOT / "tests" / "words_limits.json"
 #: Pages of the manual that people write.
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 
-#: Modules of tests and benchmarks by folder; their nameless locals alone are counted.
-SCRIPTS = {name: sorted((ROOT / name).rglob("*.py")) for name in ("tests", "benchmarks")}
+#: Modules of tests, benchmarks and the manual's making by folder; only nameless locals and banned words count there.
+SCRIPTS = {name: sorted((ROOT / name).rglob("*.py")) for name in ("tests", "benchmarks", "docs")}
 
 #: Names that point at a value instead of saying what it is.
 NAMELESS = frozenset(
@@ -41,6 +41,8 @@ BANNED = re.compile(
     r"of (?:its|their) own|beside|astray|hereof)\b",
     re.IGNORECASE,
 )
+#: Names with banned words that stay: a method of Python's files, and keys of files that users read.
+EXEMPT_NAMES = frozenset({"tell", "told_apart", "beside_errors"})
 #: A docstring's first word that begins a clause.
 CLAUSE = re.compile(r"(What|Of|How|Which|Where|When|That|Why|Who|Lest|As|So)\b")
 MAX_FIRST_LINE, MAX_WORDS = 90, 30
@@ -66,8 +68,14 @@ def findings(path: Path) -> list[Finding]:
         return [Finding(path, *fault) for fault in _page(source)]
     tree = ast.parse(source)
     if any(path in paths for paths in SCRIPTS.values()):
-        return [Finding(path, *fault) for fault in _names(tree)]
-    faults = [*_names(tree), *_docstrings(tree, source), *_constants(tree), *_texts(tree, source)]
+        return [Finding(path, *fault) for fault in (*_names(tree), *_banned(_prose(tree, source)))]
+    prose = _prose(tree, source)
+    faults = [
+        *_names(tree),
+        *_docstrings(tree, source),
+        *_constants(tree),
+        *_texts(tree, source, prose),
+    ]
     return [Finding(path, *fault) for fault in faults]
 
 
@@ -85,11 +93,17 @@ def assigned_names(tree: ast.AST) -> list[tuple[int, str]]:
 
 
 def _names(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
+    """Nameless variables, and banned words in names of variables, functions and classes."""
     names = assigned_names(tree)
     directions = "right" in {name for _, name in names}
     for line, name in names:
         if name.strip("_") in NAMELESS and not (name == "left" and directions):
             yield line, "nameless", name
+    definitions = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    defined = [(node.lineno, node.name) for node in ast.walk(tree) if isinstance(node, definitions)]
+    for line, name in (*names, *defined):
+        if name not in EXEMPT_NAMES and BANNED.search(name.replace("_", " ")):
+            yield line, "banned", f"name {name}"
 
 
 def _is_public(name: str) -> bool:
@@ -168,26 +182,47 @@ def _constants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
                 yield node.lineno, "tuple-constant", ", ".join(names)
 
 
-def _texts(tree: ast.Module, source: str) -> Iterator[tuple[int, str, str]]:
-    """Banned words in docstrings, comments and messages; sentences that are too long in docstrings and comments."""
-    prose = []
-    for node in ast.walk(tree):
-        if isinstance(node, _DOCUMENTED) and (text := ast.get_docstring(node)) is not None:
-            prose.append((getattr(node, "lineno", 1), text))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
-            for match in BANNED.finditer(node.value):
-                yield node.lineno, "banned", f"{match.group()}: {node.value[:70]!r}"
+def _prose(tree: ast.Module, source: str) -> list[tuple[int, str]]:
+    """(line, text) of docstrings and of blocks of comments."""
+    prose = [
+        (getattr(node, "lineno", 1), text)
+        for node in ast.walk(tree)
+        if isinstance(node, _DOCUMENTED) and (text := ast.get_docstring(node)) is not None
+    ]
     block: list[str] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
-            if "fmt: skip" in token.string:
-                yield token.start[0], "fmt-skip", ""
-            for match in BANNED.finditer(token.string):
-                yield token.start[0], "banned", f"{match.group()}: {token.string[:70]}"
             block.append(token.string.lstrip("#: "))
         elif token.type not in (tokenize.NL, tokenize.NEWLINE) and block:
             prose.append((token.start[0] - len(block), " ".join(block)))
             block = []
+    return prose
+
+
+def _banned(texts: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
+    """Banned words and phrases, also where a line ends inside a phrase."""
+    for line, text in texts:
+        joined = " ".join(text.split())
+        for match in BANNED.finditer(joined):
+            yield line, "banned", f"{match.group()}: {joined[max(match.start() - 30, 0) : match.end() + 40]!r}"
+
+
+def _texts(tree: ast.Module, source: str, prose: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
+    """Banned words in docstrings, comments and messages; sentences that are too long in docstrings and comments."""
+    documentation = {
+        node.body[0].value
+        for node in ast.walk(tree)
+        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node) is not None
+    }
+    messages = [
+        (node.lineno, node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in documentation
+    ]
+    yield from _banned([*prose, *((line, text) for line, text in messages if " " in text)])
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT and "fmt: skip" in token.string:
+            yield token.start[0], "fmt-skip", ""
     for line, text in prose:
         yield from _long_sentences(line, text)
 
@@ -205,13 +240,14 @@ def _page(source: str) -> Iterator[tuple[int, str, str]]:
     without_code = re.sub(r"^( *)(`{3,}).*?^ *\2", lambda m: "\n" * m.group().count("\n"), source, flags=re.M | re.S)
     paragraph: list[str] = []
     for line, text in enumerate([*without_code.splitlines(), ""], start=1):
-        for match in BANNED.finditer(text):
-            yield line, "banned", f"{match.group()}: {text.strip()[:70]}"
         apart = not text.strip() or text.startswith(("|", "#")) or re.match(r"\s*([-*]|\d+\.) ", text)
         if apart and paragraph:
+            yield from _banned([(line - len(paragraph), "\n".join(paragraph))])
             if not paragraph[0].startswith("    "):
                 yield from _long_sentences(line - len(paragraph), "\n".join(paragraph))
             paragraph = []
+        if text.startswith("|"):
+            yield from _banned([(line, text)])
         for cell in text.split("|") if text.startswith("|") else ():
             yield from _long_sentences(line, cell)
         if text.strip() and not text.startswith("|"):
@@ -237,7 +273,7 @@ def counts() -> dict[str, dict[str, int]]:
         package.update(finding.measure for finding in findings(path))
     for folder, paths in SCRIPTS.items():
         table[folder] = Counter(finding.measure for path in paths for finding in findings(path))
-    table["docs"] = Counter(finding.measure for path in PAGES for finding in findings(path))
+    table["docs"].update(finding.measure for path in PAGES for finding in findings(path))
     return {package: dict(sorted(table[package].items())) for package in sorted(table)}
 
 

@@ -4,8 +4,8 @@
 
 Every capture is written to files, loaded and calibrated as ``cbox calibrate`` does it, and each quantity handed on is
 held against what the capture was made of: is the truth within the 68% and the 95% interval? Finished captures are
-kept in --results (JSON lines), so that an interrupted run goes on where it stopped; parts may run side by side into
-files of their own, which --results takes several of. The table has the share of intervals that hold the truth with
+kept in --results (JSON lines), so that an interrupted run goes on where it stopped; parts may run side by side,
+each into its file; --results then takes several files. The table has the share of intervals that hold the truth with
 its standard error over captures (binomial where a capture has one such interval), and marks what is off by more than
 three of them.
 """

@@ -77,8 +77,10 @@ SHOWING = ("api", "app", "compare_renders/renderers", "compare_renders/stored_re
 #: What may begin with a docstring.
 _DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: A fitted number is right within this part of its distance from null, or within so many standard deviations.
-_CLOSE, _SIGMAS = 0.15, 2.0
+#: Largest error of a fitted number that counts as right, as a part of its distance from null.
+_CLOSE = 0.15
+#: Largest error of a fitted number that counts as right, in standard deviations, where that is larger.
+_SIGMAS = 2.0
 
 
 @dataclass(frozen=True)

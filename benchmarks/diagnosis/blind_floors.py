@@ -1,10 +1,10 @@
 """Whether effects are found at the size from which a report of a sound capture says that they would have been.
 
 A sound capture is diagnosed; its report states for each effect the smallest size that is found in nine of ten captures
-like it. Each effect is then hidden at that size, in a capture with noise of its own, and diagnosed; those that are
-missed, at larger and larger sizes. Laboratories, boxes and instruments are those of blind_diagnosis.py. Finished
-captures are kept in --results (JSON lines), so that an interrupted run goes on where it stopped, with the same code
-only; --part K/N does a share of the effects.
+like it. Each effect is then hidden at that size in a new capture, whose noise is drawn again, and diagnosed; those
+that are missed, at larger and larger sizes. Laboratories, boxes and instruments are those of blind_diagnosis.py.
+Finished captures are kept in --results (JSON lines), so that an interrupted run goes on where it stopped, with the
+same code only; --part K/N does a share of the effects.
 """
 
 from __future__ import annotations

@@ -69,10 +69,10 @@ def wiped_lens(draw: Draw, lab: Laboratory) -> Made:
     profile = np.exp(-np.abs(away) / (0.1 * lab.shape[0]))
     wide = convolve1d(wide, profile / profile.sum(), axis=2, mode="nearest")
     plain = np.array([rotate(image, np.degrees(angle), reshape=False, order=1, mode="nearest") for image in lab.rate])
-    astray = np.array(
+    scattered = np.array(
         [rotate(image, -np.degrees(angle), reshape=False, order=1, mode="nearest") for image in wide - plain]
     )
-    return Truth("blur"), blend(draw, lab, lab.rate + astray), {}
+    return Truth("blur"), blend(draw, lab, lab.rate + scattered), {}
 
 
 def fogged_lens(draw: Draw, lab: Laboratory) -> Made:
@@ -90,7 +90,7 @@ def soft_band(draw: Draw, lab: Laboratory) -> Made:
     return Truth("blur"), blend(draw, lab, lab.rate + band * soft), {}
 
 
-def _astray(draw: Draw, lab: Laboratory, copy: Stack) -> Stack:
+def _with_copy(draw: Draw, lab: Laboratory, copy: Stack) -> Stack:
     """A faint copy of the picture is added; the lamp keeps its brightness in it."""
     return scaled_change(draw, lab, per_rate(lab, lab.rate + 0.05 * copy), 2.0)
 
@@ -99,28 +99,28 @@ def pane(draw: Draw, lab: Laboratory) -> Made:
     """A tilted pane before the lens: reflected twice in it, the picture appears again next to itself."""
     angle, far = draw.uniform(0, 2 * np.pi), draw.uniform(2.0, 0.2 * lab.shape[0])
     copy = moved_bands(lab, np.tile([far * np.sin(angle), far * np.cos(angle)], (len(lab.rate), 1)))
-    return Truth("blur"), _astray(draw, lab, copy), {}
+    return Truth("blur"), _with_copy(draw, lab, copy), {}
 
 
 def lens_ghost(draw: Draw, lab: Laboratory) -> Made:
     """Sensor and lens mirror each other: the picture appears turned upside down, somewhat out of focus."""
     copy = gaussian_filter(lab.rate[:, ::-1, ::-1], (0, *[draw.uniform(0.3, 1.5)] * 2))
     copy = np.array([shift(image, draw.uniform(-2, 2, 2), order=1, mode="constant") for image in copy])
-    return Truth("blur"), _astray(draw, lab, copy), {}
+    return Truth("blur"), _with_copy(draw, lab, copy), {}
 
 
 def mirror_ghost(draw: Draw, lab: Laboratory) -> Made:
     """A shiny part next to the lens mirrors the picture from left to right."""
     copy = lab.rate[:, :, ::-1] if draw.random() < 0.7 else lab.rate[:, ::-1]
     copy = np.roll(copy, int(draw.integers(-6, 7)), axis=2)
-    return Truth("blur"), _astray(draw, lab, copy), {}
+    return Truth("blur"), _with_copy(draw, lab, copy), {}
 
 
 def double_exposure(draw: Draw, lab: Laboratory) -> Made:
     """A part of an earlier picture of the box is in the frame, taken with the camera turned or elsewhere."""
     turns, step = int(draw.integers(1, 4)), draw.uniform(-5, 5, 2)
     copy = np.array([shift(image, step, order=1) for image in np.rot90(lab.rate, turns, axes=(1, 2))])
-    return Truth("blur"), _astray(draw, lab, copy), {}
+    return Truth("blur"), _with_copy(draw, lab, copy), {}
 
 
 def trailing_charge(draw: Draw, lab: Laboratory) -> Made:

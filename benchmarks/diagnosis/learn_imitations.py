@@ -35,7 +35,7 @@ from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose.alternatives import heldout_bands, heldout_pixels, is_edge_artefact
 from cboxlab.validation.diagnose.evidence import beyond_tolerance, least_gain, penalised, square
 from cboxlab.validation.diagnose.explain.imitation import FEATURES, Signs
-from cboxlab.validation.diagnose.judgement import beside, best_beside, verdict_of
+from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.search import Candidate, columns_of, screen
 from cboxlab.validation.diagnose.stepwise import signatures_of
@@ -116,7 +116,7 @@ class Laboratory:
         return float(np.mean((change - level * (level @ change) / (level @ level)) ** 2))
 
     def residual(self, effects: Sequence[AppliedEffect], seed: int) -> Signal:
-        """(n + 11,) residual of the model as given, with noise of its own."""
+        """(n + 11,) residual of the model as given, with fresh noise."""
         signal, prepared = self.light(effects), self.validation.prepared
         noise = np.random.default_rng([seed, 3]).standard_normal(signal.shape)
         measured = signal + noise * np.sqrt(prepared.calibration.predicted_variance(signal))
@@ -143,7 +143,7 @@ def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
     first = min((candidate for candidate, _ in singles), key=penalised)
     row = _row(fit, first, np.asarray(first.predicted, float), residual)
     if row is None:
-        candidate = best_beside(laboratory.problem, laboratory.signatures, beside(fit, residual), residual, 0.0)
+        candidate = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
         if candidate is not None:
             signature = next(s for s in laboratory.signatures if s.hypothesis is candidate.hypothesis)
             steps = [
@@ -161,11 +161,11 @@ def _row(fit: Any, candidate: Candidate, change: Signal, residual: Signal) -> di
     by_size = square(residual) - square(rest) > least_gain(replace(candidate, predicted=change), model)
     if not by_size or not beyond_tolerance(candidate) or heldout < LEAST_HELDOUT:
         return None
-    flaws = beside(fit, rest)
+    flaws = flaws_of(fit, rest)
     verdict = verdict_of(candidate, residual, rest, flaws)
     if not verdict.holds or is_edge_artefact(model, residual, change):
         return None
-    signs = Signs(verdict.gain, flaws.found.imitable_chi2, float(heldout))
+    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout))
     return {"effect": verdict.effect, "signs": asdict(signs)}
 
 

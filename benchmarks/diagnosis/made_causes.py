@@ -238,8 +238,8 @@ def wiped(draw: Draw, scene: Scene, camera: Camera) -> Made:
 
         away = np.arange(-45, 46)
         weights = np.exp(-np.abs(away) / 12.0)
-        astray = sum(w * shift(signals, (0, *(a * way)), order=1) for a, w in zip(away, weights, strict=True))
-        return (1 - share) * signals + share * np.asarray(astray) / weights.sum()
+        scattered = sum(w * shift(signals, (0, *(a * way)), order=1) for a, w in zip(away, weights, strict=True))
+        return (1 - share) * signals + share * np.asarray(scattered) / weights.sum()
 
     return _on_light(Truth("blur"), light)
 

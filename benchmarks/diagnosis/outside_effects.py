@@ -160,8 +160,8 @@ def _second_lamp(scene: Scene, amount: float, row: float, column: float) -> Scen
     lamp = scene.lamp
     corners = lamp.surface.vertices_mm
     middle = corners.mean(axis=0)
-    lamp_centre = np.array([100 + 350 * column, middle[1], 60 + 60 * row])
-    surface = replace(lamp.surface, name="second-lamp", vertices_mm=0.3 * (corners - middle) + lamp_centre)
+    centre = np.array([100 + 350 * column, middle[1], 60 + 60 * row])
+    surface = replace(lamp.surface, name="second-lamp", vertices_mm=0.3 * (corners - middle) + centre)
     radiance = replace(lamp.radiance, values=np.asarray(lamp.radiance.values) * 10 * amount)
     return replace(scene, further_lamps=(*scene.further_lamps, replace(lamp, surface=surface, radiance=radiance)))
 

@@ -56,7 +56,7 @@ PAIRS: tuple[tuple[str, str, Callable[..., tuple[Camera, CaptureSettings]]], ...
 )
 
 
-def _told(diagnosis: Diagnosis) -> str:
+def _answer(diagnosis: Diagnosis) -> str:
     groups = "; ".join(" or ".join(group) for group in diagnosis.indistinguishable)
     return f"{', '.join(diagnosis.selected) or 'nothing'}{f' (not distinguished: {groups})' if groups else ''}"
 
@@ -83,7 +83,7 @@ def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], str
             both = diagnose(validations[1], further=validations[:1])
     right = both.selected[:1] == (truth,)
     values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in effect.values.items())
-    print(f"{truth} ({values}): one capture {_told(first)}; both {_told(both)}; {both.further[0]}", flush=True)
+    print(f"{truth} ({values}): one capture {_answer(first)}; both {_answer(both)}; {both.further[0]}", flush=True)
     return right
 
 

@@ -3,7 +3,7 @@
 Run: python benchmarks/mistakes/fuzz_readers.py WORK [--inputs 5000] [--readers scene,points] [--plain]
 Needs `pip install atheris`, unless --plain is given: changes of bytes are then random.
 
-Each reader has a process of its own, which begins with a sound file and changes it: half of the changes are of bytes
+Each reader runs in a separate process, which begins with a sound file and changes it: half of the changes are of bytes
 (libFuzzer's own, guided by the branches reached in cboxlab), half are of words, numbers and lines. An input fails if
 anything but InputError is raised, if it takes longer than 2 s, or if the process's peak memory grows by more than
 256 MiB. Failures, each kind once, are kept in WORK/READER/ with their inputs; printed is one line for each reader.

@@ -4,7 +4,7 @@
 
 Each capture is copied and spoilt in the ways of ``manifest_mistakes.py``, ``frame_mistakes.py`` and
 ``further_mistakes.py``, calibrated from its files as ``cbox calibrate`` does it, and counted as named where a
-suspicion, or the refusal, matches what the mistake expects. --sound : a folder of sound captures, each of which should
+suspicion, or the refusal, matches what the mistake expects. --sound : a folder of sound captures, which should all
 raise no suspicion. The table has a row for each mistake, a column for each capture: named (+), another suspicion (~),
 missed (-), not applicable (blank).
 """

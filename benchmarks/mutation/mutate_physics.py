@@ -12,7 +12,7 @@ hangs in a kernel is stopped by hand, and counts as escaped.
 
 Every result is a line of the file, the last of a mutant counts, and a stopped run goes on from there; mutants whose
 lines are taken out are looked at again. Prints what escapes; exit code 1 if more than one in twenty does. Changes
-known to change nothing (EQUIVALENT) are told and not counted.
+known to change nothing (EQUIVALENT) are printed and not counted.
 """
 
 from __future__ import annotations

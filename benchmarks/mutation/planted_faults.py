@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Folder and package inside cboxlab.
 ROOMS = {"scenes": "scenes", "calibration": "calibration", "render": "rendering", "validate": "validation"}
 #: Copied next to the rooms: what the tests read.
-BESIDE = (
+READ_BY_TESTS = (
     "tests",
     "benchmarks",
     "docs",
@@ -306,7 +306,7 @@ def copy_tree(folder: Path) -> None:
     if (ROOT.parent / "shared").is_dir():
         (folder.parent / "shared").symlink_to(ROOT.parent / "shared")
     ignore = shutil.ignore_patterns("__pycache__")
-    for name in (*ROOMS, "cboxlab", *BESIDE):
+    for name in (*ROOMS, "cboxlab", *READ_BY_TESTS):
         source = ROOT / name
         if source.is_dir():
             shutil.copytree(source, folder / name, ignore=ignore)

@@ -30,9 +30,9 @@ Render = Callable[[Camera, int, int], RenderedImage]
 def surface_bias(error: float, stock: bool) -> dict[str, dict[str, Any]]:
     """Surface means by path tracer, final gather and stock Mitsuba, each to about a relative standard ``error``.
 
-    Every surface is rendered in a picture of its own, the part of one camera's picture that it covers, with as
-    many samples as its noise asks for. Returns, for "path" (against stock, at three bands) and "default" (against
-    the path tracer, at all; each batch with a radiosity solution of its own), the largest relative difference over
+    Every surface is rendered in a separate picture, the part of one camera's picture that it covers, with as
+    many samples as its noise requires. Returns, for "path" (against stock, at three bands) and "default" (against
+    the path tracer, at all; each batch with its radiosity solution), the largest relative difference over
     surfaces and bands with its standard error, the rms of all differences freed of noise, how the differences
     over their standard errors are distributed, and the mean over bands for each surface.
     """
@@ -151,8 +151,8 @@ def _compared(first: np.ndarray, other: np.ndarray, names: list[str]) -> dict[st
 def furnace(samples: int) -> dict[str, dict[str, float]]:
     """White furnace: a closed cube of reflectance 1 under a black lamp of radiance 1 has radiance 1 everywhere.
 
-    Returns the mean's distance from 1 and its standard error, by path tracer and final gather (each batch with a
-    radiosity solution of its own).
+    Returns the mean's distance from 1 and its standard error, by path tracer and final gather (each batch with its
+    radiosity solution).
     """
     edge = 1000.0
     low_high = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * edge

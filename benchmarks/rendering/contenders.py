@@ -12,13 +12,15 @@ __all__ = ["BANDS", "GATHER_FACTOR", "MANY_BANDS", "MONO_BANDS", "REFERENCE_BAND
 
 BANDS = np.linspace(400.0, 700.0, 31)
 MANY_BANDS = np.linspace(400.0, 700.0, 76)
-#: Bands of the long stock reference, and bands that stand for all 31 where each costs a render of its own.
+#: Bands of the long stock reference, and bands that stand for all 31 where each costs a separate render.
 REFERENCE_BANDS = np.array([5, 15, 25])
 MONO_BANDS = np.arange(0, 31, 6)
-#: So many times the samples that stock Mitsuba takes. The error of independent samples falls as their root, and
-#: their efficiency is the same for any number; that of scrambled Sobol' points falls faster, so ours are measured
-#: where they are used: the default at 4096 samples, where it leaves about 0.15%.
-PATH_FACTOR, GATHER_FACTOR = 1, 64
+#: Samples of the path tracer over those of stock Mitsuba.
+PATH_FACTOR = 1
+#: Samples of the final gather over those of stock Mitsuba. The error of independent samples falls as the root of their
+#: number, so their efficiency is the same for any number. The error of scrambled Sobol' points falls faster, so ours
+#: are measured where they are used: the default at 4096 samples, where it leaves about 0.15%.
+GATHER_FACTOR = 64
 
 Render = Callable[[int], np.ndarray]
 

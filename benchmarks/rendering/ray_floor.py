@@ -30,7 +30,7 @@ class _Watched:
         self.running: Any = True
 
     def ray_intersect_preliminary(self, ray: mi.Ray3f, coherent: bool, active: Any) -> Any:
-        if not coherent:  # those tell what covers a pixel
+        if not coherent:  # coherent rays find what covers a pixel
             self.segments.append((ray, active))
         return self._scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
 

@@ -3,7 +3,7 @@
     python benchmarks/rendering/renderers.py [--with mitsuba,radiance,raysect] [--out FOLDER] [--effort 1]
 
 Every surface counts that lies within 0.2 % of ours, its standard deviation being at most 0.1 %; a surface whose error
-is larger is not decided. Each renderer takes so many samples that six of the seven surfaces are decided: about 1
+is larger is not decided. Each renderer takes enough samples to decide six of the seven surfaces: about 1
 minute for Mitsuba, 4 for Radiance, 40 for Raysect, of one core. With --out an interrupted run goes on with the batch it
 was at. --effort multiplies the samples.
 """

@@ -39,7 +39,7 @@ def plain(cube: xr.Dataset, exposure_s: float) -> NDArray[np.float64]:
 
 
 def measured(work: Callable[[], NDArray]) -> tuple[float, float, NDArray]:
-    """Best of three in seconds, peak of new memory in MiB (in a run of its own), and the result."""
+    """Best of three in seconds, peak of new memory in MiB (in a separate run), and the result."""
     seconds = []
     for _ in range(3):
         start = time.perf_counter()

@@ -42,8 +42,10 @@ from scipy.stats import chi2
 SMALL = ("slope", "pixels", "threads", "start", "general", "derivatives", "sensor")
 #: The part "floor": a picture of many samples, as paths are used. With few, lanes wait for their neighbours at the end.
 FLOOR_SIZE, FLOOR_SAMPLES, FLOOR_ROUNDS = 128, 1024, 9
-#: Bare rays are those of so many samples, traced for so long before and after each picture: the machine's speed wavers.
-FLOOR_RECORDED, FLOOR_SECONDS = 8, 1.0
+#: Samples whose rays are recorded and traced as bare rays.
+FLOOR_RECORDED = 8
+#: Time to trace bare rays before and after each picture, in seconds: the machine's speed varies.
+FLOOR_SECONDS = 1.0
 PARTS = ("default", "specfilm", "mono", "floor", "bands", "bias", *SMALL)
 
 
@@ -221,7 +223,7 @@ def main() -> None:
         result |= {**biases.get("path", {}), "furnace": white["path"]}
         if result["default"] is not None:
             finer = refinement_bias(256)
-            # the comparison with paths is noisier than the bias that it bounds: the refinement tells its size
+            # the comparison with paths is noisier than the bias that it bounds: the refinement shows its size
             result["default"] |= {"against_path": biases["default"], **finer, "furnace": white["default"]}
             say("bias by patches' size:", json.dumps(finer))
         say("bias:", json.dumps(biases), "furnace:", json.dumps(white))

@@ -3,7 +3,7 @@
     python benchmarks/speed/manual_trial.py [PAGE ...]
 
 Runs the commands of each page one after the other in a folder that holds the bundled data alone, with an empty cache,
-and tells the time and the exit code of each. Exit code 1 where one fails. Reckon with half an hour.
+and prints the time and the exit code of each. Exit code 1 where one fails. Reckon with half an hour.
 """
 
 from __future__ import annotations

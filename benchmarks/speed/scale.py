@@ -3,8 +3,9 @@
     python benchmarks/speed/scale.py                                   # all of it: an hour on two cores
     python benchmarks/speed/scale.py --sizes 256,1024 --bands 16 --captures 20
 
-Every figure is of a `cbox` command of its own: wall and CPU seconds, and the largest memory of a process. The batch is
-then repeated with a hundredth of its results removed, and has to keep the others. Exit code 1 if a command fails.
+Every figure is of one `cbox` command in a process: wall and CPU seconds, and the largest memory of a process. The
+batch is then repeated with a hundredth of its results removed, and has to keep the others. Exit code 1 if a command
+fails.
 """
 
 from __future__ import annotations

@@ -1,27 +1,36 @@
-"""How fast the workbench follows: from a moved parameter to new figures and pictures, by kind of effect.
+"""How fast the workbench follows: from a moved parameter to new figures and pictures, by effect, and how fast it stops.
 
-    python benchmarks/speed/studio_latency.py [CAPTURE] [--moves 12] [--pause 2]
+    python benchmarks/speed/studio_latency.py [CAPTURE] [--moves 12] [--pause 2] [--stops]
 
-Times what the page waits for, the prediction, its chi-square and the packed pictures, on the bundled capture of
-128 x 128 pixels and 7 bands where none is named. The first move of every effect is distinguished from the later ones,
-and the opening of the capture before them; after them, how long the rendering in the background takes that follows a
-moved block. The pause between moves is that of a user; caches grow cold in it. Next to other work the CPU time of all
-threads says more than the time that passes: on a machine with nothing else to do a move takes no longer than that.
+Times what the page waits for on the bundled capture of 128 x 128 pixels and 7 bands where none is named: the end of the
+rendering in the background, which begins 1.5 s after a step, then the prediction, its chi-square and the packed
+pictures. The pause between moves is that of a user. The first move of every effect is distinguished from the later
+ones. Next to other work the CPU time of all threads says more than the time that passes: on a machine with nothing else
+to do a move takes no longer than that.
+
+With ``--stops`` it times the stop alone. It renders once for each effect and records every moment at which the
+rendering could have stopped. From these follows the latency of a stop at any moment: mean, 95th percentile and longest.
+``--reports-only`` leaves out checkpoints and short kernel calls, for comparison.
 """
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, catalogue, names_in
-from cboxlab.utils.progress import NO_PROGRESS
+from cboxlab.utils.progress import NO_PROGRESS, ProgressReporter, stoppable
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.app.studio import Workbench
+from cboxlab.validation.app.studio.app import IDLE_S
+from cboxlab.validation.app.studio.jobs import Jobs
 from cboxlab.validation.app.studio.wire import view
 from cboxlab.validation.predict import default_cache
 
@@ -45,36 +54,98 @@ def moved(effect: Effect, bench: Workbench, step: float) -> AppliedEffect:
     return apply_checked(effect.id, values, "benchmark", names)
 
 
+async def move_times(effect: Effect, bench: Workbench, moves: int, pause: float) -> list[tuple[float, float]]:
+    """Time that passes and CPU time of each move after a pause, as a step of the page takes them."""
+    jobs, times = Jobs(), []
+
+    async def nothing() -> None:
+        pass
+
+    for move in range(moves + 1):
+        await asyncio.sleep(min(pause, IDLE_S))
+        if pause > IDLE_S and bench.improvable:
+            await jobs.start("render", bench.render, nothing, background=True)
+            await asyncio.sleep(pause - IDLE_S)
+        values = moved(effect, bench, 4 + 0.25 * move).values
+        start, used = time.perf_counter(), time.process_time()
+        await jobs.quick(lambda values=values: (bench.change(0, values, True), view(bench)))
+        times.append((time.perf_counter() - start, time.process_time() - used))
+    jobs.close()
+    return times
+
+
+class Moments(ProgressReporter):
+    """Receiver of progress that records each moment at which the computation could have stopped, in CPU time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cpu_s = [time.process_time()]
+
+    def check(self) -> None:
+        self.cpu_s.append(time.process_time())
+
+
+def stop_latencies(bench: Workbench, reports_only: bool) -> tuple[float, float, float, float]:
+    """CPU time of a rendering in the background, then mean, 95th percentile and longest CPU time of a stop."""
+    moments = Moments()
+    with nullcontext() if reports_only else stoppable(moments, promptly=True):
+        bench.render(moments)
+    moments.check()
+    gaps = np.sort(np.diff(moments.cpu_s))
+    # a stop at a random moment falls into a gap with the gap's share of the time, and waits for a part of it
+    waits = np.linspace(0.0, gaps[-1], 10001)
+    longer = np.array([np.maximum(gaps - wait, 0.0).sum() for wait in waits]) / gaps.sum()
+    return float(gaps.sum()), float((gaps**2).sum() / 2 / gaps.sum()), float(waits[longer <= 0.05][0]), float(gaps[-1])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("capture", type=Path, nargs="?", default=DEMO_CAPTURE)
     parser.add_argument("--moves", type=int, default=12)
     parser.add_argument("--pause", type=float, default=2.0, help="time between moves, s")
     parser.add_argument("--effects", nargs="*", help="identifiers; all where left out")
+    parser.add_argument("--stops", action="store_true", help="time the stop of the rendering in the background alone")
+    parser.add_argument("--reports-only", action="store_true", help="stops at reports of progress alone")
     arguments = parser.parse_args()
-    bench = Workbench(Path.cwd(), default_cache())
-    opening, _ = seconds(lambda: bench.open(arguments.capture.resolve(), None, NO_PROGRESS))
-    print(f"open: {opening:.1f} s", flush=True)
+    effects = [e for e in catalogue().values() if e.numbers and (not arguments.effects or e.id in arguments.effects)]
+    with TemporaryDirectory() as unsaved:
+        bench = Workbench(Path(unsaved), None if arguments.stops else default_cache())
+        opening, used = seconds(lambda: bench.open(arguments.capture.resolve(), None, NO_PROGRESS))
+        print(f"open: {opening:.1f} s, CPU {used:.1f} s", flush=True)
+        if arguments.stops:
+            _print_stops(bench, effects, arguments.reports_only)
+        else:
+            _print_moves(bench, effects, arguments.moves, arguments.pause)
+
+
+def _print_moves(bench: Workbench, effects: list[Effect], moves: int, pause: float) -> None:
+    """Times of moves, a line for each effect, then one for each stage."""
     print(f"\n{'':31s} {'first':>8s}   {'median':>8s}   {'95 %':>8s}   {'CPU':>8s}   {'95 %':>8s}")
     first: dict[str, list[float]] = defaultdict(list)
     later: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for effect in catalogue().values():
-        if not effect.numbers or (arguments.effects and effect.id not in arguments.effects):
-            continue
+    for effect in effects:
         bench.add(effect.id, {})
-        times = []
-        for move in range(arguments.moves + 1):
-            time.sleep(arguments.pause)
-            values = moved(effect, bench, 4 + 0.25 * move).values
-            times.append(seconds(lambda values=values: (bench.change(0, values, False), view(bench))))
-        bench.undo()
+        times = asyncio.run(move_times(effect, bench, moves, pause))
+        bench.remove(0)
         first[effect.stage].append(times[0][0])
         later[effect.stage] += times[1:]
         print(f"{effect.stage:10s} {effect.id:20s} {times[0][0]:8.3f} s {_tail(times[1:])}", flush=True)
-    bench.add("block-pose", {"dx_mm": 5.0})
-    print(f"\nrendered in the background: {seconds(lambda: bench.render(NO_PROGRESS))[0]:.1f} s")
+    print()
     for stage, times in later.items():
         print(f"{stage:31s} {max(first[stage]):8.3f} s {_tail(times)}")
+    print(f"{'all':31s} {max(map(max, first.values())):8.3f} s {_tail([t for times in later.values() for t in times])}")
+
+
+def _print_stops(bench: Workbench, effects: list[Effect], reports_only: bool) -> None:
+    """CPU time of stops, a line for each effect that is rendered in the background."""
+    print(f"\n{'':31s} {'rendering':>10s}   {'mean':>8s}   {'95 %':>8s}   {'longest':>8s}   (CPU)")
+    for effect in effects:
+        bench.add(effect.id, moved(effect, bench, 4).values)
+        if bench.improvable:
+            total, mean, high, longest = stop_latencies(bench, reports_only)
+            line = f"{total:10.1f} s {mean:8.3f} s {high:8.3f} s {longest:8.3f} s"
+            print(f"{effect.stage:10s} {effect.id:20s} {line}", flush=True)
+        bench.remove(0)
 
 
 def _tail(times: list[tuple[float, float]]) -> str:

@@ -9,8 +9,18 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .capture import Capture, FrameTable, load_capture
     from .first_manifest import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+    from .frames import split_name
     from .labels import Label
-    from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
+    from .manifest import (
+        BandTable,
+        BracketTable,
+        DarkTable,
+        FlatTable,
+        LensTable,
+        ReferenceTable,
+        TargetTable,
+        split_channel,
+    )
     from .manifest_faults import nearest
     from .mosaic import (
         band_channels,
@@ -51,6 +61,8 @@ __all__ = [
     "nearest",
     "pattern_rows",
     "shares_frames",
+    "split_channel",
+    "split_name",
     "write_first_manifest",
 ]
 

@@ -25,6 +25,11 @@ _BLOCKS = 8
 #: Largest difference of two pictures' block means, of their range, up to which they show the same scene and light.
 _SAME_PICTURE = 0.01
 
+#: What file managers add to the name of a copy, in some languages.
+_MANAGERS_COPY = re.compile(
+    r"^(?:copy of|kopie von|copie de|copia de) |(?:\s*-)?\s+(?:copy|kopie|copie|copia)(?:\s*\(?\d+\)?)?$|\s*\(\d+\)$"
+)
+
 
 @dataclass(frozen=True)
 class LeftOut:
@@ -161,7 +166,7 @@ def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
     """All frames of a folder and of its subfolder ``frames``, each photograph once.
 
     A TIFF that holds the same counts as a file of another format was written from it, and is left out. So is one of
-    two files of one name that hold the same counts.
+    two files that hold the same counts and have one name, or the name of a file manager's copy.
 
     Parameters
     ----------
@@ -207,11 +212,12 @@ def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[l
     originals = [frame for frame in frames if not _is_tiff(frame)]
     by_name: dict[str, FolderFrame] = {}
     photographs: list[FolderFrame] = []
-    for frame in sorted(frames, key=_is_tiff):
-        varied = frame.varied_digests if _is_tiff(frame) and len(frame.varied_digests) == len(frame.digests) else None
+    for frame in sorted(frames, key=lambda frame: (_is_tiff(frame), len(frame.stem))):
         twin = by_name.get(frame.stem.casefold())
-        if varied:
-            twin = next((other for other in originals if varied <= other.varied_digests), twin)
+        if len(frame.varied_digests) == len(frame.digests):
+            sources = [f for f in (originals if _is_tiff(frame) else []) if frame.varied_digests <= f.varied_digests]
+            sources += [other for other in photographs if _is_managers_copy(frame, other)]
+            twin = next(iter(sources), twin)
         if twin is None:
             by_name[frame.stem.casefold()] = frame
             photographs.append(frame)
@@ -225,6 +231,12 @@ def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[l
         else:
             others.append(LeftOut(frame.listed, f"the same counts as {twin.listed}"))
     return sorted(photographs, key=lambda frame: natural_key(frame.listed)), others
+
+
+def _is_managers_copy(frame: FolderFrame, other: FolderFrame) -> bool:
+    """Whether a frame has another one's pictures, and the name of a file manager's copy."""
+    names = [_MANAGERS_COPY.sub("", f.stem.casefold()) for f in (frame, other)]
+    return frame.path != other.path and names[0] == names[1] and frame.digests == other.digests
 
 
 def _target(band: FolderFrame, frame: FolderFrame) -> Path:

@@ -14,8 +14,11 @@ __all__ = ["KIND_WORDS", "FrameName", "common_words", "is_setting", "kind_in_wor
 
 #: By kind of table, the words for it in names. A word stands for itself: "darkroom" is none of them.
 KIND_WORDS = {
-    "dark": ("dark", "darks", "bias", "darkframe", "darkflat", "flatdark", "masterdark", "masterbias"),
-    "flat": ("flat", "flats", "flatfield", "flatframe", "masterflat"),
+    "dark": (
+        *("dark", "darks", "bias", "darkframe", "darkflat", "flatdark"),
+        *("masterdark", "masterbias", "superdark", "superbias"),
+    ),
+    "flat": ("flat", "flats", "flatfield", "flatframe", "masterflat", "superflat", "skyflat", "domeflat", "flatpanel"),
     "reference": ("sphere", "reference", "integrating"),
     "target": ("target", "chessboard", "charuco", "checkerboard"),
 }
@@ -40,8 +43,10 @@ _FILTER = re.compile(r"(?:f|band)([1-9]\d{2,3})(?:nm)?|0*([1-9]\d{2,3})(?:\.0+)?
 #: A number that is a filter if nothing else in the name has letters.
 _BARE_FILTER = re.compile(r"[1-9]\d\d")
 #: Filters as makers name them, before the number of their bandwidth: FB550-10, BP550-40, ET550-20.
-_MAKERS_FILTER = re.compile(r"(?:fb|fbh|fl|flh|bp|nb|bn|et|hq|xbpa)\d{3,4}")
-_EXPOSURE = re.compile(r"(\d+(?:[.,]\d+)?)(us|µs|ms|s|secs?)")
+_MAKERS_FILTER = re.compile(r"(?:fb|fbh|fl|flh|bp|nb|bn|nf|lp|sp|et|hq|xbpa)\d{3,4}")
+#: A number before a unit; with zeros in front it counts frames.
+_AMOUNT = r"(?:0|[1-9]\d*)(?:[.,]\d+)?"
+_EXPOSURE = re.compile(rf"({_AMOUNT})(us|µs|ms|s|secs?)")
 #: Units of exposures that programs write behind a separator: 300_secs.
 _UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs"})
 #: Seconds in the units of exposures.
@@ -55,10 +60,13 @@ _RANGE = re.compile(r"\d[.,]\d+-\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)(?![a-z])")
 #: A comma before three digits, which may separate thousands: 1,000s.
 _THOUSANDS = re.compile(r"[1-9]\d*,\d{3}")
 _NUMBERED_KIND = re.compile(r"([a-z]+?)(\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)?)")
-#: Things that differ by the number behind them: filter_2 is no repeat of filter_1.
+#: Things that differ by the number behind them, or are set to it: filter_2 is no repeat of filter_1.
 _COUNTED = frozenset(
     {"band", "ch", "channel", "exp", "exposure", "filter", "fw", "lamp", "led", "pos", "position", "slot", "wheel"}
+    | {"ev", "ga", "gain", "iso", "of"}
 )
+#: A name of a camera with its number, behind which a further number counts copies: DSC00550-2.
+_PHOTOGRAPH = re.compile(r"[a-z0-9]*\d{4}")
 #: A word that counts repeats, with its number.
 _NUMBERED_REPEAT = re.compile(r"(?:rep|repeat|frame|shot)(\d{1,2})")
 #: The number of the repeat at the end of a name, with its word and brackets.
@@ -239,7 +247,8 @@ def _repeat(parts: list[str], filter_parts: list[int], ignored: int) -> int | No
         return None
     before = parts[last - 1] if last else ""
     unread = before.isdigit() and last - 1 not in filter_parts
-    other = unread or before in _COUNTED or _MAKERS_FILTER.fullmatch(before)
+    photograph = last - 1 not in filter_parts and _PHOTOGRAPH.fullmatch(before)
+    other = unread or photograph or before in _COUNTED or _MAKERS_FILTER.fullmatch(before)
     return None if other else int(parts[last])
 
 
@@ -247,7 +256,7 @@ def _with_units(parts: list[str]) -> list[str]:
     """The parts, with each number and the unit behind it as one: '300' and 'secs'."""
     joined: list[str] = []
     for part in parts:
-        if joined and part in _UNIT_PARTS and re.fullmatch(r"\d+(?:[.,]\d+)?", joined[-1]):
+        if joined and part in _UNIT_PARTS and re.fullmatch(_AMOUNT, joined[-1]):
             joined[-1] += part
         else:
             joined.append(part)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import expectation, shown
+from cboxlab.utils.faults import LIST_OF_FAULTS, expectation, shown
 from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
@@ -61,7 +61,7 @@ def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
         lines = "".join(f"\n  {fault}" for fault in faults[:_MAX_FAULTS_LISTED])
         if len(faults) > _MAX_FAULTS_LISTED:
             lines += f"\n  and {len(faults) - _MAX_FAULTS_LISTED} more"
-        raise InputError(path, f"{len(faults)} faults", "no faults", f"They are:{lines}")
+        raise InputError(path, f"{len(faults)} faults", "no faults", f"{LIST_OF_FAULTS}{lines}")
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

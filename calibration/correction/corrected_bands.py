@@ -84,6 +84,35 @@ class CorrectedBands(FrozenMappings):
         """
         return evaluate_variance(self.coefficients, expected_signal)
 
+    def variance_sigma(
+        self, expected_signal: ArrayLike, variance: ArrayLike, used: NDArray[np.bool_], noise: NoiseModel
+    ) -> float:
+        """Relative error that all variances have in common, since gain and read noise are measured.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) expectation of the corrected signals, DN.
+        variance
+            (band, y, x) variance of the compared differences, DN^2: ``predicted_variance`` and what else they have.
+        used
+            (band, y, x) True for samples compared.
+        noise
+            Noise model of the bands.
+
+        Returns
+        -------
+        float
+            Standard deviation, relative, of a reduced chi-square by this error alone; 0 without samples.
+        """
+        if not used.any():
+            return 0.0
+        signal = np.maximum(np.asarray(expected_signal, float), 0.0)[used]
+        total = np.asarray(variance, float)[used]
+        c0, c1, c2 = (each[used] for each in np.moveaxis(self.coefficients, -3, 0))
+        with_light = signal * (c1 + signal * (c2 - self.pixel_scatter**2))
+        return noise.relative_sigma(float(np.mean(c0 / total)), float(np.mean(with_light / total)))
+
 
 def _defects(
     capture: Capture,

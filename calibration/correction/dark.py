@@ -131,18 +131,21 @@ def _fit_line(
     """Bias (DN) and rate (DN/s) of every pixel by a straight line in time through its levels.
 
     Short exposures determine the rate of a single pixel poorly, and noise clipped at 0 would look like dark
-    current. The rates are therefore shrunk towards their median by the fraction of their variance that is noise
-    (empirical Bayes, James and Stein 1961), except outliers.
+    current. The rates are therefore shrunk towards the mean of usual ones by the fraction of their variance that is
+    noise (empirical Bayes, James and Stein 1961), except outliers.
     """
     mean_time = np.average(exposure, weights=repeats)
     lever = repeats * (exposure - mean_time)
     length = float(np.sum(lever * (exposure - mean_time)))
     fitted_rate = np.tensordot(lever, level, axes=1) / length
-    middle = float(np.median(fitted_rate))
-    spread = _MAD_TO_SIGMA * float(np.median(np.abs(fitted_rate - middle)))
     noise = frame_variance / length  # of a rate: each level has the variance frame_variance / repeats
+    centre = float(np.median(fitted_rate))
+    by_deviation = _MAD_TO_SIGMA * float(np.median(np.abs(fitted_rate - centre)))
+    spread = max(by_deviation, float(np.sqrt(noise)))
     share = max(0.0, 1.0 - noise / spread**2) if spread > 0 else 0.0
-    usual = np.abs(fitted_rate - middle) <= _UNUSUAL_SIGMAS * spread
+    usual = np.abs(fitted_rate - centre) <= _UNUSUAL_SIGMAS * spread
+    # the median of levels in whole counts is off by up to half a step, their mean is not
+    middle = float(fitted_rate[usual].mean())
     rate = np.maximum(np.where(usual, middle + share * (fitted_rate - middle), fitted_rate), 0.0)
     return np.average(level, axis=0, weights=repeats) - rate * mean_time, rate
 

@@ -10,37 +10,40 @@ differences.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, FlatTable, FrameTable
+from ..capture import Capture, FrameTable
 from .dark import DarkLibrary
+from .noise_line import (
+    ROUNDED_VARIANCE,
+    ROUNDING_VARIANCE,
+    UNKNOWN,
+    VarianceSamples,
+    fit_noise_line,
+    samples_of_repeats,
+)
 from .picture_noise import clipped_variance, second_differences
-from .repeat_light import LIGHT_CHANGE_NOTED, light_change, with_steady_light
+from .repeat_light import LIGHT_CHANGE_NOTED, light_change
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
 
-#: Variance of rounding to whole counts, DN^2.
-ROUNDING_VARIANCE = 1.0 / 12.0
-
-#: Standard deviations beyond which a sample is a cosmic ray: normal noise exceeds it once in 2.6e7 samples.
-_OUTLIER_SIGMAS = 5.5
 #: Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
 _HARMONICS = 1000
-#: Variance of dark counts below which rounding dominates, DN^2: half way between two counts rounding alone gives 1/4.
-#: The true variance then lies between that of rounding and this value (compare 0.24 in EMVA 1288).
-_ROUNDED_VARIANCE = 0.3
 #: Where the shot noise of a count comes from: repeats of flats, the manifest, repeats of the bands, neighbouring pixels
 #: of the bands, or nowhere.
 NoiseSource = Literal["flats", "stated", "band repeats", "estimated", "unknown"]
 
 #: Levels of light in a picture whose noise is taken from neighbours.
 _PICTURE_LEVELS = 12
-#: An unknown value and its standard deviation.
-_UNKNOWN = (0.0, np.inf)
+#: Standard deviations by which the gains of flats and of the scene may differ: chance exceeds it once in 370 captures.
+_AGREEMENT_SIGMAS = 3.0
+#: Standard deviations of a noted difference.
+_NOTED_SIGMAS = 5.0
 #: Sources whose line of variance against charge reaches dark pixels, so that its start is the read noise.
 _OF_BANDS = ("band repeats", "estimated")
 
@@ -66,6 +69,8 @@ class NoiseModel:
     source: NoiseSource = "flats"
     #: Variance of rounding, DN^2; 0 for merged pictures of floating-point values.
     rounding_dn2: float = ROUNDING_VARIANCE
+    #: Variances of ``floor_dn2`` (DN^4) and ``shot_dn`` (DN^2) and their covariance (DN^3); None if both are stated.
+    line_covariance: tuple[float, float, float] | None = None
 
     @property
     def shot_dn(self) -> float:
@@ -91,6 +96,27 @@ class NoiseModel:
         waves = np.exp(-2 * (np.pi * k * sigma_dn) ** 2) / (np.pi * k)
         return float(np.sqrt(np.sum(waves**2) / 2))
 
+    def relative_sigma(self, floor_share: float, shot_share: float) -> float:
+        """Relative error that many variances have in common, since gain and read noise are measured.
+
+        Parameters
+        ----------
+        floor_share
+            Mean share of the variances that is proportional to ``floor_dn2``, 0 to 1.
+        shot_share
+            Mean share of the variances that is proportional to ``shot_dn``, 0 to 1.
+
+        Returns
+        -------
+        float
+            Standard deviation of the mean of measured over true variances; 0 if gain and read noise are stated.
+        """
+        if self.line_covariance is None or self.shot_dn == 0:
+            return 0.0
+        of_floor, of_shot, of_both = self.line_covariance
+        floor, shot = floor_share / self.floor_dn2, shot_share / self.shot_dn
+        return float(np.sqrt(max(floor**2 * of_floor + shot**2 * of_shot + 2 * floor * shot * of_both, 0.0)))
+
     def variance(self, charge_dn: ArrayLike) -> NDArray[np.float64]:
         """Variance of one count.
 
@@ -105,76 +131,6 @@ class NoiseModel:
             Variance in the same shape, DN^2.
         """
         return np.maximum(np.asarray(charge_dn, float), 0.0) * self.shot_dn + self.floor_dn2
-
-
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """Variances of single pixels against their charge, of one table."""
-
-    #: (n,) charge above bias, DN.
-    charge: NDArray[np.float64]
-    #: (n,) variance over repeats, DN^2.
-    variance: NDArray[np.float64]
-    #: Degrees of freedom of each variance, repeats - 1.
-    degrees: int
-
-
-def _samples(
-    stack: NDArray[np.uint16],
-    bias: NDArray[np.float64],
-    saturation: int,
-    is_dark: bool,
-) -> _Samples:
-    """Charge and variance of the usable pixels of repeats (repeat, y, x).
-
-    Bright repeats that are copies of one frame give no samples.
-    """
-    counts = stack.astype(float)
-    good = (stack.max(axis=0) < saturation) & (stack.min(axis=0) > 0)
-    copied = not is_dark and bool((stack == stack[0]).all())
-    if copied or not np.any(good):
-        return _Samples(np.zeros(0), np.zeros(0), stack.shape[0] - 1)
-    if is_dark:
-        counts -= (counts - counts.mean(axis=0))[:, good].mean(axis=1)[:, None, None]
-    else:
-        counts = with_steady_light(counts, good)
-    charge = counts.mean(axis=0) - bias
-    if is_dark:
-        # The noise of the dark charge of a pixel is as large as the charge and would bias the slope of the line.
-        # Since variance is linear in charge, the mean charge of the ordinary pixels can be used instead.
-        middle = np.median(charge[good])
-        spread = 1.4826 * np.median(np.abs(charge[good] - middle))
-        good &= np.abs(charge - middle) <= _OUTLIER_SIGMAS * max(spread, ROUNDING_VARIANCE)
-        charge = np.full_like(charge, charge[good].mean())
-    return _Samples(charge[good], counts.var(axis=0, ddof=1)[good], stack.shape[0] - 1)
-
-
-def _fit_line(
-    samples: list[_Samples], floor: tuple[float, float] = _UNKNOWN, slope: tuple[float, float] = _UNKNOWN
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Straight line of variance against charge by iteratively reweighted least squares.
-
-    Returns (floor, slope) and their covariance (2, 2). ``floor`` and ``slope`` are prior values with their standard
-    deviations. Sample variances are chi-square distributed with a standard deviation proportional to their
-    expectation. The weights are computed from the fitted line; weights from the samples would bias the fit low.
-    """
-    prior_mean, prior_sigma = np.transpose([floor, slope])
-    prior_weight = np.diag(prior_sigma**-2.0)
-    charge = np.concatenate([s.charge for s in samples])
-    variance = np.concatenate([s.variance for s in samples])
-    degrees = np.concatenate([np.full(s.charge.size, float(s.degrees)) for s in samples])
-    line: NDArray[np.float64] = np.ones(2)
-    keep = np.ones(charge.size, bool)
-    normal: NDArray[np.float64] = np.eye(2)
-    for _ in range(20):
-        model = np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
-        weight = keep * degrees / (2 * model**2)
-        cross = np.sum(weight * charge)
-        normal = prior_weight + np.array([[weight.sum(), cross], [cross, np.sum(weight * charge**2)]])
-        weighted_sums = np.array([np.sum(weight * variance), np.sum(weight * charge * variance)])
-        line = np.linalg.solve(normal, weighted_sums + prior_weight @ prior_mean)
-        keep = variance < _OUTLIER_SIGMAS**2 * np.maximum(line[0] + line[1] * charge, ROUNDING_VARIANCE)
-    return line, np.asarray(np.linalg.inv(normal), np.float64)
 
 
 def _phase_sigma(variance_dn2: float) -> float:
@@ -195,7 +151,7 @@ def _read_noise(
 
     To first order, with the uncertainty by rounding. A gain that is the reciprocal slope errs with the floor.
     """
-    read_dn = float(np.sqrt(max(floor_dn2, _ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
+    read_dn = float(np.sqrt(max(floor_dn2, ROUNDED_VARIANCE) - ROUNDING_VARIANCE))
     gradient = np.array([gain / (2 * read_dn), -read_dn * gain**2 if gain_is_fitted else 0.0])
     by_rounding = gain * _phase_sigma(read_dn**2) / (2 * read_dn)
     return read_dn * gain, float(np.hypot(np.sqrt(gradient @ covariance @ gradient), by_rounding))
@@ -219,22 +175,52 @@ def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
     return notes
 
 
-def _different_flats(capture: Capture) -> tuple[FlatTable, ...]:
-    """All flats; of a mosaic those of different frames, which may stand once for each channel.
+def _of_different_frames(tables: Sequence[FrameTable]) -> list[FrameTable]:
+    """Tables with repeats, without those of the frames of another one.
 
-    The noise comes from all pixels of a frame, so each frame counts once.
+    Behind a mosaic a frame may stand once for each channel. The noise comes from all its pixels, so it counts once.
     """
-    flats = capture.manifest.flats
-    if capture.manifest.mosaic is None:
-        return flats
-    return tuple(flat for k, flat in enumerate(flats) if flat.frames not in [other.frames for other in flats[:k]])
+    repeated = [table for table in tables if len(table.frames) > 1]
+    return [table for k, table in enumerate(repeated) if table.frames not in [other.frames for other in repeated[:k]]]
 
 
-def _samples_of_bands(capture: Capture, bias: NDArray[np.float64]) -> tuple[list[_Samples], NoiseSource]:
+def _samples_of_scene(
+    capture: Capture,
+    bias: NDArray[np.float64],
+    of_flats: list[VarianceSamples],
+    of_darks: list[VarianceSamples],
+    floor: tuple[float, float],
+) -> tuple[list[VarianceSamples], list[str]]:
+    """Samples of references, bands and brackets that agree with those of the flats; notes.
+
+    The difference of two repeats is independent of their mean, which is compared with a model. Motion and flicker make
+    repeats of a scene differ by more than noise, and processing by less: then the flats alone count.
+    """
+    manifest = capture.manifest
+    line, covariance = fit_noise_line([*of_flats, *of_darks], floor)
+    tables = _of_different_frames([*manifest.reference, *manifest.band, *manifest.bracket])
+    samples = [samples_of_repeats(capture.frames(table), bias, capture.saturation_dn, line=line) for table in tables]
+    samples = [each for each in samples if each.charge.size]
+    if not samples:
+        return [], []
+    scene_line, scene_covariance = fit_noise_line([*samples, *of_darks], floor)
+    difference = float(abs(scene_line[1] - line[1]) / np.sqrt(covariance[1, 1] + scene_covariance[1, 1]))
+    if difference <= _AGREEMENT_SIGMAS:
+        return samples, []
+    if difference <= _NOTED_SIGMAS:
+        return [], []
+    ratio = float(scene_line[1] / line[1])
+    return [], [
+        f"gain: references and bands vary between repeats by {ratio:.3g} times the variance of the flats, which alone "
+        "were used"
+    ]
+
+
+def _samples_of_bands(capture: Capture, bias: NDArray[np.float64]) -> tuple[list[VarianceSamples], NoiseSource]:
     """Samples of the bands' repeats, or else of neighbouring pixels."""
     tables: list[FrameTable] = [*capture.manifest.band, *capture.manifest.bracket]
-    repeated = [table for table in tables if len(table.frames) > 1]
-    of_repeats = [_samples(capture.frames(table), bias, capture.saturation_dn, is_dark=False) for table in repeated]
+    repeated = _of_different_frames(tables)
+    of_repeats = [samples_of_repeats(capture.frames(table), bias, capture.saturation_dn) for table in repeated]
     of_repeats = [samples for samples in of_repeats if samples.charge.size]
     if of_repeats:
         return of_repeats, "band repeats"
@@ -242,7 +228,7 @@ def _samples_of_bands(capture: Capture, bias: NDArray[np.float64]) -> tuple[list
     return of_pictures, "estimated" if of_pictures else "unknown"
 
 
-def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.float64]) -> list[_Samples]:
+def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.float64]) -> list[VarianceSamples]:
     """Charge and variance of one frame by its neighbouring pixels, in levels of equally many."""
     frame = capture.frames(table)[0].astype(float)
     usable = (frame < capture.saturation_dn) & (frame > 0)
@@ -254,14 +240,15 @@ def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.fl
         if np.isfinite(variance):
             # differences of neighbours share pixels: a third as many are independent
             degrees = max(1, level.size // 3)
-            samples.append(_Samples(means[level].mean(keepdims=True), np.array([variance]), degrees))
+            samples.append(VarianceSamples(means[level].mean(keepdims=True), np.array([variance]), degrees))
     return samples
 
 
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
-    """Gain and read noise from flats and darks, else from the manifest or the bands.
+    """Gain and read noise from flats, darks and the scene, else from the manifest or the bands.
 
-    A measured value replaces a stated one. A difference of more than five standard deviations is noted. Without flats
+    The repeats of flats, references, bands and brackets give one line with the darks, where they agree. A measured
+    value replaces a stated one. A difference of more than five standard deviations is noted. Without flats
     and a stated gain the bands' repeats give it; without these the differences of neighbouring pixels, which are
     larger than the noise where the scene has texture.
 
@@ -283,18 +270,19 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         For a faulty frame.
     """
     camera, notes = capture.manifest.camera, []
-    flats = [flat for flat in _different_flats(capture) if len(flat.frames) > 1]
+    flats = _of_different_frames(capture.manifest.flats)
     darks = [table for table in capture.manifest.darks if len(table.frames) > 1]
     gain, gain_sigma = camera.gain_e_per_dn, None
     read, read_sigma = camera.read_noise_e, None
+    line_covariance = None
     usable_darks = darks if not dark.clipped else []
     if dark.clipped:
         notes.append(
             "the dark frames are clipped at 0 DN: read noise and a negative offset cannot be measured from them"
         )
     bias, saturation = dark.bias, capture.saturation_dn
-    bright_samples = [_samples(capture.frames(table), bias, saturation, is_dark=False) for table in flats]
-    dark_samples = [_samples(capture.frames(table), bias, saturation, is_dark=True) for table in usable_darks]
+    bright_samples = [samples_of_repeats(capture.frames(table), bias, saturation) for table in flats]
+    dark_samples = [samples_of_repeats(capture.frames(table), bias, saturation, is_dark=True) for table in usable_darks]
     bright_samples, dark_samples = (
         [s for s in bright_samples if s.charge.size],
         [s for s in dark_samples if s.charge.size],
@@ -304,7 +292,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     if source == "unknown":
         bright_samples, source = _samples_of_bands(capture, bias)
     quietest = min((float(s.variance.mean()) for s in dark_samples), default=np.inf)
-    rounded = quietest < _ROUNDED_VARIANCE
+    rounded = quietest < ROUNDED_VARIANCE
     if not bright_samples:
         notes.append(f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}")
     if source == "band repeats":
@@ -313,23 +301,29 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         notes.append("the noise is estimated from neighbouring pixels of the bands: no repeats, and no gain is stated")
     if not dark_samples:
         notes.append("read noise not measured: no usable dark frames with repeats")
-    fitted_samples, floor, slope = [*bright_samples, *dark_samples], _UNKNOWN, _UNKNOWN
+    fitted_samples, floor, slope = [*bright_samples, *dark_samples], UNKNOWN, UNKNOWN
     if rounded:
-        low, high = ROUNDING_VARIANCE, _ROUNDED_VARIANCE
+        low, high = ROUNDING_VARIANCE, ROUNDED_VARIANCE
         fitted_samples, floor = bright_samples, ((low + high) / 2, (high - low) / float(np.sqrt(12)))
     if not bright_samples and gain is not None:
         slope = 1 / gain, 1e-6 / gain
     one_level = bool(fitted_samples) and np.ptp(np.concatenate([s.charge for s in fitted_samples])) == 0
-    if one_level and floor is _UNKNOWN and slope is _UNKNOWN:
+    if one_level and floor is UNKNOWN and slope is UNKNOWN:
         notes.append("gain and read noise not measured: all frames with repeats have one level")
     elif bright_samples or (fitted_samples and gain is not None):
-        line, covariance = _fit_line(fitted_samples, floor, slope)
+        if source == "flats":
+            of_scene, scene_notes = _samples_of_scene(
+                capture, bias, bright_samples, [] if rounded else dark_samples, floor
+            )
+            fitted_samples, notes = [*fitted_samples, *of_scene], [*notes, *scene_notes]
+        line, covariance = fit_noise_line(fitted_samples, floor, slope)
+        line_covariance = float(covariance[0, 0]), float(covariance[1, 1]), float(covariance[0, 1])
         if bright_samples:
             gain, gain_sigma = float(1 / line[1]), float(np.sqrt(covariance[1, 1]) / line[1] ** 2)
         if (dark_samples or source in _OF_BANDS) and not rounded and gain is not None:
             read, read_sigma = _read_noise(float(line[0]), gain, covariance, gain_is_fitted=bool(bright_samples))
     if rounded:
-        largest = float(np.sqrt(_ROUNDED_VARIANCE - ROUNDING_VARIANCE))
+        largest = float(np.sqrt(ROUNDED_VARIANCE - ROUNDING_VARIANCE))
         notes.append(f"rounding to whole counts hides the read noise: it lies between 0 and {largest:.1g} DN")
         if read is None and gain is not None:
             read = gain * float(np.sqrt(max(quietest - ROUNDING_VARIANCE, largest**2 / 4)))
@@ -349,4 +343,4 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
             )
     if gain is None:
         notes.append("gain unknown: no variance includes shot noise or read noise")
-    return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes), source)
+    return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes), source, line_covariance=line_covariance)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import TypeVar
 
 import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import require_regular_file
 from cboxlab.utils.limits import MAX_FRAME_PIXELS, require_size
-from cboxlab.utils.other_packages import entries_of, loaded
+from cboxlab.utils.other_packages import loaders_of, records_in, with_others
 from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
@@ -58,17 +56,17 @@ def catalogue() -> dict[str, FrameReader]:
     InputError
         For an entry point that cannot be loaded or is no sound FrameReader. For an identifier or an ending of another.
     """
-    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
-    readers = {name: import_module(f"{__name__}.{name}").READER for name in names}
-    for where, entry in entries_of(_GROUP):
-        reader = checked_reader(loaded(where, entry, FrameReader), where)
-        if reader.id in readers:
-            raise InputError(where, f"'{reader.id}', which exists already", "a new identifier")
-        endings = {ending for other in readers.values() for ending in other.suffixes}
-        if shared := [ending for ending in reader.suffixes if ending in endings]:
+    readers: dict[str, FrameReader] = records_in(__name__, "READER")
+    endings = {ending for reader in readers.values() for ending in reader.suffixes}
+
+    def with_new_endings(reader: FrameReader, where: str) -> FrameReader:
+        checked = checked_reader(reader, where)
+        if shared := [ending for ending in checked.suffixes if ending in endings]:
             raise InputError(where, f"the ending {shared[0]}, which has a reader already", "other endings")
-        readers[reader.id] = reader
-    return readers
+        endings.update(checked.suffixes)
+        return checked
+
+    return with_others(readers, loaders_of(_GROUP, FrameReader), with_new_endings)
 
 
 def suffixes() -> tuple[str, ...]:

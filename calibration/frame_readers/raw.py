@@ -10,6 +10,7 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
+from ._exif import exif_facts_of_raw
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of, positive_number
 
 _SUFFIXES = (
@@ -27,6 +28,18 @@ _SUFFIXES = (
     ".iiq",
     ".3fr",
     ".erf",
+    ".sr2",
+    ".srf",
+    ".rwl",
+    ".mrw",
+    ".crw",
+    ".kdc",
+    ".dcr",
+    ".mef",
+    ".mos",
+    ".fff",
+    ".gpr",
+    ".x3f",
 )
 #: Rows and columns over which the mosaic is looked at: two repeats of the largest one.
 _LOOKED_AT_PX = 16
@@ -47,6 +60,22 @@ def _require_mosaic(path: Path, raw: Any) -> None:
     if raw.raw_type != rawpy.RawType.Flat:
         hint = "Use the camera's file before conversion."
         raise InputError(path, "several colours in each pixel", "one count in each pixel", hint)
+    if raw.raw_image_visible.shape != (raw.sizes.height, raw.sizes.width):
+        raise InputError(path, "a sensor whose rows of pixels run diagonally", "rows and columns of pixels")
+
+
+def _single_precision(value: float) -> float | None:
+    """Number that LibRaw keeps in single precision, in as many digits, if it is above 0."""
+    number = positive_number(value)
+    return None if number is None else float(f"{number:.7g}")
+
+
+def _numbers(raw: Any) -> list[list[int]]:
+    """LibRaw's numbers of the channels in the upper left part of the visible pixels, row by row."""
+    sizes = raw.sizes
+    rows, columns = min(_LOOKED_AT_PX, sizes.height), min(_LOOKED_AT_PX, sizes.width)
+    top, left_margin = sizes.top_margin, sizes.left_margin
+    return [[raw.raw_color(top + v, left_margin + u) for u in range(columns)] for v in range(rows)]
 
 
 def _pattern(path: Path, raw: Any) -> str | None:
@@ -54,11 +83,7 @@ def _pattern(path: Path, raw: Any) -> str | None:
     names = raw.color_desc.decode("ascii", "replace")
     if raw.raw_pattern is None or raw.num_colors == 1:
         return None
-    sizes = raw.sizes
-    rows, columns = min(_LOOKED_AT_PX, sizes.height), min(_LOOKED_AT_PX, sizes.width)
-    top, left_margin = sizes.top_margin, sizes.left_margin
-    letters = [[names[raw.raw_color(top + v, left_margin + u)] for u in range(columns)] for v in range(rows)]
-    return pattern_of(path, np.array(letters))
+    return pattern_of(path, np.array([[names[number] for number in row] for row in _numbers(raw)]))
 
 
 def _masked_levels(raw: Any) -> list[float] | None:
@@ -83,7 +108,7 @@ def _masked_levels(raw: Any) -> list[float] | None:
 
 
 def _black_level(raw: Any, pattern: str | None) -> dict[str, float]:
-    """Black level by channel. Where two greens differ, the second one is "G2".
+    """Black level by channel. Where two greens differ, the second one in reading order is "G2".
 
     Where the metadata state 0, the masked pixels give it.
     """
@@ -93,9 +118,10 @@ def _black_level(raw: Any, pattern: str | None) -> dict[str, float]:
     if pattern is None:
         return {"": levels[0]}
     by_channel: dict[str, float] = {}
-    for name, level in zip(raw.color_desc.decode("ascii", "replace"), levels, strict=False):
-        if by_channel.setdefault(name, level) != level:
-            by_channel[f"{name}2"] = level
+    names = raw.color_desc.decode("ascii", "replace")
+    for number in dict.fromkeys(number for row in _numbers(raw) for number in row):
+        if by_channel.setdefault(names[number], levels[number]) != levels[number]:
+            by_channel[f"{names[number]}2"] = levels[number]
     return by_channel
 
 
@@ -104,16 +130,18 @@ def _header(path: Path) -> FrameHeader:
 
     with rawpy.imread(str(path)) as raw:
         _require_mosaic(path, raw)
-        pattern, other = _pattern(path, raw), raw.other
+        pattern, other, tags = _pattern(path, raw), raw.other, exif_facts_of_raw(path)
+        # tags are exact, but for high sensitivities, which do not fit into theirs
         facts = FrameFacts(
-            exposure_s=positive_number(other.shutter_speed),
-            f_number=positive_number(other.aperture),
-            iso=positive_number(other.iso_speed),
+            exposure_s=tags.exposure_s or _single_precision(other.shutter_speed),
+            f_number=tags.f_number or _single_precision(other.aperture),
+            iso=_single_precision(other.iso_speed) or tags.iso,
             black_level=_black_level(raw, pattern),
             white_level=positive_number(raw.white_level),
             pattern=pattern,
-            focal_length_mm=positive_number(other.focal_length),
-            time=other.timestamp if other.timestamp >= _NO_TIME else None,
+            focal_length_mm=tags.focal_length_mm or _single_precision(other.focal_length),
+            time=tags.time or (other.timestamp if other.timestamp >= _NO_TIME else None),
+            model=tags.model,
         )
         return FrameHeader((raw.sizes.height, raw.sizes.width), 1, facts)
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import zlib
-from datetime import datetime
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tifffile
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of, positive_number
+from ._exif import exif_facts
+from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of
 
 #: TIFF 6.0's numbers of compressions that need no further library: none, LZW, deflate, PackBits, old deflate.
 _COMPRESSIONS = (1, 5, 8, 32773, 32946)
@@ -105,17 +105,6 @@ def _pages(path: Path, file: tifffile.TiffFile) -> list[tifffile.TiffPage]:
     return pages
 
 
-def _exif_time(tags: dict[str, Any]) -> datetime | None:
-    """Moment of the exposure by EXIF, with its fraction of a second; None if not stated."""
-    text = str(tags.get("DateTimeOriginal") or "").strip("\0 ")
-    fraction = str(tags.get("SubsecTimeOriginal") or tags.get("SubSecTimeOriginal") or "").strip("\0 ")
-    try:
-        moment = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")
-    except ValueError:
-        return None
-    return moment.replace(microsecond=int(f"{fraction[:6]:0<6}")) if fraction.isdigit() else moment
-
-
 def _cfa_pattern(path: Path, page: tifffile.TiffPage) -> str | None:
     """Mosaic of a TIFF/EP file; None without its tags."""
     repeat, colours = page.tags.valueof(33421), page.tags.valueof(33422)
@@ -127,19 +116,7 @@ def _cfa_pattern(path: Path, page: tifffile.TiffPage) -> str | None:
 
 def _facts(path: Path, page: tifffile.TiffPage) -> FrameFacts:
     """Facts by the tags of the page and of its EXIF."""
-    exif = page.tags.valueof("ExifTag")
-    tags = {**(exif if isinstance(exif, dict) else {}), **{tag.name: tag.value for tag in page.tags}}
-    iso = tags.get("ISOSpeedRatings", tags.get("PhotographicSensitivity"))
-    model = tags.get("Model")
-    return FrameFacts(
-        exposure_s=positive_number(tags.get("ExposureTime")),
-        f_number=positive_number(tags.get("FNumber")),
-        iso=positive_number(iso[0] if isinstance(iso, tuple) and iso else iso),
-        pattern=_cfa_pattern(path, page),
-        focal_length_mm=positive_number(tags.get("FocalLength")),
-        time=_exif_time(tags),
-        model=model.strip("\0 ") or None if isinstance(model, str) else None,
-    )
+    return replace(exif_facts(page), pattern=_cfa_pattern(path, page))
 
 
 def _header(path: Path) -> FrameHeader:

@@ -37,7 +37,7 @@ def _check_counts(
     yield from check_darks(stacks, noise, capture.saturation_dn)
     yield from check_bias_drift(stacks, capture.manifest.camera.readout_s)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
-    yield from check_flat_shapes(stacks, dark)
+    yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     yield from check_fingerprint(stacks, dark)
     yield from check_light_in_darks(stacks, dark)
     yield from check_fields(capture, stacks, dark)

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from .errors import InputError
 
 __all__ = [
+    "LIST_OF_FAULTS",
     "combined",
     "expectation",
     "faults_of_validation",
@@ -24,6 +25,9 @@ __all__ = [
 
 Content = TypeVar("Content", bound=BaseModel)
 
+
+#: Words before the lines of several faults.
+LIST_OF_FAULTS = "They are:"
 
 #: Types of pydantic's errors for a value that should be a list.
 _LIST_TYPES = ("tuple_type", "list_type")

@@ -168,7 +168,9 @@ def kind_of(path: Path) -> str:
     return f"{kind}, not a file"
 
 
-def read_text(path: Path, expected: str, hint: str = "", largest: int = _MAX_TEXT_BYTES) -> str:
+def read_text(
+    path: Path, expected: str, hint: str = "", largest: int = _MAX_TEXT_BYTES, *, of_windows: bool = False
+) -> str:
     """Text of a UTF-8 file, with or without a byte order mark.
 
     Parameters
@@ -181,6 +183,8 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _MAX_TEX
         How to correct it if it does not exist; empty for none.
     largest
         Largest permitted size, bytes.
+    of_windows
+        Whether UTF-16 with a byte order mark and Windows-1252 are read too, as programs of instruments write them.
 
     Returns
     -------
@@ -190,7 +194,7 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _MAX_TEX
     Raises
     ------
     InputError
-        If the file is missing, not regular, too large or not UTF-8 text.
+        If the file is missing, not regular, too large or not text in a permitted encoding.
     """
     require_regular_file(path, expected, hint)
     try:
@@ -198,6 +202,8 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _MAX_TEX
         if size > largest:
             raise InputError(path, f"{size} bytes", f"{expected} of at most {largest} bytes")
         content = path.read_bytes()
+        if of_windows and (text := _windows_text(content)) is not None:
+            return text
         if content.startswith(_UTF16_MARKS) or b"\0" in content[:_PROBED_BYTES]:
             fault = "UTF-16 text" if b"\0" in content[1:4:2] else "bytes that are not text"
             raise InputError(path, fault, f"{expected} in UTF-8", "Save it as text in UTF-8.")
@@ -207,6 +213,21 @@ def read_text(path: Path, expected: str, hint: str = "", largest: int = _MAX_TEX
         raise InputError(path, "bytes that are not UTF-8 text", f"{expected} in UTF-8", hint) from None
     except OSError as error:
         raise InputError(path, error.strerror or str(error), expected) from None
+
+
+def _windows_text(content: bytes) -> str | None:
+    """Text in an encoding of Windows; None for UTF-8 and for bytes that are no text."""
+    encoding = "utf-16" if content.startswith(_UTF16_MARKS) else "cp1252"
+    if encoding == "cp1252" and b"\0" in content:
+        return None
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        try:
+            return io.TextIOWrapper(io.BytesIO(content), encoding=encoding).read()
+        except UnicodeError:
+            return None
+    return None
 
 
 def read_toml(path: Path, expected: str, hint: str = "") -> dict[str, Any]:

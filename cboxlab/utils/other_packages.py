@@ -8,11 +8,13 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import wraps
+from functools import partial, wraps
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, TextIO, TypeVar
+from pkgutil import iter_modules
+from typing import Any, Protocol, TextIO, TypeVar
 
 from .errors import InputError
 from .progress import Cancelled
@@ -20,13 +22,14 @@ from .progress import Cancelled
 __all__ = [
     "checked_function",
     "checked_generator",
-    "entries_of",
     "guarded",
     "is_identifier",
     "is_tuple_of",
-    "loaded",
+    "loaders_of",
+    "records_in",
     "require",
     "require_fields",
+    "with_others",
 ]
 
 #: Hint at a fault of another package.
@@ -41,6 +44,17 @@ _IDENTIFIER = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 _END = object()
 
 Kind = TypeVar("Kind")
+
+
+class Record(Protocol):
+    """Entry of a catalogue, such as an effect or a renderer."""
+
+    @property
+    def id(self) -> str:
+        """Identifier in the catalogue."""
+
+
+Entry = TypeVar("Entry", bound=Record)
 
 
 class _Surroundings:
@@ -120,50 +134,94 @@ def guarded(where: str, expected: str) -> Iterator[None]:
         _surroundings.leave()
 
 
-def entries_of(group: str) -> list[tuple[str, EntryPoint]]:
+def records_in(package: str, attribute: str, helpers: Collection[str] = ()) -> dict[str, Any]:
+    """Records of the modules of a package.
+
+    Parameters
+    ----------
+    package
+        Name of the package.
+    attribute
+        Name of the record in each module.
+    helpers
+        Modules without a record. Modules whose names begin with an underscore have none either.
+
+    Returns
+    -------
+    dict
+        The records by identifier, in the alphabetical order of their modules.
+    """
+    names = [module.name for module in iter_modules(import_module(package).__path__)]
+    records = [
+        getattr(import_module(f"{package}.{name}"), attribute)
+        for name in names
+        if not name.startswith("_") and name not in helpers
+    ]
+    return {record.id: record for record in records}
+
+
+def loaders_of(group: str, kind: type[Kind]) -> list[tuple[str, Callable[[], Kind]]]:
     """Entry points of a group in all installed packages.
 
     Parameters
     ----------
     group
         Name of the group.
+    kind
+        Type that their records have.
 
     Returns
     -------
-    list of (str, EntryPoint)
-        Words for messages, and the entry point.
+    list of (str, function)
+        The entry point for messages, and the function that loads its record. It raises InputError if the record cannot
+        be imported or is of another type, and warns (RuntimeWarning) if the import takes more than 5 s.
     """
-    return [(f"entry point {group}: {e.name} = {e.value}", e) for e in entry_points(group=group)]
+    return [
+        (where, partial(_loaded, where, entry, kind))
+        for entry in entry_points(group=group)
+        for where in [f"entry point {group}: {entry.name} = {entry.value}"]
+    ]
 
 
-def loaded(where: str, entry: EntryPoint, kind: type[Kind]) -> Kind:
-    """Record of an entry point.
+def with_others(
+    records: Mapping[str, Entry],
+    loaders: Collection[tuple[str, Callable[[], Entry]]],
+    checked: Callable[[Entry, str], Entry],
+) -> dict[str, Entry]:
+    """Catalogue with records of other packages.
 
     Parameters
     ----------
-    where
-        The entry point, for messages.
-    entry
-        The entry point.
-    kind
-        Type that the record has.
+    records
+        Records by identifier.
+    loaders
+        Sources of further records, for messages, and the functions that load them.
+    checked
+        Function of a record and its source. It returns the record as it is used, and raises InputError for a faulty
+        one.
 
     Returns
     -------
-    Kind
-        The record.
+    dict
+        All records by identifier, the further ones at the end.
 
     Raises
     ------
     InputError
-        If it cannot be imported or is of another type.
-
-    Warns
-    -----
-    RuntimeWarning
-        If the import takes more than 5 s.
+        For a record that cannot be loaded, is faulty, or has the identifier of another.
     """
-    expected = f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+    catalogue = dict(records)
+    for where, load in loaders:
+        record = checked(load(), where)
+        if record.id in catalogue:
+            raise InputError(where, f"'{record.id}', which is there already", "another identifier")
+        catalogue[record.id] = record
+    return catalogue
+
+
+def _loaded(where: str, entry: EntryPoint, kind: type[Kind]) -> Kind:
+    """Record of an entry point."""
+    expected = _with_article(kind)
     start = time.monotonic()
     with guarded(where, expected):
         record = entry.load()
@@ -248,10 +306,14 @@ def require_fields(where: str, record: object, sound: Mapping[str, bool]) -> Non
     InputError
         For the first field that is not.
     """
-    name = type(record).__name__
+    name = _with_article(type(record))
     for field, right in sound.items():
         article = "" if field.endswith("s") else "a "
-        require(right, where, f"a {name} with {article}wrong {field}", f"a {name} as the manual describes it")
+        require(right, where, f"{name} with {article}wrong {field}", f"{name} as the manual describes it")
+
+
+def _with_article(kind: type) -> str:
+    return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
 
 
 def checked_function(

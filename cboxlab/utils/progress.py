@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Protocol
 
-__all__ = ["NO_PROGRESS", "Cancelled", "Progress", "ProgressReporter", "share"]
+__all__ = [
+    "NO_PROGRESS",
+    "Cancelled",
+    "Progress",
+    "ProgressReporter",
+    "checkpoint",
+    "share",
+    "stoppable",
+    "stops_promptly",
+]
 
 
 class Cancelled(Exception):
@@ -54,7 +65,7 @@ class ProgressReporter:
         self._stop = threading.Event()
 
     def cancel(self) -> None:
-        """Stop the computation at its next report, which follows a kernel call or a pass."""
+        """Stop the computation at its next report or checkpoint."""
         self._stop.set()
 
     def stage(self, name: str) -> None:
@@ -89,10 +100,72 @@ class ProgressReporter:
         self._done = done
         self._report()
 
-    def _report(self) -> None:
+    def check(self) -> None:
+        """Report nothing.
+
+        Raises
+        ------
+        Cancelled
+            After `cancel`.
+        """
         if self._stop.is_set():
             raise Cancelled("the computation was stopped")
+
+    def _report(self) -> None:
+        self.check()
         self._callback(self._stage, self._done)
+
+
+#: Reporter of the present computation that checkpoints ask, and whether kernel calls are short; None for neither.
+_stoppable: ContextVar[tuple[ProgressReporter, bool] | None] = ContextVar("stoppable", default=None)
+
+
+@contextmanager
+def stoppable(reporter: ProgressReporter, *, promptly: bool = False) -> Iterator[None]:
+    """Block whose computations also stop at checkpoints, once a reporter is cancelled.
+
+    Parameters
+    ----------
+    reporter
+        The reporter.
+    promptly
+        Whether kernel calls are so short that a checkpoint comes within a tenth of a second. It costs a fifth of the
+        speed and changes no result.
+
+    Yields
+    ------
+    None
+    """
+    token = _stoppable.set((reporter, promptly))
+    try:
+        yield
+    finally:
+        _stoppable.reset(token)
+
+
+def checkpoint() -> None:
+    """Place at which a computation may stop, see `stoppable`.
+
+    Raises
+    ------
+    Cancelled
+        If the reporter of the present computation is cancelled.
+    """
+    present = _stoppable.get()
+    if present is not None:
+        present[0].check()
+
+
+def stops_promptly() -> bool:
+    """Whether the present computation takes short kernel calls, see `stoppable`.
+
+    Returns
+    -------
+    bool
+        False outside of `stoppable`.
+    """
+    present = _stoppable.get()
+    return present is not None and present[1]
 
 
 class _NoProgress:

@@ -59,6 +59,7 @@ def visible_points(scene: Scene, camera: Camera) -> VisiblePoints:
     directions = camera.directions(columns, rows).reshape(-1, 3)
     pixel = dr.arange(mi.UInt32, len(directions))
     hit = intersect(tracer, pixel_rays(camera, pixel)(mi.Float(0.5), mi.Float(0.5)), coherent=True)
+    dr.eval(hit.front, hit.triangle)  # together: one kernel
     front, triangle = np.array(hit.front), np.array(hit.triangle)
     triangle = np.where(front, triangle, 0)
     normal = tracer.normals[triangle]

@@ -1,6 +1,7 @@
 """Support for the kernels: libraries, Mitsuba variant, sampling points, polynomials."""
 
 from .arrays import device_array
+from .calls import lane_ranges, lanes_per_call
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
@@ -10,6 +11,8 @@ __all__ = [
     "cosine_hemisphere",
     "device_array",
     "dr",
+    "lane_ranges",
+    "lanes_per_call",
     "mi",
     "polynomial",
     "polynomial_at",

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from importlib import import_module
-from pkgutil import iter_modules
 from types import MappingProxyType
 from typing import Any
 
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
-from cboxlab.utils.other_packages import entries_of, loaded
+from cboxlab.utils.other_packages import loaders_of, records_in, with_others
 
 from .checked import checked_effect
 from .effect import AppliedEffect, Effect, Kind, Parameter
@@ -49,15 +47,8 @@ def catalogue() -> dict[str, Effect]:
     >>> catalogue()["veiling-glare"].short_title
     'a part of all light spreads over the image'
     """
-    names = [module.name for module in iter_modules(__path__) if module.name not in _NO_EFFECTS]
-    modules = [import_module(f"{__name__}.{name}") for name in names]
-    effects: dict[str, Effect] = {module.EFFECT.id: module.EFFECT for module in modules}
-    for where, entry in entries_of(_GROUP):
-        effect = checked_effect(loaded(where, entry, Effect), where)
-        if effect.id in effects:
-            raise InputError(where, f"'{effect.id}', which is there already", "another identifier")
-        effects[effect.id] = effect
-    return dict(sorted(effects.items()))
+    ours = records_in(__name__, "EFFECT", _NO_EFFECTS)
+    return dict(sorted(with_others(ours, loaders_of(_GROUP, Effect), checked_effect).items()))
 
 
 def names_in(scene: Scene, bands: tuple[str, ...] = ()) -> dict[Kind, tuple[str, ...]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.other_packages import guarded, is_identifier, is_tuple_of
+from cboxlab.utils.other_packages import guarded, is_identifier, is_tuple_of, require_fields
 from numpy.typing import NDArray
 
 from ..chain import STAGES, Stage
@@ -48,9 +48,7 @@ def checked_effect(effect: Effect, where: str) -> Effect:
         "summary, confirm or title": is_tuple_of(str, texts),
         "sources": is_tuple_of(str, effect.sources),
     }
-    if wrong := [name for name, right in sound.items() if not right]:
-        expected = "an Effect as the manual's page 'Write an effect' describes it"
-        raise InputError(where, f"an Effect with a wrong {wrong[0]}", expected)
+    require_fields(where, effect, sound)
     return replace(effect, apply=_Checked(effect.apply, effect.stage, where))
 
 

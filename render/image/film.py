@@ -9,7 +9,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from numpy.typing import NDArray
 
-from ..device import device_array, dr, mi
+from ..device import device_array, dr, lanes_per_call, mi
 from .render_job import BATCH_SEED_STEP, RenderJob
 
 __all__ = ["means_by_strips"]
@@ -79,8 +79,9 @@ def _calls(
     calls = []
     for count in np.unique(pixel_samples):
         alike = pixels[pixel_samples == count]
-        for part in np.array_split(alike, -(-len(alike) // _LANES_PER_CALL)):
-            for start in range(0, batches, _LANES_PER_CALL // len(part)):
-                together = np.arange(start, min(start + _LANES_PER_CALL // len(part), batches))
+        lanes = lanes_per_call(int(count), _LANES_PER_CALL)
+        for part in np.array_split(alike, -(-len(alike) // lanes)):
+            for start in range(0, batches, lanes // len(part)):
+                together = np.arange(start, min(start + lanes // len(part), batches))
                 calls.append((int(count), np.tile(part, len(together)), np.repeat(together, len(part))))
     return calls

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from ..image import RenderJob
@@ -45,12 +44,7 @@ def render_bounces(
         For a scene that is not diffuse.
     """
     scene, wavelengths = job.scene, job.wavelength_nm
-    if not scene.diffuse:
-        raise InputError(
-            f"scene {scene.name}",
-            "a surface that is not diffuse or has a texture, or a medium",
-            "a diffuse scene",
-        )
+    scene.require_diffuse()
     tracer = build_tracer(scene)
     sums = trace_paths(tracer, job, progress, split=bounces)
     count = len(wavelengths)

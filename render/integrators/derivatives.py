@@ -59,12 +59,7 @@ def render_derivatives(
         For a scene that is not diffuse, and for a reflectance of 0, at which no path contributes.
     """
     scene, wavelengths = job.scene, job.wavelength_nm
-    if not scene.diffuse:
-        raise InputError(
-            f"scene {scene.name}",
-            "a surface that is not diffuse or has a texture, or a medium",
-            "a diffuse scene",
-        )
+    scene.require_diffuse()
     reflectances = scene.reflectances(wavelengths)[: len(scene.materials)]
     for name, row in zip(scene.materials, reflectances, strict=True):
         if row.min() <= 0:

@@ -14,7 +14,7 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
 
-from ..device import SobolPoints, device_array, dr, mi
+from ..device import SobolPoints, device_array, dr, lane_ranges, mi
 from ..radiosity import LampSampler, PatchedScene, lamp_point, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 from .coat import Coat
@@ -263,6 +263,17 @@ def _means(
     sample: Sample, camera: Camera, pixels: NDArray, samples: int, dimensions: int, bands: int, seed: int
 ) -> NDArray[np.float64]:
     """(w, n) means of a sample over ``samples`` camera rays of each of n pixels."""
+    parts = [
+        _means_of_call(sample, camera, pixels[first:end], samples, dimensions, bands, seed)
+        for first, end in lane_ranges(len(pixels), samples)
+    ]
+    return np.hstack([np.zeros((bands, 0)), *parts])
+
+
+def _means_of_call(
+    sample: Sample, camera: Camera, pixels: NDArray, samples: int, dimensions: int, bands: int, seed: int
+) -> NDArray[np.float64]:
+    """Means of ``_means`` by one kernel call."""
     lane = device_array(mi.UInt32, pixels)
     rays = pixel_rays(camera, lane)
     points = SobolPoints(dimensions, samples, lane, seed)

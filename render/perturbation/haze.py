@@ -179,12 +179,13 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         ray = mi.Ray3f(point, mi.warp.square_to_uniform_sphere(mi.Point2f(u[3], u[4])))
         hit = intersect(tracer, ray)
         air = ~hit.valid | hit.front
-        dr.scatter_add(exposed, mi.Float(1), lane, air)
-        dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid)
+        dr.scatter_add(exposed, mi.Float(1), lane, air, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(empty, mi.Float(1), lane, ~hit.valid, mode=dr.ReduceMode.Direct)
         patch = patch_of(patches, hit.triangle, hit.uv, hit.reflecting)
-        dr.scatter_add(matrix, mi.Float(1), lane * patch_count + patch, hit.reflecting)
+        dr.scatter_add(matrix, mi.Float(1), lane * patch_count + patch, hit.reflecting, mode=dr.ReduceMode.Direct)
         for lamp_light, lamp in zip(from_lamps, light.lamps, strict=True):
-            dr.scatter_add(lamp_light, _from_lamp(tracer, lamp, point, u[5], u[6]), lane, air)
+            arriving = _from_lamp(tracer, lamp, point, u[5], u[6])
+            dr.scatter_add(lamp_light, arriving, lane, air, mode=dr.ReduceMode.Direct)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, _CELL_SAMPLES)

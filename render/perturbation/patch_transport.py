@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.utils.progress import checkpoint
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from ..device import SobolPoints, cosine_hemisphere, device_array, dr, mi
+from ..device import SobolPoints, cosine_hemisphere, device_array, dr, lanes_per_call, mi
 from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
 
@@ -171,7 +172,7 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
     pixel, face = np.nonzero(coverage > 0)
     strips = [
         _traced(light, camera, (first, last), pixel, face, samples, seed)
-        for first, last in _strips(pixel, len(coverage), len(light.patches))
+        for first, last in _strips(pixel, len(coverage), len(light.patches), samples)
     ]
     dr.flush_malloc_cache()  # the strips' matrices
     direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
@@ -191,13 +192,14 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
     )
 
 
-def _strips(pixel: NDArray[np.int64], pixels: int, patches: int) -> list[tuple[int, int]]:
-    """First pixel and end of strips of up to ``_ENTRIES`` fragments times patches, or one pixel."""
+def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
+    """First pixel and end of each strip of up to ``_ENTRIES`` fragments times patches."""
+    most = lanes_per_call(samples, pixels)
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
     while ends[-1] < pixels:
         end = int(np.searchsorted(before, before[ends[-1]] + _ENTRIES // patches, "right")) - 1
-        ends.append(max(end, ends[-1] + 1))
+        ends.append(min(max(end, ends[-1] + 1), ends[-1] + most))
     return list(pairwise(ends))
 
 
@@ -208,6 +210,7 @@ def _traced(
 
     Returns direct light and escape of its fragments, the lamps' patterns of its pixels, and G of its fragments.
     """
+    checkpoint()
     tracer, patches = light.tracer, light.patches
     count, faces = pixels[1] - pixels[0], len(tracer.facet_surface) + 1
     of_strip = slice(*np.searchsorted(pixel, pixels))
@@ -233,18 +236,18 @@ def _traced(
         fragment = dr.gather(mi.UInt32, lookup, lane * faces + facet, shaded)
         for k, lamp in enumerate(light.lamps):
             bright = hit.on_lamp & (hit.material == lamp.material)
-            dr.scatter_add(on_lamp[k], mi.Float(1), lane, bright)
-            dr.scatter_add(glow[k], lamp_seen(lamp, hit, ray.d), lane, bright)
+            dr.scatter_add(on_lamp[k], mi.Float(1), lane, bright, mode=dr.ReduceMode.Direct)
+            dr.scatter_add(glow[k], lamp_seen(lamp, hit, ray.d), lane, bright, mode=dr.ReduceMode.Direct)
             u, v = points.point(i, 4), points.point(i, 5)
             arriving = direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded)
-            dr.scatter_add(direct[k], arriving, fragment, shaded)
+            dr.scatter_add(direct[k], arriving, fragment, shaded, mode=dr.ReduceMode.Direct)
         direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
         far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
         on_patch = far.reflecting
         patch = patch_of(patches, far.triangle, far.uv, on_patch)
-        dr.scatter_add(ray_count, mi.Float(1), fragment, shaded)
-        dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid)
-        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch)
+        dr.scatter_add(ray_count, mi.Float(1), fragment, shaded, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid, mode=dr.ReduceMode.Direct)
+        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from cboxlab.scenes.camera import PARAMETER_NAMES, Camera
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import checkpoint
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
@@ -167,6 +168,7 @@ def warp_derivatives(warp: Warp, camera: Camera, steps: NDArray[np.float64]) -> 
     nearby = [camera.with_parameters(camera.parameters + row) for row in np.diag(_SMALL * steps)]
     result = np.zeros((len(steps), warp.base[0].size, len(warp.base)))
     for start in range(0, len(pixel), _PIXELS_PER_STEP):
+        checkpoint()
         part = slice(start, start + _PIXELS_PER_STEP)
         first = np.flatnonzero(np.append(True, np.diff(pixel[part])))
         positions = _seen_at(warp, camera, face[part], pixel[part])
@@ -183,6 +185,7 @@ def _change(warp: Warp, camera: Camera, coverage: NDArray[np.float32]) -> NDArra
     result = np.zeros((warp.base[0].size, len(warp.base)))
     inside, own_face = warp.inside
     for start in range(0, len(inside), _PIXELS_PER_STEP):
+        checkpoint()
         part = slice(start, start + _PIXELS_PER_STEP)
         result[inside[part]] = _interpolated(warp, camera, inside[part], own_face[part])
     border, face = np.nonzero(coverage)

@@ -10,9 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.progress import checkpoint
 from numpy.typing import NDArray
 
-from ..device import SobolPoints, device_array, dr, mi
+from ..device import SobolPoints, device_array, dr, lane_ranges, mi
 from ..visibility import RAY_OFFSET_MM, Hit, Tracer, intersect
 from .lamp import LampSampler, direct_light
 from .patches import Patches, build_patches, patch_of, patch_points
@@ -82,10 +83,31 @@ def build_direct_cells(
         One for each lamp, with the same cells.
     """
     cells = build_patches(tracer, edge_mm)
-    lane = dr.arange(mi.UInt32, len(cells))
+    parts = [
+        _moments(tracer, lamps, cells, some, samples, seed) for some in lane_ranges(len(cells), samples * len(lamps))
+    ]
+    checkpoint()
+    moments = np.concatenate(parts)
+    moments[:, 1:] /= np.maximum(moments[:, :1], 1)
+    far = dr.opaque(mi.Float, _FAR_CELLS * edge_mm)
+    fitted = (_planes(cells, moments, 10 + 4 * index) for index in range(len(lamps)))
+    return tuple(DirectCells(cells, device_array(mi.Float, planes), far) for planes in fitted)
+
+
+def _moments(
+    tracer: Tracer, lamps: tuple[LampSampler, ...], cells: Patches, some: tuple[int, int], samples: int, seed: int
+) -> NDArray[np.float64]:
+    """(c, n) sums over the points of some cells.
+
+    They are the number, the offsets from the centre, their products, and for each lamp its light and the products of
+    light and offsets.
+    """
+    first, end = some
+    count = end - first
+    lane = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first)
     points = SobolPoints(4, samples, lane, seed)
     on_cell_at = patch_points(tracer, cells)
-    centre = mi.Point3f(*(device_array(mi.Float, column) for column in cells.centre.T))
+    centre = mi.Point3f(*(device_array(mi.Float, column) for column in cells.centre[first:end].T))
 
     def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
         position, normal = on_cell_at(lane, points.point(i, 0), points.point(i, 1))
@@ -100,14 +122,10 @@ def build_direct_cells(
         return i + 1, [old + dr.select(free, new, 0) for old, new in zip(sums, moments, strict=True)]
 
     total = dr.opaque(mi.UInt32, samples)
-    zeros = [dr.zeros(mi.Float, len(cells)) for _ in range(10 + 4 * len(lamps))]
-    _, sums = dr.while_loop((dr.zeros(mi.UInt32, len(cells)), zeros), lambda i, _: i < total, body)
+    zeros = [dr.zeros(mi.Float, count) for _ in range(10 + 4 * len(lamps))]
+    _, sums = dr.while_loop((dr.zeros(mi.UInt32, count), zeros), lambda i, _: i < total, body)
     dr.eval(sums)
-    moments = np.array([column.numpy() for column in sums], float).T
-    moments[:, 1:] /= np.maximum(moments[:, :1], 1)
-    far = dr.opaque(mi.Float, _FAR_CELLS * edge_mm)
-    fitted = (_planes(cells, moments, 10 + 4 * index) for index in range(len(lamps)))
-    return tuple(DirectCells(cells, device_array(mi.Float, planes), far) for planes in fitted)
+    return np.array([column.numpy() for column in sums], float).T
 
 
 def _planes(cells: Patches, moments: NDArray[np.float64], first: int) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ from functools import lru_cache
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.progress import NO_PROGRESS, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress, checkpoint
 
 from ..device import device_array, dr, mi
 from ..image import RenderedImage, RenderJob, means_by_strips
@@ -136,6 +136,7 @@ def solve_light(
     paints, parents = reflectances[: _later_reflectors(tracer)], _parents(patches, finer)
     lookups = []
     for index in range(len(lamps)):
+        checkpoint()
         coefficients, indirect = indirect_basis(exchange, index, patches.material, reflectances, max_reflections)
         coefficients = exchange.slopes.at(coefficients, parents, finer.centre)
         lookups.append(_lookup_table(coefficients, indirect, paints))
@@ -217,6 +218,7 @@ def gather(
     def strip(pixels: mi.UInt32, lane_samples: int, seeds: mi.UInt32) -> list[mi.Float]:
         sums = []
         for index, lamp in enumerate(lamps):
+            checkpoint()
             lamp_seeds = seeds + 6007 * index
             sums += _strip(lamp, camera, pixels.numpy(), view.planar, view.shares[index], lane_samples, lamp_seeds)
         return sums
@@ -378,7 +380,9 @@ class _View:
 def _view(light: LightField, camera: Camera) -> _View:
     """Data that all passes of a picture share, kept for the last picture."""
     coverage = facet_coverage(light.tracer, camera)
+    checkpoint()
     planar = planar_pixels(light.tracer, camera, coverage)
+    checkpoint()
     lamps = _gatherings(light)
     shares = (
         _control_shares(lamp, camera, planar, rows)
@@ -397,7 +401,11 @@ def _control_shares(lamp: Gathering, camera: Camera, planar: PlanarPixels, spect
         return None
     weights = spectra[1:].sum(axis=1).reshape(lamp.firsts, -1).sum(axis=0)
     shares = lamp.control_shares(camera, _planes(planar, slice(None)), list(weights), _PILOT_SEED)
-    return None if shares is None else np.stack([share.numpy() for share in shares], axis=1)
+    checkpoint()
+    if shares is None:
+        return None
+    dr.eval(shares)  # together: one kernel
+    return np.stack([share.numpy() for share in shares], axis=1)
 
 
 def _planes(planar: PlanarPixels, entries: np.ndarray | slice) -> Planes:

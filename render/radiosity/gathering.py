@@ -202,13 +202,13 @@ class Gathering:
         if shares is not None and self.controls is not None:
             controls = self.controls
             few = min(max(_CONTROL_RAYS, samples // _SAMPLES_PER_CONTROL), samples // sampling.gathers)
+            enough, share = dr.opaque(mi.UInt32, few), dr.opaque(mi.Float, samples / few)
 
             def returned(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
                 start = planes.point_on(sampling.ray(i)) + planes.normal * RAY_OFFSET_MM
                 mean = self._spread(controls.mean(start, planes.normal, self.materials), shares)
-                return i + 1, [old + value * (samples / few) for old, value in zip(sums, mean, strict=True)]
+                return i + 1, [old + value * share for old, value in zip(sums, mean, strict=True)]
 
-            enough = dr.opaque(mi.UInt32, few)
             sums = dr.while_loop((zero, sums), lambda i, _: i < enough, returned)[1]
         total = dr.opaque(mi.UInt32, samples // sampling.gathers)
         return dr.while_loop((zero, sums), lambda i, _: i < total, body)[1]

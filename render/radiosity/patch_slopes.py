@@ -155,8 +155,11 @@ def _free_part(tracer: Tracer, patches: Patches) -> tuple[NDArray[np.float64], N
     points = SobolPoints(2, _POINTS, patch, seed=0)
     position, normal = patch_points(tracer, patches)(patch, points.point(i, 0), points.point(i, 1))
     hit = intersect(tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, normal))
-    free = np.array(~hit.valid | hit.front).reshape(-1, _POINTS)
+    uncovered = ~hit.valid | hit.front
+    dr.eval(uncovered, position)  # together: one kernel
+    free = np.array(uncovered).reshape(-1, _POINTS)
     share = free.mean(axis=1)
-    total = np.einsum("pi,pix->px", free, np.array(position).T.reshape(-1, _POINTS, 3))
+    points_mm = np.stack([axis.numpy() for axis in position]).T.reshape(-1, _POINTS, 3)
+    total = np.einsum("pi,pix->px", free, points_mm)
     partly = ((share > 0) & (share < 1))[:, None]
     return share, np.where(partly, total / np.maximum(free.sum(axis=1), 1)[:, None], patches.centre)

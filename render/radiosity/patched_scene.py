@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 from cboxlab.scenes.scene import Scene
-from cboxlab.utils.errors import InputError
 
 from ..device import mi
 from ..visibility import Tracer, build_tracer
@@ -104,9 +103,7 @@ def build_patched_scene(
     InputError
         For a scene that is not diffuse.
     """
-    if not scene.diffuse:
-        fault = "surfaces that are not Lambertian or have a texture, or a medium"
-        raise InputError(f"scene {scene.name}", fault, "a diffuse scene", "The general path tracer takes any scene.")
+    scene.require_diffuse("The general path tracer takes any scene.")
     tracer = build_tracer(scene)
     lamps = build_lamp_samplers(tracer)
     extent = tracer.vertices.reshape(-1, 3)

@@ -17,9 +17,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.progress import checkpoint
 from numpy.typing import NDArray
 
-from ..device import SobolPoints, cosine_hemisphere, dr, mi
+from ..device import SobolPoints, cosine_hemisphere, dr, lane_ranges, mi
 from ..visibility import RAY_OFFSET_MM, Tracer, intersect
 from .lamp import LampSampler, direct_light
 from .patch_slopes import PatchSlopes, build_slopes
@@ -112,11 +113,49 @@ def _traced(
     tracer: Tracer, lamps: Sequence[LampSampler], patches: Patches, samples: int, seed: int
 ) -> tuple[Exchange, NDArray[np.float32]]:
     """The exchange, and (p,) number of points of each patch that are not covered."""
-    count = len(patches)
     slopes = build_slopes(tracer, patches)
-    lane = dr.arange(mi.UInt32, count)
+    matrix = np.empty((len(patches), len(patches)), np.float32)
+    parts = []
+    for first, end in lane_ranges(len(patches), samples * len(lamps)):
+        traced = _traced_rows(tracer, lamps, patches, slopes, (first, end), samples, seed)
+        matrix[first:end] = traced[0]
+        parts.append(traced[1:])
+    traced = ()  # gives the traced numbers back
+    dr.flush_malloc_cache()
+    checkpoint()
+    direct, escaped, uncovered = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    scale = 1 / np.maximum(uncovered, 1)
+    matrix *= scale[:, None]
+    exchange = Exchange(
+        direct=direct * scale[:, None],
+        form_factors=matrix,
+        escape=escaped * scale,
+        slopes=slopes,
+        exposed=(uncovered / samples).astype(np.float32),
+    )
+    return exchange, uncovered
+
+
+def _traced_rows(
+    tracer: Tracer,
+    lamps: Sequence[LampSampler],
+    patches: Patches,
+    slopes: PatchSlopes,
+    some: tuple[int, int],
+    samples: int,
+    seed: int,
+) -> tuple[NDArray[np.float32], ...]:
+    """Sums over the points of some patches.
+
+    They are (n, p) rays, (n, lamps) direct light, (n,) escape and (n,) points seen.
+    """
+    first, end = some
+    count = end - first
+    row = dr.arange(mi.UInt32, count)
+    lane = row + dr.opaque(mi.UInt32, first)
     points = SobolPoints(6, samples, lane, seed)
-    matrix = dr.zeros(mi.Float, count * count)
+    matrix = dr.zeros(mi.Float, count * len(patches))
+    patch_count = dr.opaque(mi.UInt32, len(patches))
     on_patch_at = patch_points(tracer, patches)
 
     def body(
@@ -133,7 +172,7 @@ def _traced(
         target = patch_of(patches, hit.triangle, hit.uv, on_patch)
         for patch, weight in slopes.weights(target, hit.position, on_patch):
             # other modes leave out weights that are not numbers, which hides a disturbed exchange
-            dr.scatter_add(matrix, weight, lane * count + patch, on_patch, mode=dr.ReduceMode.Direct)
+            dr.scatter_add(matrix, weight, row * patch_count + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (
             i + 1,
             [old + dr.select(exposed, new, 0) for old, new in zip(direct, light, strict=True)],
@@ -146,20 +185,8 @@ def _traced(
     start = (dr.zeros(mi.UInt32, count), zeros[:-2], *zeros[-2:])
     _, direct, escaped, uncovered = dr.while_loop(start, lambda i, *_: i < total, body)
     dr.eval(direct, escaped, uncovered, matrix)
-    points_uncovered = np.array(uncovered)
-    scale = 1 / np.maximum(points_uncovered, 1)
-    form_factors = np.array(matrix).reshape(count, count)
-    form_factors *= scale[:, None]
-    matrix = dr.zeros(mi.Float, 0)  # gives the traced numbers back
-    dr.flush_malloc_cache()
-    exchange = Exchange(
-        direct=np.stack([np.array(column) * scale for column in direct], axis=1),
-        form_factors=form_factors,
-        escape=np.array(escaped) * scale,
-        slopes=slopes,
-        exposed=(points_uncovered / samples).astype(np.float32),
-    )
-    return exchange, points_uncovered
+    by_lamp = np.stack([np.array(column) for column in direct], axis=1)
+    return matrix.numpy().reshape(count, len(patches)), by_lamp, np.array(escaped), np.array(uncovered)
 
 
 def _energy_fault(exchange: Exchange, points: NDArray) -> str | None:
@@ -258,6 +285,7 @@ def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray]) -> NDAr
     directions: list[tuple[NDArray, NDArray, NDArray]] = []
     enough = _ACCURACY**2 * np.sum(source**2, axis=0)
     for _ in range(_MOST_STEPS):
+        checkpoint()
         open_columns = np.sum(residual**2, axis=0) > enough
         if not open_columns.any():
             break
@@ -339,10 +367,12 @@ def _reduced_solution(
     snapshots = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
     bounces = [(rho[:, snapshots] * direct).astype(np.float32)]
     for _ in range(_BOUNCES):
+        checkpoint()
         bounces.append((rho[:, snapshots] * (form_factors @ bounces[-1])).astype(np.float32))
     space = _orthonormal(np.hstack(bounces).astype(np.float64))
     transported = form_factors @ space.astype(np.float32)
     for _ in range(_MOST_EXTENSIONS):
+        checkpoint()
         amplitudes, residual, relative = _galerkin(space, transported, material, reflectances, direct)
         unsolved = relative > TOLERANCE
         if not unsolved.any():

@@ -61,10 +61,11 @@ def planar_pixels(tracer: Tracer, camera: Camera, coverage: NDArray) -> PlanarPi
             corner = intersect(tracer, rays(mi.Float(u), mi.Float(v)), coherent=True)
             deviation = dr.abs(dr.dot(centre.normal, corner.position) - height)
             flat &= corner.reflecting & (corner.material == centre.material) & (deviation < _FLAT_MM)
+    dr.eval(flat, height, centre.normal, centre.material)  # together: one kernel
     selected = flat.numpy()
     return PlanarPixels(
         index=single[selected],
-        normal=centre.normal.numpy().T[selected],
+        normal=np.stack([axis.numpy() for axis in centre.normal], axis=1)[selected],
         height=height.numpy()[selected],
         material=centre.material.numpy().astype(np.int64)[selected],
     )

@@ -19,6 +19,7 @@ from itertools import combinations
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
+from cboxlab.utils.progress import checkpoint
 from numpy.typing import NDArray
 
 from .flat_faces import FlatFaces
@@ -79,6 +80,7 @@ def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArra
     lens_frames = {lens: _frames(corners[:, mixed]) for lens, corners in lenses.items()}
     frames = np.array([lens_frames[lens] for lens in lens_of])
     for members, most_lines, most_faces in _classes(crossed.sum(axis=1), candidates.sum(axis=1), len(cameras)):
+        checkpoint()
         cut, of = _first(crossed[members], most_lines)
         cuts = np.where(of[..., None], zero[:, cut], [0.0, 0.0, 1.0])
         columns, of = _first(candidates[members], most_faces)

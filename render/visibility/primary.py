@@ -153,7 +153,7 @@ def _by_rays(tracer: Tracer, camera: Camera, pixels: np.ndarray, samples: int, s
     def body(i: mi.UInt32) -> tuple[mi.UInt32]:
         hit = intersect(tracer, rays(points.point(first + i, 0), points.point(first + i, 1)), coherent=True)
         facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
-        dr.scatter_add(counts, mi.Float(1), pixel_start + facet, hit.front)
+        dr.scatter_add(counts, mi.Float(1), pixel_start + facet, hit.front, mode=dr.ReduceMode.Direct)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples // lanes)
@@ -209,4 +209,5 @@ def _faces(tracer: Tracer, rays: mi.Ray3f) -> np.ndarray:
     """(n,) int16 flat face that each ray hits from its lit side, -1 for none."""
     hit = intersect(tracer, rays, coherent=True)
     facet = dr.gather(mi.UInt32, tracer.packed_facet, hit.triangle, hit.front)
+    dr.eval(hit.front, facet)  # together: one kernel
     return np.where(np.array(hit.front), np.array(facet).astype(np.int16), np.int16(-1))

@@ -360,7 +360,9 @@ def _undistorted_positions(
         return _tabulated_positions(camera, pixel)
     f, k1 = dr.opaque(mi.Float, camera.focal_length_px), dr.opaque(mi.Float, camera.k1)
     centre_x, centre_y = (dr.opaque(mi.Float, float(centre)) for centre in camera.principal_point_px)
-    column, row = mi.Float(pixel % camera.width_px), mi.Float(pixel // camera.width_px)
+    width = dr.opaque(mi.UInt32, camera.width_px)  # one kernel serves pictures of all sizes
+    line = pixel // width
+    column, row = mi.Float(pixel - line * width), mi.Float(line)
     if camera.further_distortion is not None:
         # within a pixel it is taken for even
         centres = np.stack([column.numpy(), row.numpy()], axis=-1).astype(float)

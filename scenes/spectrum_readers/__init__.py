@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_text
+from cboxlab.utils.other_packages import records_in
 
 from ._spectrum_reader import InstrumentFile, InstrumentText, MeasuredSpectrum, SpectrumReader
 
@@ -43,8 +42,7 @@ def catalogue() -> dict[str, SpectrumReader]:
     dict
         By identifier, the readers.
     """
-    names = [module.name for module in iter_modules(__path__) if not module.name.startswith("_")]
-    return {name: import_module(f"{__name__}.{name}").READER for name in names}
+    return records_in(__name__, "READER")
 
 
 def is_plain_table(path: Path) -> bool:
@@ -67,7 +65,7 @@ def is_plain_table(path: Path) -> bool:
     InputError
         As `read_text`.
     """
-    text = read_text(path, "a CSV file of spectra")
+    text = read_text(path, "a CSV file of spectra", of_windows=True)
     return not text.strip() or _PLAIN.match(text) is not None
 
 
@@ -102,7 +100,7 @@ def read_instrument_file(path: Path) -> InstrumentFile:
     Parameters
     ----------
     path
-        The file, at most 8 MiB and 100,000 lines of UTF-8 text.
+        The file, at most 8 MiB and 100,000 lines of text in UTF-8, UTF-16 or Windows-1252.
 
     Returns
     -------
@@ -114,7 +112,7 @@ def read_instrument_file(path: Path) -> InstrumentFile:
     InputError
         For a file that cannot be read in exactly one way, with the line and the correction.
     """
-    source = InstrumentText(path, read_text(path, "a file of spectra", largest=_MAX_BYTES))
+    source = InstrumentText(path, read_text(path, "a file of spectra", largest=_MAX_BYTES, of_windows=True))
     if len(source.lines) > _MAX_LINES:
         fault, expected = f"{len(source.lines)} lines", f"at most {_MAX_LINES}"
         raise InputError(path, fault, expected, "Export the spectra alone, at wavelengths of interest.")

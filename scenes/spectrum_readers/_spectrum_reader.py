@@ -20,6 +20,7 @@ __all__ = [
     "SpectrumReader",
     "decimal_number",
     "is_fraction",
+    "last_spectrum",
     "measured_spectrum",
     "unique_names",
 ]
@@ -161,6 +162,26 @@ def decimal_number(cell: str, where: str, decimal: str = ".") -> float:
         hint = "Remove the row, or measure it again."
         raise InputError(where, f"'{text[:40]}'", f"a finite number with {mark}", hint)
     return value
+
+
+def last_spectrum(rows: Sequence[tuple[int, float, float]]) -> tuple[list[tuple[int, float, float]], list[str]]:
+    """Last spectrum of a file that repeats its first wavelength; it has the finest step.
+
+    Parameters
+    ----------
+    rows
+        Line, wavelength (nm) and value of every sample, in the order of the file.
+
+    Returns
+    -------
+    rows : list
+        Those of the last spectrum.
+    notes : list of str
+        A note where there is more than one.
+    """
+    starts = [index for index, row in enumerate(rows) if row[1] == rows[0][1]]
+    notes = [f"The last of {len(starts)} spectra of the file."] if len(starts) > 1 else []
+    return [*rows[starts[-1] :]] if starts else [], notes
 
 
 def measured_spectrum(

@@ -6,7 +6,14 @@ import re
 
 from cboxlab.utils.errors import InputError
 
-from ._spectrum_reader import InstrumentFile, InstrumentText, SpectrumReader, decimal_number, measured_spectrum
+from ._spectrum_reader import (
+    InstrumentFile,
+    InstrumentText,
+    SpectrumReader,
+    decimal_number,
+    last_spectrum,
+    measured_spectrum,
+)
 
 _SAMPLE = re.compile(r"\s*\"?Spectral Data\s+(\d{3,4})\s*\[nm\]\"?\s*[,;\t](.*)")
 
@@ -17,27 +24,22 @@ def _recognises(source: InstrumentText) -> bool:
 
 def _read(source: InstrumentText) -> InstrumentFile:
     rows: list[tuple[int, float, float]] = []
-    sections = 1
     for number, line in enumerate(source.lines, start=1):
         match = _SAMPLE.match(line)
         if match is None:
             continue
         cell = match[2].strip().strip('"')
-        at = float(match[1])
-        if rows and at == rows[0][1]:  # 5 nm first, then 1 nm
-            rows, sections = [], sections + 1
-        rows.append((number, at, decimal_number(cell, source.at(number))))
+        rows.append((number, float(match[1]), decimal_number(cell, source.at(number))))
+    last, repeated = last_spectrum(rows)  # 5 nm first, then 1 nm
     mode = re.search(r"^\"?Measuring Mode\"?\s*[,;\t]\s*\"?([^\"\n]*)", source.text, re.M)
     if mode and mode[1].strip() and not mode[1].strip().lower().startswith("ambient"):
         at_line = source.text[: mode.start()].count("\n") + 1
         fault, hint = f"the mode '{mode[1].strip()[:40]}'", "Measure a steady light in the mode Ambient."
         raise InputError(source.at(at_line), fault, "Ambient, whose values are irradiances", hint)
     notes = ["The file states no unit; W m^-2 nm^-1 is that of the maker's description."]
-    if sections > 1:
-        notes.append(f"The last of {sections} spectra of the file.")
     unit = "W m^-2 nm^-1"
-    spectrum = measured_spectrum(source, "irradiance", rows, quantity="irradiance", unit=unit)
-    return InstrumentFile(READER.name, (spectrum,), tuple(notes))
+    spectrum = measured_spectrum(source, "irradiance", last, quantity="irradiance", unit=unit)
+    return InstrumentFile(READER.name, (spectrum,), (*notes, *repeated))
 
 
 READER = SpectrumReader("sekonic", "Sekonic", _recognises, _read)

@@ -37,6 +37,8 @@ _QUANTITIES = {
 _PER_CENT = re.compile(r"%|per\s?cent|(?<![a-z])pct(?![a-z])", re.I)
 #: Unit in brackets, or a cell that is a radiometric unit itself.
 _BRACKETS = re.compile(r"[\[(]([^\[\]()]*(?:\([^()]*\)[^\[\]()]*)?)[\])]")
+#: Unit behind the slash by which it divides a quantity, such as "radiance/W/(sr m2 nm)".
+_AFTER_SLASH = re.compile(r"\w\s*/\s*([uµμm]?W\s*/.*nm.*)$")
 _RADIOMETRIC = re.compile(
     r"[uµμm]?w\W.*nm.*|[uµμm]?w\s?m.*|counts?|a\.?u\.?|rel(ative)?\.?|arb.*|1|abs\.?|%\s*[rt]?|[rt]\s*%", re.I
 )
@@ -69,7 +71,7 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
     """Cells of the header rows, from the top.
 
     They are the lines directly above the table with as many cells as its rows, from the first that names wavelengths.
-    A row above it counts only where several columns are wavelengths: it names their samples.
+    A row above it counts where several columns are wavelengths, whose samples it names, or where that row has units.
     """
     width = len(table.rows[0][1])
     for lines in (table.header, table.comments):
@@ -82,11 +84,14 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
             rows.insert(0, cells + [""] * (width - len(cells)))
         top = next((index for index, row in enumerate(rows) if any(map(_is_axis, row))), None)
         if top is not None:
-            return rows if sum(map(_is_axis, rows[top])) > 1 else rows[top:]
+            if sum(map(_is_axis, rows[top])) > 1 or all(map(_is_unit, rows[top])):
+                return rows
+            return rows[top:]
     title = "\n".join(line for _, line in table.header)
-    axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in ("XUNITS", "YUNITS")]
-    if width == 2 and axes[0] and axes[1]:  # JASCO states the columns above the table
-        return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
+    for names in (("XUNITS", "YUNITS"), (r"\[xDataUnit\]", r"\[yDataUnit\]")):
+        axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in names]
+        if width == 2 and axes[0] and axes[1]:  # JASCO and Thorlabs state the columns above the table
+            return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
     hint = "Write a header such as 'wavelength_nm' and a name for each column, separated as the rows are."
     first = table.rows[0][0]
     expected = f"a header of {width} cells with the wavelength and its unit above it"
@@ -97,6 +102,12 @@ def _is_axis(text: str) -> bool:
     """Whether a header is that of wavelengths (or of another spectral axis)."""
     bare = text.strip().strip("[]().").lower()
     return bool(_WAVELENGTH.search(text) or _OTHER_AXIS.search(text) or bare in ("nm", "um", "µm", "μm", "å", "å"))
+
+
+def _is_unit(text: str) -> bool:
+    """Whether a header is nothing but a unit."""
+    bare = text.strip().strip("[]() ")
+    return bool(_RADIOMETRIC.fullmatch(bare)) or any(re.fullmatch(unit, bare, re.I) for unit in _LENGTHS)
 
 
 def _axis_factor(source: InstrumentText, text: str, preamble: str) -> float:
@@ -126,6 +137,8 @@ def _unit(cells: list[str]) -> str:
     for cell in reversed(cells):
         if _RADIOMETRIC.fullmatch(cell.strip("[]() ")):
             return cell.strip("[] ") if cell.startswith("[") else cell
+        if match := _AFTER_SLASH.search(cell):
+            return match[1].strip()
         if match := _BRACKETS.search(cell):
             return match[1].strip()
     return ""
@@ -150,7 +163,10 @@ def _read(source: InstrumentText) -> InstrumentFile:
     preamble = "\n".join(line for _, line in (*table.header[: len(table.header) - len(header)], *table.comments))
     plain = table.style.separator == "," and header[-1][0] == "wavelength_nm"  # the project's own tables
     spectra: list[MeasuredSpectrum] = []
+    notes: list[str] = []
     factors = set()
+    values = [cells for k, cells in enumerate(columns) if k not in axes]
+    only_absorbance = all(_quantity(" ".join(cells)) == "absorbance" for cells in values)
     factor, sample, axis = 1.0, "", 0
     for k, cells in enumerate(columns):
         if k in axes:
@@ -159,10 +175,13 @@ def _read(source: InstrumentText) -> InstrumentFile:
             factor = _axis_factor(source, " ".join(cells), preamble)
             factors.add(factor)
             continue
+        if _quantity(" ".join(cells)) == "absorbance" and not (plain or only_absorbance):
+            notes.append(f"Column '{_name(cells, sample)[:60]}' is left out: absorbances are not linear in the light.")
+            continue
         spectra.append(_column(source, table, (axis, k), factor, cells, sample, None if plain else preamble))
     if plain:
         return InstrumentFile("plain CSV", unique_names(source, spectra), ("Values as they stand in the file.",))
-    notes = [f"Wavelengths times {factor:g}, to nm." for factor in sorted(factors) if factor != 1.0]
+    notes += [f"Wavelengths times {factor:g}, to nm." for factor in sorted(factors) if factor != 1.0]
     first, last = table.rows[0][1][0], table.rows[-1][1][0]
     if first > last:
         notes.append("Wavelengths descend in the file.")

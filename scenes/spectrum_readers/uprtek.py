@@ -6,7 +6,14 @@ import re
 
 from cboxlab.utils.errors import InputError
 
-from ._spectrum_reader import InstrumentFile, InstrumentText, SpectrumReader, decimal_number, measured_spectrum
+from ._spectrum_reader import (
+    InstrumentFile,
+    InstrumentText,
+    SpectrumReader,
+    decimal_number,
+    last_spectrum,
+    measured_spectrum,
+)
 
 _SAMPLE = re.compile(r"(\d{3,4}(?:\.\d+)?)\s*nm\t(.*)")
 
@@ -17,7 +24,6 @@ def _recognises(source: InstrumentText) -> bool:
 
 def _read(source: InstrumentText) -> InstrumentFile:
     rows: list[tuple[int, float, float]] = []
-    sections = 1
     for number, line in enumerate(source.lines, start=1):
         match = _SAMPLE.match(line)
         if match is None:
@@ -26,18 +32,14 @@ def _read(source: InstrumentText) -> InstrumentFile:
         if len(cells) != 1:
             fault, hint = f"{len(cells)} values at one wavelength", "Export one measurement to a file."
             raise InputError(source.at(number), fault, "one", hint)
-        at = float(match[1])
-        if rows and at == rows[0][1]:  # a file may repeat the spectrum in another step; the last one is the finest
-            rows, sections = [], sections + 1
-        rows.append((number, at, decimal_number(cells[0], source.at(number))))
+        rows.append((number, float(match[1]), decimal_number(cells[0], source.at(number))))
+    last, repeated = last_spectrum(rows)
     model = re.search(r"^Model Name\t(.*)$", source.text, re.M)
     notes = [f"Model: {model[1].strip()[:60]}."] if model else []
     notes.append("The file states no unit; mW m^-2 nm^-1 is that of the maker's description.")
-    if sections > 1:
-        notes.append(f"The last of {sections} spectra of the file.")
     unit = "mW m^-2 nm^-1"
-    spectrum = measured_spectrum(source, "irradiance", rows, quantity="irradiance", unit=unit)
-    return InstrumentFile(READER.name, (spectrum,), tuple(notes))
+    spectrum = measured_spectrum(source, "irradiance", last, quantity="irradiance", unit=unit)
+    return InstrumentFile(READER.name, (spectrum,), (*notes, *repeated))
 
 
 READER = SpectrumReader("uprtek", "UPRtek", _recognises, _read)

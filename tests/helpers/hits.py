@@ -1,7 +1,7 @@
 """Rays asked of an accelerator, and what Embree's tree says of the same ones."""
 
 import numpy as np
-from cboxlab.rendering.device import mi
+from cboxlab.rendering.device import dr, mi
 
 #: Rays of a test.
 COUNT = 200_000
@@ -26,12 +26,15 @@ def rays(origin, direction):
 
 def asked(accelerator, ray, active=True):
     """Whether each ray meets anything, the distance, the triangle, its barycentric coordinates (2, n)."""
+    dr.make_opaque(ray)  # a length is not part of a kernel's code
     hit = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
+    dr.eval(hit)  # together: one kernel
     assert np.array_equal(np.array(hit.is_valid()), np.isfinite(np.array(hit.t)))
     return [np.array(part) for part in (hit.is_valid(), hit.t, hit.prim_index, hit.prim_uv)]
 
 
 def blocked_by(accelerator, ray, **how):
+    dr.make_opaque(ray)
     return np.array(accelerator.ray_test(ray, **how)).astype(bool)
 
 

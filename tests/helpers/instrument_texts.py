@@ -210,6 +210,81 @@ SPREADSHEET = """Wavelength (um)\tlamp [mW/m2/nm]
 0.42\t3.5
 """
 
+PERKIN_ELMER = """PE UV       SUBTECH     SPECTRUM    ASCII       PEDS        4.00
+1
+tile.sp
+24/05/02
+#HDR
+1
+#GR
+nm
+%R
+1.0
+0.0
+420.0
+-10.0
+3
+#DATA
+420.000000\t30.5
+410.000000\t20.5
+400.000000\t10.5
+"""
+
+JCAMP = """##TITLE=red paint
+##JCAMP-DX=4.24 $$ exported by the bench
+##DATA TYPE=UV/VIS SPECTRUM
+##XUNITS=NANOMETERS
+##YUNITS=REFLECTANCE
+##XFACTOR=1.0
+##YFACTOR=0.001
+##FIRSTX=420.0
+##LASTX=400.0
+##NPOINTS=3
+##XYDATA=(X++(Y..Y))
+420 305 205
+400 105
+##END=
+"""
+
+JCAMP_POINTS = """##TITLE=glass
+##JCAMP-DX=5.00
+##XUNITS=MICROMETERS
+##YUNITS=% TRANSMITTANCE
+##NPOINTS=3
+##XYPOINTS=(XY..XY)
+0.400,90.5; 0.410,91.5
+0.420,92.5
+##END=
+"""
+
+AVANTES = """bench.raw8
+
+Integration time: 100.00 ms
+Average: 10 scans
+Wave   ;Sample   ;Dark
+[nm]   ;[counts] ;[counts]
+
+400,00;1000,5;10,0
+410,00;1100,5;11,0
+420,00;1200,5;12,0
+"""
+
+THORLABS = """[SpectraFile]
+[InstrModel] CCS200
+[xDataUnit] nm
+[yDataUnit] INTENSITY
+[Data]
+400.00;0.105
+410.00;0.205
+420.00;0.305
+"""
+
+THORLABS_FILTER = """Wavelength (nm),% Transmission,Optical Density
+400,0.5,2.30
+410,20.5,0.69
+420,85.5,0.07
+"""
+
 INSTRUMENTS = {
     "uprtek": Instrument(
         "uprtek", UPRTEK, "irradiance", (380, 381, 382), (0.25, 0.5, 0.75), "irradiance", "mW m^-2 nm^-1"
@@ -246,5 +321,25 @@ INSTRUMENTS = {
     ),
     "spreadsheet": Instrument(
         "table", SPREADSHEET, "lamp [mW/m2/nm]", (400, 410, 420), (1.5, 2.5, 3.5), "", "mW/m2/nm"
+    ),
+    "perkin_elmer": Instrument(
+        "perkin_elmer", PERKIN_ELMER, "reflectance", (400, 410, 420), (0.105, 0.205, 0.305), "reflectance", "per cent"
+    ),
+    "jcamp": Instrument(
+        "jcamp", JCAMP, "reflectance", (400, 410, 420), (0.105, 0.205, 0.305), "reflectance", "reflectance"
+    ),
+    "jcamp_points": Instrument(
+        "jcamp",
+        JCAMP_POINTS,
+        "transmittance",
+        (400, 410, 420),
+        (0.905, 0.915, 0.925),
+        "transmittance",
+        "% transmittance",
+    ),
+    "avantes": Instrument("table", AVANTES, "Sample", (400, 410, 420), (1000.5, 1100.5, 1200.5), "", "counts"),
+    "thorlabs": Instrument("table", THORLABS, "INTENSITY", (400, 410, 420), (0.105, 0.205, 0.305)),
+    "thorlabs_filter": Instrument(
+        "table", THORLABS_FILTER, "% Transmission", (400, 410, 420), (0.005, 0.205, 0.855), "transmittance", "per cent"
     ),
 }

@@ -52,7 +52,7 @@ def interval(
 
 
 def region(error: NDArray[np.float64], covariance: NDArray[np.float64]) -> tuple[float, float]:
-    """Shares of errors (n, k) within the ellipsoids of covariances (n, k, k) that should hold so many."""
+    """Shares of errors (n, k) within the 68 % and 95 % ellipsoids of covariances (n, k, k)."""
     square = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
     inside = [square < chi2.ppf(level, error.shape[1]) for level in LEVELS]
     return float(np.mean(inside[0])), float(np.mean(inside[1]))

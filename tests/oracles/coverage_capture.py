@@ -106,7 +106,7 @@ def _series(manifest_shots: list[tuple[Shot, float, float]]) -> str:
 
 
 def make_capture(folder: Path, seed: int) -> Truth:
-    """Write the capture of a seed to a folder that does not exist yet, and tell what it was made of."""
+    """Write the capture of a seed to a folder that does not exist yet, and return its true values."""
     rng = np.random.default_rng([seed, 5])
     part = SIZE / _FULL
     settings = CaptureSettings(

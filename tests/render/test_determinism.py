@@ -49,7 +49,7 @@ def test_one_thread_in_another_process_changes_no_bit():
 
 @pytest.mark.parametrize("render", [render_final_gather, render_path_tracer, render_general_path_tracer])
 def test_how_many_batches_one_kernel_call_computes_changes_no_bit(monkeypatch, render):
-    """Five batches of 256 pixels, of which a quarter takes twice the samples: in calls of 2^16 lanes, and of 100."""
+    """Five batches of 256 pixels, a quarter of them with twice the samples: in calls of 2^16 lanes, and of 100."""
     samples = np.where(np.indices((16, 16)).sum(axis=0) % 4 == 0, 32, 16)
     results = []
     for lanes in (2**16, 100):

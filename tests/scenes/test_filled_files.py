@@ -47,7 +47,7 @@ def test_spheres_and_closed_meshes_are_filled(folder, shape):
             assert "surface[2] (glass).inside: found " in (message := fault(folder, text)) and phrase in message
 
 
-def test_what_cannot_be_filled_is_told(folder):
+def test_what_cannot_be_filled_is_reported(folder):
     opaque = FILLED.replace('bsdf = { type = "dielectric", int_ior = 1.33 }', "")
     assert "a medium behind the opaque material 'skin'" in fault(folder, opaque)
     assert "(glass).inside.absorption_per_mm: found -1" in fault(folder, FILLED.replace("0.001", "-1"))

@@ -163,14 +163,14 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(("text", "phrases"), FAULTS.values(), ids=FAULTS)
-def test_a_fault_is_told_with_its_place(tmp_path, text, phrases):
+def test_a_fault_is_reported_with_its_place(tmp_path, text, phrases):
     message = fault(tmp_path, text)
     assert "room.toml" in message
     for phrase in phrases:
         assert phrase in message
 
 
-def test_all_faults_are_told_at_once(tmp_path):
+def test_all_faults_are_reported_at_once(tmp_path):
     text = (
         GOOD.replace("0.75", "7.5")
         .replace("[1.0, 2.0]", "[-1.0, 2.0]")
@@ -192,7 +192,7 @@ def test_all_faults_are_told_at_once(tmp_path):
         ("a.ply", b"\xff" * 99),
     ],
 )
-def test_a_broken_mesh_is_told(tmp_path, name, content):
+def test_a_broken_mesh_is_reported(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     assert name in fault(tmp_path, GOOD + BALL + f'mesh = "{name}"\n')
 
@@ -279,7 +279,7 @@ def paths(value, path=()):
 
 
 @given(data=st.data(), value=toml_values)
-def test_a_value_replaced_by_anything_is_read_or_told(tmp_path_factory, data, value):
+def test_a_value_replaced_by_anything_is_read_or_reported(tmp_path_factory, data, value):
     """One place of a good file is overwritten by an arbitrary value; nothing but InputError may come out."""
     content = tomllib.loads(GOOD + BALL + 'mesh = "ball.ply"\n')
     key_path = data.draw(st.sampled_from([path for path in paths(content) if path]))

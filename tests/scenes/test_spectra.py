@@ -126,7 +126,7 @@ def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
         (b"wavelength_nm\ta\n400\t1\n500\tx", "line 3"),
     ],
 )
-def test_a_fault_is_told_with_its_place(tmp_path, text, phrases):
+def test_a_fault_is_reported_with_its_place(tmp_path, text, phrases):
     with pytest.raises(InputError) as error:
         read_spectra(write(tmp_path, text))
     assert phrases in str(error.value) and "table.csv" in str(error.value)

@@ -52,7 +52,7 @@ def test_channels_of_a_picture_and_of_an_array_have_a_spectrum_each(folder):
     assert load(folder, text).materials["poster"].texture.weights.shape == (2, 3, 4)
 
 
-def test_a_mesh_brings_coordinates_of_its_own_with_v_upwards(folder):
+def test_a_mesh_brings_coordinates_with_v_upwards(folder):
     corners = "v -5 0 5\nv 5 0 5\nv 5 10 5\nv -5 10 5\n"
     (folder / "wall.obj").write_text(corners + "vt 0 0\nvt 0.5 0\nvt 0.5 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     wall = load(folder, GOOD + PAINT + MESH).surface("wall")
@@ -62,23 +62,23 @@ def test_a_mesh_brings_coordinates_of_its_own_with_v_upwards(folder):
     assert "a mesh without texture coordinates" in fault(folder, GOOD + PAINT + MESH)
 
 
-def test_what_cannot_be_a_texture_is_told(folder):
-    def told(old, new):
+def test_what_cannot_be_a_texture_is_refused(folder):
+    def fault_of(old, new):
         return fault(folder, POSTER.replace(old, new))
 
     assert len(load(folder, POSTER.replace(", 0.1]", "]")).materials["poster"].texture.spectra) == 1
-    assert "found 3 spectra for 1 channel; expected 1, or 2" in told(", 0.1]", ", 0.1, 0.2]")
-    assert "material.poster.texture: found reflectance 1.8 at 700 nm in row 0, column 1" in told("0.8]", "1.8]")
-    assert "material.poster.texture: found reflectance -0.1" in told(", 0.1]", ", -0.1]")
-    assert "material.poster.texture.image" in told("grey.png", "none.png")
-    assert "which leaves the folder" in told("grey.png", "../grey.png")
+    assert "found 3 spectra for 1 channel; expected 1, or 2" in fault_of(", 0.1]", ", 0.1, 0.2]")
+    assert "material.poster.texture: found reflectance 1.8 at 700 nm in row 0, column 1" in fault_of("0.8]", "1.8]")
+    assert "material.poster.texture: found reflectance -0.1" in fault_of(", 0.1]", ", -0.1]")
+    assert "material.poster.texture.image" in fault_of("grey.png", "none.png")
+    assert "which leaves the folder" in fault_of("grey.png", "../grey.png")
     (folder / "text.png").write_text("no picture")
-    assert "material.poster.texture.image: found UnidentifiedImageError" in told("grey.png", "text.png")
+    assert "material.poster.texture.image: found UnidentifiedImageError" in fault_of("grey.png", "text.png")
     np.save(folder / "odd.npy", np.array([np.nan]))
-    assert "not finite" in told("grey.png", "odd.npy")
-    assert "a texture and a reflectance" in told("[material.poster]\n", "[material.poster]\nreflectance = 0.5\n")
-    assert "a texture and a bsdf" in told("[material.poster]\n", '[material.poster]\nbsdf = { type = "diffuse" }\n')
-    assert "material.white.reflectance: found nothing" in told(
+    assert "not finite" in fault_of("grey.png", "odd.npy")
+    assert "a texture and a reflectance" in fault_of("[material.poster]\n", "[material.poster]\nreflectance = 0.5\n")
+    assert "a texture and a bsdf" in fault_of("[material.poster]\n", '[material.poster]\nbsdf = { type = "diffuse" }\n')
+    assert "material.white.reflectance: found nothing" in fault_of(
         "[material.white]\nreflectance = 0.75\n", "[material.white]\n"
     )
     block = BLOCK.replace('"white"', '"poster"')

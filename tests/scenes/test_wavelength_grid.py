@@ -54,7 +54,7 @@ def test_membership():
     assert 400.7 in TENTHS
 
 
-def test_matches_tells_other_grids():
+def test_matches_refuses_other_grids():
     assert INTEGRAL_GRID.matches(list(range(400, 701)))
     for other in (FILTER_GRID.nm, INTEGRAL_GRID.nm[::10], INTEGRAL_GRID.nm + 0.5, INTEGRAL_GRID.nm[:, None]):
         assert not INTEGRAL_GRID.matches(other)

@@ -85,7 +85,7 @@ def test_a_folder_that_holds_something_is_kept(tmp_path):
     assert (tmp_path / "a" / "mine").read_text() == "x"
 
 
-def test_of_two_writers_of_one_folder_the_second_is_told(tmp_path):
+def test_of_two_writers_of_one_folder_the_second_is_refused(tmp_path):
     """Both begin while the folder is absent; the first to end has it, whole."""
     with pytest.raises(InputError, match="exists already"), replacing_folder(tmp_path / "a") as late:
         (late / "part").write_text("late")

@@ -64,7 +64,7 @@ def test_it_is_pickled_and_written_as_before():
         pickle.loads(pickle.dumps(owner)).plain["a"] = 2.0
 
 
-def test_a_copy_has_a_cache_of_its_own():
+def test_a_copy_has_a_separate_cache():
     first = Owner({}, {})
     first.cache["a"] = 1.0
     assert replace(first, plain={"b": 1.0}).cache == {}

@@ -20,7 +20,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize("text", SLIPS)
-def test_a_slip_is_told_with_its_line_and_its_mending(tmp_path, text):
+def test_a_slip_is_reported_with_its_line_and_its_mending(tmp_path, text):
     path = tmp_path / "capture.toml"
     path.write_text(f'format = "capture/1"\n{text}\n')
     with pytest.raises(InputError) as refusal:
@@ -28,7 +28,7 @@ def test_a_slip_is_told_with_its_line_and_its_mending(tmp_path, text):
     assert SLIPS[text] in str(refusal.value) and "Line " in str(refusal.value)
 
 
-def test_a_backslash_that_makes_a_control_character_is_told(tmp_path):
+def test_a_backslash_that_makes_a_control_character_is_reported(tmp_path):
     path = tmp_path / "capture.toml"
     path.write_text('[[dark]]\nfiles = ["dark\\frame.tif"]\n')
     with pytest.raises(InputError, match=r"dark\[0\]\.files\[0\].*write paths with /"):

@@ -4,7 +4,7 @@ import pytest
 from cboxlab.utils.progress import NO_PROGRESS, Cancelled, ProgressReporter, share
 
 
-def told_by(work):
+def reports_of(work):
     messages = []
     work(ProgressReporter(lambda stage, done: messages.append((stage, done))))
     return messages
@@ -18,7 +18,7 @@ def test_a_share_is_that_part_of_the_whole():
         nested.stage("second")
         nested.part(1.0)
 
-    assert told_by(work) == [
+    assert reports_of(work) == [
         ("first", 0.0),
         ("first", pytest.approx(0.4)),
         ("second", pytest.approx(0.4)),

@@ -8,7 +8,7 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
-    from .comparison import ChiSquare, Comparison, RelativeDifference, SurfaceRow
+    from .comparison import ChiSquare, Comparison, Expectation, RelativeDifference, SurfaceRow
     from .corners import Corner, LocatedCorners, locate_corners, scene_corners
     from .edge_alignment import refine_geometry
     from .excess import Region, regions_of
@@ -41,6 +41,7 @@ __all__ = [
     "Comparison",
     "Corner",
     "DifferenceStatistics",
+    "Expectation",
     "Failure",
     "FreeScale",
     "LocatedCorners",

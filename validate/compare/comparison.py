@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.instrument import Mask, cell_means, one_pixel_of_each_cell
-from cboxlab.utils.distributions import chi2_tail
+from cboxlab.utils.distributions import chi2_tail, fisher_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,12 +26,30 @@ from .regions import INTERIOR_DISTANCE_PX, edge_distance_px
 #: Seed of the noise from which colour differences are expected: any, but the same in every comparison.
 _NOISE_SEED = 0
 
-__all__ = ["BandRow", "ChiSquare", "Comparison", "RelativeDifference", "SurfaceRow", "compare"]
+__all__ = ["BandRow", "ChiSquare", "Comparison", "Expectation", "RelativeDifference", "SurfaceRow", "compare"]
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """Properties of fit and noise that determine the expected chi2."""
+
+    #: Number of fitted parameters, subtracted from the degrees of freedom.
+    fitted_parameters: int = 0
+    #: Relative standard deviation of the noise's variance, common to all residuals.
+    variance_sigma: float = 0.0
+
+
+#: The noise is known exactly and nothing was fitted.
+_EXACT = Expectation()
 
 
 @dataclass(frozen=True)
 class ChiSquare:
-    """Sum of squared residuals over sigma, and its expectation from noise."""
+    """Sum of squared residuals over sigma, and its expectation from noise.
+
+    Where the variance of the noise is itself measured, with a relative error s common to all residuals, it is that of
+    2 / s^2 degrees of freedom. The sum over its degrees of freedom then has Fisher's distribution.
+    """
 
     #: The sum.
     value: float
@@ -39,6 +57,8 @@ class ChiSquare:
     count: int
     #: Degrees of freedom: the count minus its share of the fitted parameters.
     dof: float
+    #: Relative standard deviation of the noise's variance, common to all residuals; 0 where it is exact.
+    variance_sigma: float = 0.0
 
     @property
     def per_dof(self) -> float:
@@ -47,13 +67,17 @@ class ChiSquare:
 
     @property
     def per_dof_sigma(self) -> float:
-        """Standard deviation of ``per_dof`` under pure Gaussian noise, sqrt(2 / dof)."""
-        return float(np.sqrt(2.0 / self.dof)) if self.dof > 0 else float("nan")
+        """Standard deviation of ``per_dof`` from noise, sqrt(2 / dof + variance_sigma^2)."""
+        return float(np.hypot(np.sqrt(2.0 / self.dof), self.variance_sigma)) if self.dof > 0 else float("nan")
 
     @property
     def p_value(self) -> float:
         """Probability of a value at least as large from noise alone."""
-        return float(chi2_tail(self.value, self.dof)) if self.dof > 0 else float("nan")
+        if not self.dof > 0:
+            return float("nan")
+        if self.variance_sigma == 0:
+            return float(chi2_tail(self.value, self.dof))
+        return float(fisher_tail(self.per_dof, self.dof, 2 / self.variance_sigma**2))
 
     @property
     def excess(self) -> float:
@@ -260,7 +284,7 @@ def compare(
     surface: ArrayLike,
     surface_names: Sequence[str],
     single_surface: ArrayLike,
-    fitted_parameters: int = 0,
+    expectation: Expectation = _EXACT,
     cell: tuple[int, int] | None = None,
 ) -> Comparison:
     """Compare two sets of band images of the same exposures, see ``band_images``.
@@ -291,8 +315,8 @@ def compare(
         Names of the surfaces.
     single_surface
         (y, x) False where a pixel sees several surfaces or faces.
-    fitted_parameters
-        Number subtracted from the degrees of freedom.
+    expectation
+        Fitted parameters and common error of the noise, for the chi2 that noise gives.
     cell
         (height, width) of one repeat of the sensor's mosaic, px; None without a mosaic.
 
@@ -321,11 +345,12 @@ def compare(
     with np.errstate(divide="ignore", invalid="ignore"):
         residual = np.where(used, (photograph - model) / np.sqrt(variance), np.nan)
         sigma_ratio = np.sqrt(noise / sensor)[used & (model > 0)]
-    parameters_each = fitted_parameters / max(int(used.sum()), 1)
+    parameters_each = expectation.fitted_parameters / max(int(used.sum()), 1)
 
     def chi_square(where: NDArray[np.bool_]) -> ChiSquare:
         values = residual[np.broadcast_to(where, residual.shape) & used]
-        return ChiSquare(float(np.sum(values**2)), values.size, values.size * (1.0 - parameters_each))
+        dof = values.size * (1.0 - parameters_each)
+        return ChiSquare(float(np.sum(values**2)), values.size, dof, expectation.variance_sigma)
 
     distance = edge_distance_px(surface, single_surface)
     inner = distance >= INTERIOR_DISTANCE_PX

@@ -55,7 +55,7 @@ def regions_of(c: Comparison) -> Mapping[str, tuple[Region, ...]]:
     def region(name: str, where: NDArray[np.bool_]) -> Region:
         members = np.broadcast_to(where, used.shape) & used
         count = int(members.sum())
-        chi2 = ChiSquare(float(square[members].sum()), count, count * dof_each)
+        chi2 = ChiSquare(float(square[members].sum()), count, count * dof_each, c.chi2.variance_sigma)
         share = chi2.excess / c.chi2.excess if c.chi2.p_value < SIGNIFICANT else float("nan")
         return Region(name, chi2, count / max(c.chi2.count, 1), share)
 

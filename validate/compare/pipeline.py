@@ -41,7 +41,7 @@ from ..predict import (
     sensing,
     traced_picture,
 )
-from .comparison import Comparison, compare
+from .comparison import Comparison, Expectation, compare
 from .failure import Failure, Part, parts, ranked_failures
 from .fit_cache import cached_fit
 from .nuisances import NuisanceFit, Nuisances, held_lamp_scale
@@ -495,16 +495,20 @@ def compared(prepared: CalibratedCapture, rendered: Rendered, signal: NDArray[np
     mask = np.where(rendered.used | ~prepared.usable, 0, int(Mask.LAMP))
     xyz_per_dn = LUMINOUS_EFFICACY * prepared.weights.weights / np.array([r.factor for r in responses])
     lamp = prepared.scene.lamp_radiance(responses[0].wavelength_nm)
+    of_sensor, compared_samples = calibration.predicted_variance(signal), prepared.usable & (mask == 0)
     return compare(
         calibration.images,
         band_images([r.band for r in responses], signal, variance, mask),
-        calibration.predicted_variance(signal),
+        of_sensor,
         xyz_per_dn=xyz_per_dn,
         lamp_xyz=xyz_per_dn @ [response.signal(lamp) for response in responses],
         surface=np.where(image.surface < 0, -1, image.surface),
         surface_names=image.surface_names,
         single_surface=image.single_surface,
-        fitted_parameters=Nuisances.count + (0 if prepared.free_scale is None else prepared.free_scale.parameters),
+        expectation=Expectation(
+            Nuisances.count + (0 if prepared.free_scale is None else prepared.free_scale.parameters),
+            calibration.bands.variance_sigma(signal, of_sensor + variance, compared_samples, calibration.noise),
+        ),
         cell=calibration.capture.cell,
     )
 

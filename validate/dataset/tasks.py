@@ -13,7 +13,6 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe, sharing_rays
 from cboxlab.rendering.model import write_model
-from threadpoolctl import threadpool_limits
 
 from .checks import check_picture
 from .formats import COPY_ENDINGS, PICTURE_ENDINGS, write_copy, write_picture
@@ -172,6 +171,8 @@ def _one_thread(pictures: Iterator[xr.Dataset]) -> Iterator[xr.Dataset]:
 
     Sums over several threads round differently, and a picture has the same bits on any number of processors.
     """
+    from threadpoolctl import threadpool_limits  # sets an environment variable when imported
+
     while True:
         with threadpool_limits(1):
             picture = next(pictures, None)

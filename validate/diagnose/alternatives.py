@@ -27,7 +27,7 @@ __all__ = [
     "groups",
     "heldout_bands",
     "heldout_pixels",
-    "holds_beside_remainder",
+    "holds_with_remainder",
     "is_edge_artefact",
     "likeliest_causes",
     "tested_without_errors",
@@ -45,7 +45,7 @@ _MAX_ALTERNATIVES_FITTED = 3
 _MIN_HELDOUT_GAIN_RATIO = 0.5
 
 #: The same where something remains that neither effects nor flaws of the base explain. Set by judgement.
-_MIN_HELDOUT_BESIDE_REMAINDER = 0.8
+_MIN_HELDOUT_WITH_REMAINDER = 0.8
 
 #: Minimum share of the excess, flaws of the base taken off, that effects explain where something remains: less may be
 #: an imitation of what remains. Set by judgement.
@@ -290,7 +290,7 @@ def confirmed_where_held_out(
     return confirmed, with_alternatives(linearised, confirmed, signatures)
 
 
-def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float) -> bool:
+def holds_with_remainder(assessed: Sequence[SelectedEffect], explained: float) -> bool:
     """Whether effects stay the answer although something else remains.
 
     Flaws of the base do not explain that remainder. A cause that no effect describes is imitated by effects in part.
@@ -315,7 +315,7 @@ def holds_beside_remainder(assessed: Sequence[SelectedEffect], explained: float)
     return (
         bool(assessed)
         and explained > _MIN_EXPLAINED_PART
-        and not any(ratio < _MIN_HELDOUT_BESIDE_REMAINDER for ratio in ratios)
+        and not any(ratio < _MIN_HELDOUT_WITH_REMAINDER for ratio in ratios)
     )
 
 

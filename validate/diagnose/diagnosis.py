@@ -14,7 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, holds_beside_remainder, likeliest_causes
+from .alternatives import Cause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
     Limit,
@@ -37,11 +37,11 @@ from .further_captures import Separation, separations
 from .judgement import (
     BaseFlaws,
     Verdict,
-    confirmed_beside_flaws,
+    confirmed_with_flaws,
     cost_in_power,
-    scores_beside_flaws,
-    selected_beside_flaws,
-    verdicts_beside_flaws,
+    scores_with_flaws,
+    selected_with_flaws,
+    verdicts_with_flaws,
 )
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
@@ -303,7 +303,7 @@ def _explained(
         imitations |= {name: max(imitations[name], remaining) for name in by_picture}
         unknown = max(unknown, remaining)
         # no effect imitates single pixels
-        hold = holds_beside_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
+        hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
         selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if by_picture and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
@@ -311,11 +311,11 @@ def _explained(
         before_flaws = answer.residual
 
         def scores(by_family: NDArray[np.float64]) -> tuple[float, float]:
-            of_effects, of_family = scores_beside_flaws((answer.linearised, before_flaws), (first, by_family))
+            of_effects, of_family = scores_with_flaws((answer.linearised, before_flaws), (first, by_family))
             return of_effects, of_family
 
-        beside = scores if flaws.imitated and not by_flaws else None
-        beaten = family_beats_effects(alone, start, effects, model, residual, explanation, beside)
+        scoring = scores if flaws.imitated and not by_flaws else None
+        beaten = family_beats_effects(alone, start, effects, model, residual, explanation, scoring)
         if selected == (UNKNOWN,) or (beaten and not alone.single_pixels):
             explanation, selected = alone, (UNKNOWN,)
     if explanation is not None:
@@ -365,26 +365,28 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     signatures, imitated = without_imitated(first.model, first.free_changes, signatures)
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
-    effects, beside, verdicts = confirmed_beside_flaws(search.linearised, search.selected)
-    flaws = beside.found
-    del beside  # its columns take much of the memory
+    effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
+    flaws = fitted_flaws.base_flaws
+    del fitted_flaws  # its columns take much of the memory
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
     doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
     if doubtful or something_remains(search.linearised.model, residual, rendered):
         # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
-        again = selected_beside_flaws(validation, search.linearised if effects else first, effects, signatures)
+        again = selected_with_flaws(validation, search.linearised if effects else first, effects, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
         search = replace(by_size, linearised=again.linearised)
-        return _Judged(by_size, search, again.selected, again.assessed, again.flaws.found, verdicts, cost, imitated)
+        return _Judged(
+            by_size, search, again.selected, again.assessed, again.flaws.base_flaws, verdicts, cost, imitated
+        )
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
         if search.selected:
-            beside, small_verdicts = verdicts_beside_flaws(search.linearised, search.selected)
-            flaws, verdicts = beside.found, tuple(small_verdicts)
+            fitted_flaws, small_verdicts = verdicts_with_flaws(search.linearised, search.selected)
+            flaws, verdicts = fitted_flaws.base_flaws, tuple(small_verdicts)
             if flaws.imitated and not all(verdict.holds for verdict in verdicts):
                 search = replace(search, selected=[], assessed=[])
     return _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)

@@ -32,17 +32,17 @@ from .stepwise import MAX_EFFECTS, refitted
 
 __all__ = [
     "BaseFlaws",
-    "BesideFlaws",
-    "SelectedBesideFlaws",
+    "FlawsWithEffects",
+    "SelectionWithFlaws",
     "Verdict",
-    "beside",
-    "best_beside",
-    "confirmed_beside_flaws",
+    "best_with_flaws",
+    "confirmed_with_flaws",
     "cost_in_power",
-    "scores_beside_flaws",
-    "selected_beside_flaws",
+    "flaws_of",
+    "scores_with_flaws",
+    "selected_with_flaws",
     "verdict_of",
-    "verdicts_beside_flaws",
+    "verdicts_with_flaws",
 ]
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
@@ -101,7 +101,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class BesideFlaws:
+class FlawsWithEffects:
     """Flaws of the base in a residual with effects."""
 
     #: Columns of the flaws in the capture's linear model.
@@ -134,7 +134,7 @@ class BesideFlaws:
         return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
 
     @property
-    def found(self) -> BaseFlaws:
+    def base_flaws(self) -> BaseFlaws:
         """The flaws without their columns."""
         return BaseFlaws(self.reported, self.small, self.change_dn)
 
@@ -152,7 +152,7 @@ class BaseFlaws:
 
     #: Flaws worth a sentence, the largest first.
     reported: tuple[Flaw, ...]
-    #: Whether flaws of the sizes expected explain it, see `BesideFlaws.small`.
+    #: Whether flaws of the sizes expected explain it, see `FlawsWithEffects.small`.
     small: bool
     #: (n,) change of the used samples by all flaws, DN.
     change_dn: NDArray[np.float64]
@@ -204,9 +204,9 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     return build_flaw_model(linearised.model, columns, signal, residual)
 
 
-def confirmed_beside_flaws(
+def confirmed_with_flaws(
     linearised: LinearisedFit, selected: Sequence[Candidate]
-) -> tuple[list[Candidate], BesideFlaws, tuple[Verdict, ...]]:
+) -> tuple[list[Candidate], FlawsWithEffects, tuple[Verdict, ...]]:
     """Effects that hold next to the flaws of the base.
 
     Of those that do not hold, the weakest leaves, and the others are judged again.
@@ -222,14 +222,14 @@ def confirmed_beside_flaws(
     -------
     confirmed : list of Candidate
         The effects that hold, fitted together again where one left.
-    flaws : BesideFlaws
+    flaws : FlawsWithEffects
         What the base is off by with them.
     verdicts : tuple of Verdict
         Of every effect, those that left included.
     """
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
-        flaws, verdicts = verdicts_beside_flaws(linearised, confirmed)
+        flaws, verdicts = verdicts_with_flaws(linearised, confirmed)
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
@@ -240,9 +240,9 @@ def confirmed_beside_flaws(
         confirmed = refitted_together(linearised, confirmed) if confirmed else []
 
 
-def verdicts_beside_flaws(
+def verdicts_with_flaws(
     linearised: LinearisedFit, selected: Sequence[Candidate]
-) -> tuple[BesideFlaws, list[Verdict]]:
+) -> tuple[FlawsWithEffects, list[Verdict]]:
     """Judgement of each of several effects.
 
     Parameters
@@ -254,13 +254,13 @@ def verdicts_beside_flaws(
 
     Returns
     -------
-    flaws : BesideFlaws
+    flaws : FlawsWithEffects
         What the base is off by with them.
     verdicts : list of Verdict
         In the order of the effects.
     """
     residual = residual_with(linearised, selected)
-    flaws = beside(linearised, residual)
+    flaws = flaws_of(linearised, residual)
     return flaws, [_verdict(linearised, selected, index, flaws, residual) for index in range(len(selected))]
 
 
@@ -268,7 +268,7 @@ def _verdict(
     linearised: LinearisedFit,
     selected: Sequence[Candidate],
     index: int,
-    flaws: BesideFlaws,
+    flaws: FlawsWithEffects,
     residual: NDArray[np.float64],
 ) -> Verdict:
     others = [c for i, c in enumerate(selected) if i != index]
@@ -277,7 +277,7 @@ def _verdict(
 
 
 def verdict_of(
-    candidate: Candidate, without: NDArray[np.float64], residual: NDArray[np.float64], flaws: BesideFlaws
+    candidate: Candidate, without: NDArray[np.float64], residual: NDArray[np.float64], flaws: FlawsWithEffects
 ) -> Verdict:
     """Judgement of an effect next to flaws of the base.
 
@@ -304,7 +304,7 @@ def verdict_of(
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
-    (amplitude,), fitted = _amount_beside(model, shape, whitened, np.ones(1))
+    (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
     sigma = float(np.sum(model.weighted(fitted, shape) * shape)) ** -0.5
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
     certainty = amplitude / sigma
@@ -314,7 +314,7 @@ def verdict_of(
 
 
 @dataclass(frozen=True, eq=False)
-class SelectedBesideFlaws:
+class SelectionWithFlaws:
     """Effects that hold next to the flaws of the base, their numbers fitted with the flaws free."""
 
     #: The picture with the effects, without errors in its covariance.
@@ -324,14 +324,14 @@ class SelectedBesideFlaws:
     #: The same with their alternatives and tests.
     assessed: list[SelectedEffect]
     #: What the base is off by, with them.
-    flaws: BesideFlaws
+    flaws: FlawsWithEffects
     #: Judgement of every effect, those that left included.
     verdicts: tuple[Verdict, ...]
 
 
-def selected_beside_flaws(
+def selected_with_flaws(
     validation: Validation, linearised: LinearisedFit, confirmed: Sequence[Candidate], signatures: Sequence[Signature]
-) -> SelectedBesideFlaws:
+) -> SelectionWithFlaws:
     """Add effects to those that hold, as long as the evidence grows.
 
     Parameters
@@ -347,32 +347,32 @@ def selected_beside_flaws(
 
     Returns
     -------
-    SelectedBesideFlaws
+    SelectionWithFlaws
         The effects that hold in the end.
     """
-    selected, flaws = list(confirmed), beside(linearised, residual_with(linearised, confirmed))
+    selected, flaws = list(confirmed), flaws_of(linearised, residual_with(linearised, confirmed))
     while len(selected) < MAX_EFFECTS:
         present = _names(selected)
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
         residual = residual_with(linearised, selected)
         exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
         least = gain_of_shape_errors(residual, exact, rendered)
-        best = best_beside(linearised.problem(selected), rest, flaws, residual, least)
+        best = best_with_flaws(linearised.problem(selected), rest, flaws, residual, least)
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, flaws), [*selected, best])
         del flaws  # the next one is as large
-        flaws = beside(linearised, residual_with(linearised, selected))
+        flaws = flaws_of(linearised, residual_with(linearised, selected))
     del flaws
-    selected, flaws, verdicts = confirmed_beside_flaws(linearised, selected)
+    selected, flaws, verdicts = confirmed_with_flaws(linearised, selected)
     if selected:
         # rivals meet the same flaws as the effects: without flaws, the best one imitates these as well
         judged = _judged(linearised, flaws)
         better, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
         if _names(better) != _names(selected):
             del flaws, judged
-            better, flaws, verdicts = confirmed_beside_flaws(linearised, better)
+            better, flaws, verdicts = confirmed_with_flaws(linearised, better)
             judged = _judged(linearised, flaws)
             better = refitted_together(judged, better) if better else []
             assessed = with_alternatives(judged, better, signatures)
@@ -380,15 +380,15 @@ def selected_beside_flaws(
         selected, assessed = confirmed_where_held_out(judged, better, assessed, signatures)
         assessed = tested_without_errors(linearised, assessed)
         verdicts = tuple(replace(verdict, holds=verdict.effect in _names(selected)) for verdict in verdicts)
-        return SelectedBesideFlaws(linearised, selected, assessed, flaws, verdicts)
-    return SelectedBesideFlaws(linearised, [], [], flaws, verdicts)
+        return SelectionWithFlaws(linearised, selected, assessed, flaws, verdicts)
+    return SelectionWithFlaws(linearised, [], [], flaws, verdicts)
 
 
 def _names(selected: Sequence[Candidate]) -> set[str]:
     return {c.hypothesis.effect.id for c in selected}
 
 
-def beside(linearised: LinearisedFit, residual: NDArray[np.float64]) -> BesideFlaws:
+def flaws_of(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawsWithEffects:
     """Flaws of the base in a residual.
 
     Parameters
@@ -400,13 +400,13 @@ def beside(linearised: LinearisedFit, residual: NDArray[np.float64]) -> BesideFl
 
     Returns
     -------
-    BesideFlaws
+    FlawsWithEffects
         Their widths, amounts and evidence.
     """
     model = _flaw_model(linearised, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
-    return BesideFlaws(
+    return FlawsWithEffects(
         model,
         fitted,
         model.nothing - fitted.score,
@@ -416,7 +416,7 @@ def beside(linearised: LinearisedFit, residual: NDArray[np.float64]) -> BesideFl
     )
 
 
-def scores_beside_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> list[float]:
+def scores_with_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> list[float]:
     """Score of each of several residuals of one capture next to flaws of the base.
 
     Parameters
@@ -434,15 +434,15 @@ def scores_beside_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> lis
     return [model.fit(model.whitened(residual)).score for _, residual in fits]
 
 
-def _judged(linearised: LinearisedFit, flaws: BesideFlaws) -> LinearisedFit:
+def _judged(linearised: LinearisedFit, flaws: FlawsWithEffects) -> LinearisedFit:
     """The same fit with the flaws in its covariance."""
     return replace(linearised, model=flaws.model.counted_in(linearised.model, flaws.fitted))
 
 
-def best_beside(
+def best_with_flaws(
     problem: Problem,
     signatures: Sequence[Signature],
-    flaws: BesideFlaws,
+    flaws: FlawsWithEffects,
     residual: NDArray[np.float64],
     least: float,
 ) -> Candidate | None:
@@ -481,7 +481,7 @@ def best_beside(
     best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
     for _, signature, start in (*first, *second):
         columns = _whitened_columns(model, problem, signature)
-        amount, fitted = _amount_beside(model, columns, whitened, start)
+        amount, fitted = _amount_with_flaws(model, columns, whitened, start)
         evidence = flaws.score - fitted.score - price_of(len(amount))
         candidate = _started(screen(problem, signature, residual), signature, amount)
         change = columns_of(problem, signature) @ amount
@@ -491,7 +491,7 @@ def best_beside(
     return best[1]
 
 
-def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: BesideFlaws) -> float:
+def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: FlawsWithEffects) -> float:
     """Factor by which flaws raise the size that an effect must have to be seen.
 
     Parameters
@@ -527,7 +527,7 @@ def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[n
     return np.asarray(np.linalg.lstsq(weighted.T @ columns, weighted.T @ whitened, rcond=1e-9)[0])
 
 
-def _amount_beside(
+def _amount_with_flaws(
     model: FlawModel[LinearModel], columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], FittedFlaws]:
     """Multiples of an effect's columns and widths of the flaws, fitted in turn."""

@@ -449,7 +449,7 @@ def _with_pattern(scene: Scene, edge_ratio: float, exponent: float) -> Scene:
 
 
 def _traced_patterns(scene: Scene) -> list[tuple[float, Scene]]:
-    """Scenes whose lamps have traced patterns, with the shares of which their light makes up a scene's."""
+    """Scenes whose lamps have traced patterns, and the share of each in the light."""
     edge_ratio, exponent = scene.lamp.edge_ratio, scene.lamp.exponent
     if any((lamp.edge_ratio, lamp.exponent) != (edge_ratio, exponent) for lamp in scene.lamps):
         return [(1.0, scene)]

@@ -11,7 +11,7 @@ import xarray as xr
 from cboxlab.calibration.instrument import BandResponse
 from cboxlab.rendering.chain import render_bands
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.utils.progress import NO_PROGRESS, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, checkpoint, share
 from numpy.typing import NDArray
 
 __all__ = ["BATCHES", "CONVERGENCE", "PILOT_SAMPLES", "Picture", "noise_ratio", "render_to_noise"]
@@ -107,6 +107,7 @@ def render_to_noise(
     first = None
     if pilot is None:
         image = picture(PILOT_SAMPLES, 0, BATCHES, share(progress, 0.0, 0.0))
+        checkpoint()
         bands = render_bands(image, responses)
         pilot = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
         if pilot <= noise:
@@ -121,6 +122,7 @@ def render_to_noise(
     batches = int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2))
     if first is not None and samples == PILOT_SAMPLES and batches > BATCHES:
         image = _completed(first, picture(samples, BATCHES, batches - BATCHES, progress))
+        checkpoint()
     else:
         image = picture(samples, 0, batches, progress)
     return image, render_bands(image, responses), pilot

@@ -23,6 +23,9 @@ NEARLY = 1.2
 #: Reduced chi2 below which the stated noise is too large, whatever the model.
 TOO_SMALL = 0.9
 
+#: Standard deviations below 1 of such a chi2: chance alone does not reach it, nor the error of a measured gain.
+_TOO_SMALL_SIGMAS = 3.0
+
 #: Share of the pixels below which few pixels are used.
 _MIN_USED_SHARE = 0.8
 
@@ -68,8 +71,9 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
         "unexplained": "Noise does not explain the difference.",
     }[level]
     colour, noise = c.colour[HEADLINE.id], c.colour_noise[HEADLINE.id]
+    by_gain = f", {c.chi2.variance_sigma:.2g} of it by the error of the measured gain" if c.chi2.variance_sigma else ""
     details = [
-        f"χ² per degree of freedom is {c.chi2.per_dof:.3g}; noise alone gives 1 ± {c.chi2.per_dof_sigma:.2g}.",
+        f"χ² per degree of freedom is {c.chi2.per_dof:.3g}; noise alone gives 1 ± {c.chi2.per_dof_sigma:.2g}{by_gain}.",
         f"The mean colour difference per pixel is {HEADLINE.label} {colour.mean:.2f}; "
         f"noise alone gives {noise.mean:.2f}.",
     ]
@@ -133,7 +137,7 @@ def warnings(c: Comparison, run: Run) -> list[str]:
         One text per reason.
     """
     reasons = []
-    if c.chi2.per_dof < TOO_SMALL:
+    if c.chi2.per_dof < TOO_SMALL and c.chi2.per_dof < 1 - _TOO_SMALL_SIGMAS * c.chi2.per_dof_sigma:
         reasons.append(
             f"χ² per degree of freedom is {c.chi2.per_dof:.2f}: the stated noise is larger than that of the images. "
             "Errors of the model may remain undetected."

@@ -142,7 +142,8 @@ class Prediction:
         """Chi2 of `comparison`, computed without its maps and colours."""
         used = self.rendered.used
         residual = (self.base.validation.prepared.measured - self.signal)[used] / self.sigma[used]
-        return ChiSquare(float(residual @ residual), residual.size, residual.size - Nuisances.count)
+        common = self.base.validation.comparison.chi2.variance_sigma
+        return ChiSquare(float(residual @ residual), residual.size, residual.size - Nuisances.count, common)
 
     @cached_property
     def comparison(self) -> Comparison:

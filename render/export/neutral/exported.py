@@ -170,12 +170,7 @@ def exported_scene(scene: Scene, camera: Camera, settings: ExportSettings, max_b
         area or with direction. If there are fewer than two batches.
     """
     where = f"scene {scene.name}"
-    if not scene.diffuse:
-        raise InputError(
-            where,
-            "surfaces that are not Lambertian or have a texture, or a medium",
-            "a diffuse scene for an export",
-        )
+    scene.require_diffuse("Only diffuse scenes can be exported.")
     if any(lamp.edge_ratio != 1.0 or lamp.exponent or lamp.pattern is not None for lamp in scene.lamps):
         raise InputError(
             where, "a lamp whose radiance varies over its area or with direction", "a uniform Lambertian lamp"

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from importlib import import_module
-from pkgutil import iter_modules
 from types import MappingProxyType
 
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
-from cboxlab.utils.other_packages import entries_of, loaded
+from cboxlab.utils.other_packages import loaders_of, records_in, with_others
 
 from ._of_other_packages import checked_renderer
 from .renderer import PYTHON_SCRIPT, SHELL_SCRIPT, Renderer
@@ -20,7 +18,7 @@ __all__ = ["PYTHON_SCRIPT", "SHELL_SCRIPT", "Renderer", "renderer_catalogue", "r
 #: Entry point group of other packages' renderers.
 _GROUP = "cboxlab.renderers"
 #: Modules of this package that hold no renderer.
-_NO_RENDERER = {"_of_other_packages", "renderer"}
+_NO_RENDERER = {"renderer"}
 
 
 @lru_cache(maxsize=1)
@@ -38,16 +36,8 @@ def renderer_catalogue() -> Mapping[str, Renderer]:
         If an entry point of the group ``cboxlab.renderers`` cannot be loaded, is no sound Renderer, or bears the
         identifier of another one.
     """
-    modules = [module.name for module in iter_modules(__path__) if module.name not in _NO_RENDERER]
-    catalogue: dict[str, Renderer] = {}
-    for module in modules:
-        renderer = import_module(f"{__name__}.{module}").RENDERER
-        catalogue[renderer.id] = renderer
-    for where, entry in entries_of(_GROUP):
-        renderer = checked_renderer(loaded(where, entry, Renderer), where)
-        if renderer.id in catalogue:
-            raise InputError(where, f"'{renderer.id}', which exists already", "another identifier")
-        catalogue[renderer.id] = renderer
+    ours = records_in(__name__, "RENDERER", _NO_RENDERER)
+    catalogue = with_others(ours, loaders_of(_GROUP, Renderer), checked_renderer)
     return MappingProxyType(dict(sorted(catalogue.items())))
 
 

@@ -234,7 +234,7 @@ def test_all_faulty_files_are_named_in_one_pass(folder):
         ("exposure_s = ", "frames = []\nexposure_s = ", "line", "This name stands in the file before"),
     ],
 )
-def test_faults_are_told_in_the_authors_words(folder, old, new, key, expected):
+def test_faults_are_reported_in_the_authors_words(folder, old, new, key, expected):
     edit(folder, old, new)
     message = fault(folder)
     assert key in message and expected in message and "tuple" not in message and "dictionary" not in message

@@ -70,8 +70,8 @@ def test_a_filter_in_front_of_a_colour_sensor_is_one_band(tmp_path):
 
 
 def test_references_claim_an_absolute_scale_and_other_values_stand_with_their_table(tmp_path):
-    for name, exposure in (("f450", 0.5), ("f550", 1.0), ("sphere-f450", 0.5)):
-        write_fits(tmp_path / f"{name}.fits", photograph(len(name)), EXPTIME=exposure)
+    for seed, (name, exposure) in enumerate((("f450", 0.5), ("f550", 1.0), ("sphere-f450", 0.5))):
+        write_fits(tmp_path / f"{name}.fits", photograph(seed), EXPTIME=exposure)
     manifest, _ = written(tmp_path)
     assert "scale" not in manifest and "defaults" not in manifest
     assert [band["exposure_s"] for band in manifest["band"]] == [0.5, 1.0]

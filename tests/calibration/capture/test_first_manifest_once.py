@@ -2,6 +2,7 @@
 
 import gzip
 import hashlib
+import shutil
 import tomllib
 
 import numpy as np
@@ -87,7 +88,16 @@ def equal_counts(folder):
         tifffile.imwrite(folder / f"dark-1s-{index}.tif", np.zeros(SHAPE, np.uint16))
 
 
-@pytest.mark.parametrize("make", [fits_and_tiff, raw_files, exr_stack, packed_files, cube, equal_counts])
+def copies(folder):
+    """Copies of file managers; a frame of the same counts with a different name is a photograph."""
+    tiffs(folder, "f550-1s-0", "f550-1s-1")
+    for copy in ("f550-1s-0 - Copy", "f550-1s-0 - Kopie (2)", "f550-1s-0 copy 2", "f550-1s-0 (2)", "f600-1s-0"):
+        shutil.copy(folder / "f550-1s-0.tif", folder / f"{copy}.tif")
+    write_fits(folder / "f650-1s-0.fits", counts(5))
+    shutil.copy(folder / "f650-1s-0.fits", folder / "Copy of f650-1s-0.fits")
+
+
+@pytest.mark.parametrize("make", [fits_and_tiff, raw_files, exr_stack, packed_files, cube, equal_counts, copies])
 def test_each_photograph_once_however_often_it_runs(tmp_path, make):
     make(tmp_path)
     before = digests(tmp_path)
@@ -101,7 +111,7 @@ def test_each_photograph_once_however_often_it_runs(tmp_path, make):
         assert again == first and (tmp_path / "capture.toml").read_text() == text
     listed = frames(first)
     assert len(listed) == len(set(listed))
-    pictures = {"cube": 1, "equal_counts": 4}.get(make.__name__, 2)
+    pictures = {"cube": 1, "equal_counts": 4, "copies": 4}.get(make.__name__, 2)
     assert len(listed) == pictures
 
 

@@ -29,6 +29,30 @@ TABLE = [
         "led_1 | slot_1_4s",
     ),
     (
+        (None, None, None, None),
+        "DJI_20240512103000_0001_MS_G | DSC00550-2 | P5120550-3 | 3H2A0550-2 | NF550-10 | LP550-2 | IMG_0001_5 | "
+        "IMG_240512_103000_0550_NIR | 2024_05_12_IMG_0550 | PXL_20240512_103000550.MP | 20240512_103000_550_iOS | "
+        "FLIR0550 | ThorCam-20240512-103000-0001 | img_000000550_Cy3_000 | xy1c2t550 | Series001_t000_z000_ch00 | "
+        "spool_0000000550 | pco_00550 | Cam0_0550 | LC08_B5 | lambda_550 | WL=550nm | FELH0550 | MidOpt_BP550 | "
+        "Edmund_65-550 | OIII_500.7nm | H-alpha_656.3nm | 50mm_f8_1-60s_ISO100 | AEB1_1-60s | cornell_550_1 | "
+        "Experiment-550_c1 | Screenshot 2024-05-12 at 10.30.00 | Jup_EV_1 | IMG_0550_3_of_5",
+    ),
+    (
+        (None, None, 4.0, None),
+        "Light_Box_4.0s_Bin1_533MC_gain101_20240512-103000_20.0C_0001 | 59-550_4s | FELH0550_4s | 550DF10_4s | "
+        "L_550_ISO800_4s__20C | Box_Light_4_secs_2024-05-12T22-10-30_550 | 20240512-10h30m00s-4s-800iso | "
+        "FKB-VIS-10_550_4s",
+    ),
+    (
+        (None, "f550", 4.0, None),
+        "22_10_30_00001 550nm 4s | masterLight_BIN-1_6248x4176_EXPOSURE-4.00s_FILTER-f550_mono | f11_550nm_4s | "
+        "F5_6_f550_4s | Box_f550_4.000_secs_2024-05-12T10-30-00_001 | Kurios-WB1_550nm_4s | f550_16bit_4s | "
+        "LIGHT_f550_4s_BIN1_20C_GA_100_20240512_103000_123_GA_0_OF_10_E",
+    ),
+    (("dark", None, None, None), "superbias | bias550 | DARK_0550 | dark 550"),
+    (("flat", "f550", None, None), "skyflat_f550_001 | flatpanel_550 | FLAT_f550_BIN1_001_20240512_103000_GA_0"),
+    ((None, "f550", None, None), "f550_EV-1 | f550_3_of_5 | f550_gain_2 | f550_iso_3 | f550_-1EV | band550_u500"),
+    (
         (None, None, 300.0, None),
         "2024-05-12_22-10-30_Ha_-10.00_300.00s_0001 | M31_2x2_300s_L_0001 | "
         "L_M31_2024-05-12_22-10-30_Bin1x1_300s__-10C | M31_Light_Ha_300_secs_2024-05-12T22-10-30_001 | "

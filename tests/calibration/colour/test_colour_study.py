@@ -119,7 +119,7 @@ def test_the_best_subset_is_found_and_more_filters_never_hurt(training, lamps):
     assert single.training_rms == pytest.approx(min(alone))
 
 
-def test_a_capture_is_told_the_best_subset_of_every_size(tmp_path):
+def test_a_study_names_the_best_subset_of_every_size(tmp_path):
     capture = load_capture(FakeCapture(tmp_path / "c", centres=(450, 550, 650)).write())
     choices = study_colour(capture, responses((450, 550, 650)), 0.01).choices
     assert [len(choice.bands) for choice in choices] == [1, 2, 3]

@@ -5,7 +5,6 @@ import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.mosaic import channel_mask
-from cboxlab.calibration.correction import noise
 from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.correction import (
     _mean_of_all_places,
@@ -17,6 +16,7 @@ from cboxlab.calibration.correction.correction import (
 from cboxlab.calibration.correction.dark import DarkLibrary, _fit_line, read_darks
 from cboxlab.calibration.correction.defects import dead_pixels, hot_pixels
 from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
+from cboxlab.calibration.correction.noise_line import VarianceSamples, fit_noise_line
 from cboxlab.calibration.instrument.band_images import Mask
 from helpers.fakes.capture import GAIN, READ_NOISE, FakeCapture
 
@@ -218,7 +218,7 @@ def test_a_growing_dark_current_is_no_part_of_the_flat(tmp_path):
     assert left / right == pytest.approx(1.0, abs=4.5 * 5e-4)
 
 
-def test_a_flat_has_the_dark_of_its_own_exposure(tmp_path):
+def test_a_flat_has_the_dark_of_its_exposure(tmp_path):
     """A flat of the longest exposure for the band of the shortest; limit as in the test before."""
     fake = FakeCapture(tmp_path / "capture", seed=9, height=12, width=56)
     shortest, longest = sorted(fake.exposure, key=fake.exposure.get)[:: len(fake.exposure) - 1]
@@ -314,10 +314,10 @@ def test_the_line_of_variances_states_its_own_error():
     pulls = []
     for _ in range(400):
         settings = [
-            noise._Samples(charge, (4 + slope * charge) * rng.chisquare(1, charge.size), 1)
+            VarianceSamples(charge, (4 + slope * charge) * rng.chisquare(1, charge.size), 1)
             for charge in (np.zeros(600), rng.uniform(100, 3000, 600))
         ]
-        line, covariance = noise._fit_line(settings)
+        line, covariance = fit_noise_line(settings)
         pulls.append((line[1] - slope) / np.sqrt(covariance[1, 1]))
     assert np.std(pulls) == pytest.approx(1.0, abs=0.15)
 

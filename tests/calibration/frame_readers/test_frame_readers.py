@@ -90,11 +90,11 @@ def test_the_mosaic_of_a_raw_file(tmp_path, rows, down, right):
     """The expected letters are those of the file, tiled over the frame, one by one."""
     mosaic = shifted(rows, down, right)
     image = counts((48, 66))
-    write_dng(tmp_path / "a.dng", image, rows=mosaic)
+    write_dng(tmp_path / "a.dng", image, rows=mosaic, exposure=(1, 3))
     assert_read_exactly(tmp_path / "a.dng", image, 1)
     facts = frame_header(tmp_path / "a.dng").facts
     assert facts.pattern == ("".join(mosaic) if len(mosaic) == 2 else " ".join(mosaic))
-    assert facts.exposure_s == 0.25 and facts.f_number == 8 and facts.white_level == 4095
+    assert (facts.exposure_s, facts.f_number, facts.white_level, facts.model) == (1 / 3, 8, 4095, "Test")
     assert facts.black_level == {"R": 0, "G": 0, "B": 0} and facts.iso is None and facts.time is None
 
 
@@ -275,7 +275,7 @@ def test_a_reader_of_another_package(tmp_path, plugged):
 
 @pytest.mark.parametrize(
     ("reader", "phrases"),
-    [(7, "a int"), (mine(id="fits"), "'fits', which exists"), (mine(suffixes=(".tif",)), "ending .tif")],
+    [(7, "a int"), (mine(id="fits"), "'fits', which is there"), (mine(suffixes=(".tif",)), "ending .tif")],
     ids=["no reader", "identifier", "ending"],
 )
 def test_a_reader_that_does_not_fit_is_refused(plugged, reader, phrases):

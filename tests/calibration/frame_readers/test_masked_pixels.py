@@ -12,7 +12,7 @@ BLACK_DN = 128.0
 
 
 def sensor(seed, scene=1000.0, masked=BLACK_DN):
-    """Counts of 64 x 96 pixels in the light beside 16 masked columns, read noise 2 DN."""
+    """Counts of 64 x 96 pixels in the light and 16 masked columns next to them, read noise 2 DN."""
     generator = np.random.default_rng(seed)
     light = np.tile(np.linspace(0.2, 1.8, 96) * scene, (64, 1))
     counts = np.hstack([np.zeros((64, MASKED)), generator.poisson(light)]) + BLACK_DN
@@ -32,11 +32,15 @@ def test_masked_pixels_give_the_black_level(tmp_path):
     assert black_level == {channel: pytest.approx(BLACK_DN, abs=0.8) for channel in black_level}
 
 
-def test_each_channel_has_the_level_of_its_own_masked_pixels(tmp_path):
-    offsets = {"R": 0, "G": 6, "G2": 12, "B": 18}
-    image = sensor(1) + np.tile(np.reshape(list(offsets.values()), (2, 2)), (32, (96 + MASKED) // 2)).astype(np.uint16)
-    black_level = level(tmp_path / "a.dng", image, masked_columns=MASKED)
-    assert black_level == {channel: pytest.approx(BLACK_DN + dn, abs=1.0) for channel, dn in offsets.items()}
+@pytest.mark.parametrize("rows", [("RG", "GB"), ("GB", "RG"), ("BG", "GR"), ("GR", "BG")])
+def test_each_channel_has_the_level_of_its_masked_pixels(tmp_path, rows):
+    """The second green is the second in reading order, also where it lies in the row of red."""
+    letters, offsets = list("".join(rows)), [0, 6, 12, 18]
+    letters[max(k for k in range(4) if letters[k] == "G")] = "G2"
+    image = sensor(1) + np.tile(np.reshape(offsets, (2, 2)), (32, (96 + MASKED) // 2)).astype(np.uint16)
+    black_level = level(tmp_path / "a.dng", image, masked_columns=MASKED, rows=rows)
+    expected = {letter: pytest.approx(BLACK_DN + dn, abs=1.0) for letter, dn in zip(letters, offsets, strict=True)}
+    assert black_level == expected
 
 
 @pytest.mark.parametrize(

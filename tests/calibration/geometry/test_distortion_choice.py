@@ -47,7 +47,7 @@ def test_noise_chooses_no_terms():
 
 
 def test_a_lens_of_two_terms_is_recognised():
-    """r is at most 0.45 here: a k2 of 1.5 bends the corner by 6 px, of which k1 takes up a part."""
+    """r is at most 0.45 here: a k2 of 1.5 bends the corner by 6 px, and k1 can imitate part of that."""
     choice = choice_of(*survey([-0.2, 1.5, 0, 0, 0]))
     assert choice.model.terms == ("k2",)
     assert "held-out" in choice.note

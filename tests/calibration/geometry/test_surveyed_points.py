@@ -45,7 +45,7 @@ def test_points_of_one_wall_are_refused_wherever_it_stands(axis, coordinate):
             check(survey(world))
 
 
-def test_semicolons_are_told(tmp_path):
+def test_semicolons_are_reported(tmp_path):
     (tmp_path / "p.csv").write_text("id;x_mm;y_mm;z_mm;u_px;v_px\np;1;2;3;4;5\n")
     with pytest.raises(InputError, match="separated by semicolons"):
         read_points(tmp_path / "p.csv")

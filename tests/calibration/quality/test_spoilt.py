@@ -49,7 +49,7 @@ def test_a_suspicion_says_what_where_and_why(tmp_path):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("spoilt", ["one copied", "all copied", "all saturated"])
-def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
+def test_flats_without_noise_are_reported_and_no_band_is_blamed(tmp_path, spoilt):
     """Copied or saturated flats have no noise to measure the gain from."""
     draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
     for table in draft.tables("flat")[: 1 if spoilt == "one copied" else None]:
@@ -66,7 +66,7 @@ def test_flats_without_noise_are_told_and_no_band_is_blamed(tmp_path, spoilt):
 
 
 @pytest.mark.parametrize("with_exposures", [False, True])
-def test_exchanged_references_are_told_with_both_bands(tmp_path, with_exposures):
+def test_exchanged_references_are_reported_with_both_bands(tmp_path, with_exposures):
     draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
     first, other = draft.tables("reference")[1], draft.tables("reference")[4]
     for key in ("frames", "exposure_s") if with_exposures else ("frames",):

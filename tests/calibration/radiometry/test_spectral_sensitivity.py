@@ -77,7 +77,7 @@ def test_the_smoothest_fit_misses_by_as_much_as_noise_does():
     assert misfit == pytest.approx(31, rel=0.01)
 
 
-def test_convex_sets_are_met_or_it_is_told():
+def test_convex_sets_are_met_or_the_failure_is_reported():
     data = readings()
     estimate, met = convex_sets(data)
     assert met
@@ -103,7 +103,7 @@ def test_a_flat_sensitivity_comes_back_flat():
         {"stimuli": -np.ones((31, GRID.size))},
     ],
 )
-def test_readings_that_make_no_sense_are_told(change):
+def test_readings_that_make_no_sense_are_refused(change):
     data = readings()
     fields = {name: getattr(data, name) for name in ("wavelength_nm", "stimuli", "response", "sigma")}
     with pytest.raises(InputError, match="readings"):

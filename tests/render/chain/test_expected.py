@@ -142,7 +142,7 @@ def test_a_laboratory_without_effects_finds_the_render(tmp_path):
     assert abs(chi2(fake.write(), fake, []) - 1) < NOISE
 
 
-def test_a_flat_with_a_spectrum_of_its_own_counts(tmp_path):
+def test_a_flat_with_another_spectrum_counts(tmp_path):
     """Where the flat's light is stated, the shift of the filters is divided out with that spectrum."""
     fake = AffectedCapture(tmp_path / "c", seed=5, index=1.4, flat_source="even")
     path = fake.write() / "capture.toml"

@@ -153,7 +153,7 @@ def test_solids_that_meet_are_those_whose_meshes_do():
             x, z = generator.uniform(0, 220, 2)
             pair.append(Solid(np.array([x, half[1], z]), half, 0.0 if ball else generator.uniform(0, 90), ball))
         inside = [_depth(pair[1 - i], _points(solid, generator)).max() for i, solid in enumerate(pair)]
-        if abs(max(inside)) < 3.0:  # too close for points on the surfaces to tell
+        if abs(max(inside)) < 3.0:  # too close for points on the surfaces to decide
             continue
         meets = max(inside) > 0
         assert any_meet(pair, 0.0) == meets

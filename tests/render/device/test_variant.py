@@ -53,12 +53,12 @@ import threading
 {RENDER}
 from cboxlab.rendering.device import mi, variant
 if {device!r}: variant.use({device!r})
-told = [mi.variant()]
-threads = [threading.Thread(target=lambda: told.append((picture(), mi.variant()))) for _ in range(2)]
+variants = [mi.variant()]
+threads = [threading.Thread(target=lambda: variants.append((picture(), mi.variant()))) for _ in range(2)]
 for thread in threads:
     thread.start()
     thread.join()
-print(told, dict(os.environ) == {{**os.environ, **before}})
+print(variants, dict(os.environ) == {{**os.environ, **before}})
 """
     name = "scalar_spectral" if device else "llvm_ad_mono"
     assert run(program).splitlines() == ["4 False", f"{[name, (True, name), (True, name)]} True"]

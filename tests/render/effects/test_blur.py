@@ -7,7 +7,7 @@ from cboxlab.rendering.image.blur import blur
 from helpers.fakes.stages import apply, light
 
 
-def test_light_beside_edges_is_added_to_the_blurred_pixels():
+def test_light_next_to_edges_is_added_to_the_blurred_pixels():
     before = light()
     shape = np.random.default_rng(3).standard_normal(before.signal.shape)
     light_at_edges = replace(before, beyond_pixels=lambda sigma_px: sigma_px[:, None, None] * shape)

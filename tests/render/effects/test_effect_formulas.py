@@ -365,7 +365,7 @@ def test_fluorescence_emits_the_quanta_it_absorbs():
 
 
 def test_ambient_spectra_are_1_at_550_nm():
-    """Planck's ratio to 550 nm, and the lines as defined, by formulas of their own."""
+    """Planck's ratio to 550 nm, and the lines as defined, by independent formulas."""
     light, lamp = fake_patch_light(), 0.2 + 1.8 * (FAKE_NM - 300) / 600
     c2 = 0.014387769
 

@@ -17,8 +17,8 @@ SETTINGS_KEYS = {("validate/study/study_file.py", "max_bounces")}
 #: A block's turn and a lamp's fall-off, of boxes that are drawn.
 BOX_KEYS = {("validate/dataset/sheet.py", "yaw_deg"), ("validate/dataset/checks.py", "edge_ratio")}
 
-#: Their subject are effects (the catalogue), changes of renderers or families of explanations, catalogues of their own
-#: with some like names.
+#: Folders about the effects themselves, or about changes of renderers and families of explanations: these are other
+#: catalogues, where some names are the same.
 EXEMPT = (
     ROOT / "render/effects",
     ROOT / "validate/compare_renders/regress",

@@ -64,7 +64,7 @@ def arrays(value) -> list[np.ndarray]:
     return [np.asarray(value)] if isinstance(value, int | float | np.ndarray) else []
 
 
-def test_nothing_but_the_contract_and_names_of_its_own():
+def test_an_effect_uses_only_the_contract_and_its_names():
     assert set(ROWS) <= set(catalogue())
 
 
@@ -92,7 +92,7 @@ def test_at_its_null_value_an_effect_does_nothing(identifier):
 
 
 @pytest.mark.parametrize("identifier", [i for i, e in catalogue().items() if e.stage != "transport"])
-def test_beside_its_null_value_an_effect_does_something(identifier):
+def test_away_from_its_null_value_an_effect_does_something(identifier):
     """And it leaves its argument as it was."""
     effect = catalogue()[identifier]
     value, untouched = start(effect), start(effect)

@@ -26,7 +26,7 @@ GRID = np.arange(400.0, 701.0)
 
 @pytest.fixture(scope="module")
 def uneven():
-    """The published box under an uneven lamp, seen by 16 x 16 pixels of which some look past it."""
+    """The published box under an uneven lamp, seen by 16 x 16 pixels, some of them past it."""
     scene = cornell_box().with_lamp(Spectrum(np.array([300.0, 900.0]), np.ones(2)))
     return replace(scene, lamp=replace(scene.lamp, pattern=np.array([[0.5, 1.5]]))), cornell_camera(16)
 

@@ -90,7 +90,7 @@ def test_haze(published):
     assert_as_in_mitsuba(published, "haze", {"extinction_per_m": 0.2, "albedo": 0.7}, floor=0.012, air=air)
 
 
-def test_haze_beside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
+def test_haze_outside_and_in_front_of_the_box_shines_as_in_mitsuba(published):
     """Past the box the camera sees only air that the open front lights; next to the walls there is no light. Six cells
     across, 208 mm each, may be wrong by a tenth of it, Monte Carlo by its own standard error."""
     scene = published[0]

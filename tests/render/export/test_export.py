@@ -136,7 +136,7 @@ def test_subpixels_are_averaged_and_batches_give_the_error(exported):
 
 
 @pytest.mark.parametrize("renderer", list(renderer_catalogue()))
-def test_what_is_missing_or_cut_short_is_told(exported, renderer, tmp_path):
+def test_what_is_missing_or_cut_short_is_reported(exported, renderer, tmp_path):
     _, camera = exported
     fresh = tmp_path / "box"
     write_export(fresh, exported_scene(cornell_box(), camera, SETTINGS))
@@ -158,7 +158,7 @@ def test_what_not_all_renderers_have_is_refused():
         exported_scene(cornell_box(), camera, replace(SETTINGS, batches=1))
 
 
-def test_an_unknown_renderer_and_a_folder_that_is_no_export_are_told(tmp_path):
+def test_an_unknown_renderer_and_a_folder_that_is_no_export_are_reported(tmp_path):
     with pytest.raises(InputError, match="did you mean 'mitsuba'"):
         read_rendered(tmp_path, "mitsuba3")
     with pytest.raises(InputError, match=r"scene\.json"):

@@ -1,4 +1,4 @@
-"""Spectral cubes and raw frames come back from disk as they were written; faulty files are told."""
+"""Spectral cubes and raw frames come back from disk as they were written; faulty files are refused."""
 
 import numpy as np
 import OpenEXR
@@ -115,7 +115,7 @@ def test_a_failed_write_leaves_what_was_there(cube, tmp_path, ending, monkeypatc
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
-def test_mistakes_of_a_cube_are_told(cube, tmp_path):
+def test_mistakes_of_a_cube_are_reported(cube, tmp_path):
     for changed, message in (
         (cube.rename(radiance="light"), "radiance with dimensions"),
         (cube.drop_vars("wavelength"), "wavelengths in nm"),
@@ -129,7 +129,7 @@ def test_mistakes_of_a_cube_are_told(cube, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_faulty_files_are_told(cube, tmp_path):
+def test_faulty_files_are_reported(cube, tmp_path):
     for ending in cube_files.READABLE:
         path = tmp_path / f"bad{ending}"
         with pytest.raises(InputError, match="no such file"):
@@ -165,6 +165,6 @@ def test_raw_frames_come_back_with_their_metadata(tmp_path):
         assert (file.pages.first.bitspersample, file.pages.first.samplesperpixel) == (16, 1)
 
 
-def test_faulty_raw_frames_are_told(tmp_path):
+def test_faulty_raw_frames_are_reported(tmp_path):
     with pytest.raises(InputError, match="uint16 counts"):
         write_raw(tmp_path / "a.tif", np.zeros((2, 2)))

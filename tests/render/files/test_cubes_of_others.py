@@ -50,7 +50,7 @@ def channels(names, values=GREY):
         ("W m^-3 sr^-1", 1e-9),
     ],
 )
-def test_units_are_told_by_their_dimensions(unit, factor):
+def test_units_are_recognised_by_their_dimensions(unit, factor):
     assert spectral_factor("a", unit, Declared()) == pytest.approx(factor, rel=1e-12)
 
 
@@ -126,7 +126,7 @@ def test_bands_without_wavelengths_ask_for_a_list(tmp_path):
     assert "channel band1 is 600 nm" in cube.attrs["reading_notes"]
 
 
-def test_a_wavelength_twice_is_told(tmp_path):
+def test_a_wavelength_twice_is_reported(tmp_path):
     path = exr(tmp_path / "a.exr", channels(["S0.500nm", "S0.500,0nm", "S0.600nm"]), emissiveUnits=RADIANCE)
     with pytest.raises(InputError, match="500 nm twice"):
         read_cube(path)
@@ -226,7 +226,7 @@ def test_wavelengths_that_are_none_of_light_are_refused(tmp_path, ending, nm):
             pass
 
 
-def test_negative_radiance_is_told(tmp_path):
+def test_negative_radiance_is_reported(tmp_path):
     values = GREY.copy()
     values[1, 1] = -1
     write_cube(tmp_path / "a.exr", as_cube(values, [400.0, 500.0, 600.0]))
@@ -275,7 +275,7 @@ def test_white_of_every_colour_space_has_luminance_1():
     np.testing.assert_allclose(primaries_matrix(COLOUR_SPACES["rec709"]), expected, atol=1e-4)
 
 
-def test_a_radiance_picture_is_told_from_an_envi_header(tmp_path):
+def test_a_radiance_picture_is_distinguished_from_an_envi_header(tmp_path):
     """Written by OpenCV; 8 bits of mantissa, read in the middle of each step."""
     wide = np.repeat(GREY, 3, axis=1)
     cv2.imwrite(str(tmp_path / "a.hdr"), wide[..., ::-1])
@@ -340,7 +340,7 @@ def test_a_picture_keeps_its_sides(tmp_path):
     np.testing.assert_array_equal(values[b"+Y 2 -X 3"], values[b"-Y 2 +X 3"][::-1, ::-1])
 
 
-def test_nan_is_told(tmp_path):
+def test_nan_is_reported(tmp_path):
     values = GREY.copy()
     values[2, 4, 0] = np.nan
     path = exr(tmp_path / "a.exr", channels("XYZ", values))

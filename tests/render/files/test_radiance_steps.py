@@ -70,7 +70,7 @@ def test_noise_of_two_steps_leaves_nothing_shared(tmp_path):
 
 
 def test_what_is_cut_off_outside_the_primaries_is_uncertain(tmp_path):
-    """A red of negative blue: Z of the file is 29 to 62 % too large, which its error allows; a note tells."""
+    """A red of negative blue: Z of the file is 29 to 62 % too large, within its error; a note says so."""
     rgb = np.linspace(1.0, 2.0, 100).reshape(10, 10, 1) * np.array([1.0, 0.02, -0.006])
     picture, error = read(tmp_path, rgb)
     exact = rgb @ MATRIX.T

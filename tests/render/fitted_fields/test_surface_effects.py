@@ -100,7 +100,7 @@ def test_a_surface_that_is_not_there_is_named(published):
         _effect("reflectance", _even("shelf"), [0.1] * 3).apply(_light(scene, transport), amplitude=1.0)
 
 
-def test_surfaces_with_spectra_of_their_own_change_as_each_would_alone(published):
+def test_surfaces_with_different_spectra_change_as_each_would_alone(published):
     scene, transport = published
     light = _light(scene, transport)
     left, right = np.array([[0.1, -0.05, 0.02], [-0.02, 0.03, 0.08]])

@@ -351,11 +351,11 @@ with mock.patch("ctypes.CDLL", side_effect=OSError), mock.patch("drjit.has_backe
     assert not variant.compiled()
 from cboxlab.rendering.integrators import RenderJob, render
 from cboxlab.scenes import cornell_box, cornell_camera
-with warnings.catch_warnings(record=True) as told:
+with warnings.catch_warnings(record=True) as messages:
     warnings.simplefilter("always")
     image = render(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=8, batches=2))
-hints = [str(w.message) for w in told if "LLVM" in str(w.message)]
-assert hints == [variant.HINT], told
+hints = [str(w.message) for w in messages if "LLVM" in str(w.message)]
+assert hints == [variant.HINT], messages
 assert image.project(np.eye(4))[0].mean() > 0
 assert (image.surface >= 0).sum() > 40
 print("rendered")

@@ -119,11 +119,11 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
     """Cancelled in its third pass: two are kept, no unfinished file is left, and nothing more is rendered."""
     passes = tmp_path / "cube.nc.passes"
 
-    def told(stage, done):
+    def cancel_in_third_pass(stage, done):
         if stage == "rendering" and 2 / BATCHES < done:
             reporter.cancel()
 
-    reporter = ProgressReporter(told)
+    reporter = ProgressReporter(cancel_in_third_pass)
     with pytest.raises(Cancelled):
         render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes, progress=reporter)
     assert [path.name for path in tmp_path.iterdir()] == [passes.name]
@@ -221,7 +221,7 @@ def test_covariance_between_bands_is_kept():
     assert np.median((both / each)[each > 0]) > 1.5
 
 
-def test_fireflies_are_told():
+def test_fireflies_are_reported():
     """Gaussian noise in 8 batches has none (false alarms: 1 in 1000); one batch of one pixel too bright is found."""
     values = 1 + 0.01 * np.random.default_rng(5).standard_normal((8, 64, 64, 3)).astype(np.float32)
     image = RenderedImage(

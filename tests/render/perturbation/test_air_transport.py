@@ -47,7 +47,7 @@ def test_what_grows_evenly_is_known_everywhere_exactly(air):
     np.testing.assert_allclose(air.at(points, values), points @ slopes + np.array([5.0, -3.0]))
 
 
-def test_beside_the_box_there_is_no_light(air):
+def test_outside_the_box_there_is_no_light(air):
     """Behind its front, a millimetre outside its walls; in front of it, and a millimetre inside, there is."""
     values = np.ones((len(air.corner), 1))
     for axis, ends in ((0, (0.0, 400.0)), (1, (0.0, 300.0))):

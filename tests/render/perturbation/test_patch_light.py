@@ -57,7 +57,7 @@ def test_all_reflections_are_the_solution_of_the_radiosity_equation():
 
 
 @pytest.mark.parametrize("max_bounces", [1, 2, 3])
-def test_so_many_reflections_and_no_more(max_bounces):
+def test_reflections_end_at_the_stated_number(max_bounces):
     """The pixel's own reflection is the last: the patches reflect once less."""
     light = everything_added(max_bounces)
     direct, factors, escape, *_ = exchange_of(light)
@@ -147,7 +147,7 @@ def test_what_is_known_of_the_same_numbers_is_not_computed_again():
 
 @pytest.mark.parametrize("changed", ["patch_reflectance", "patch_emission", "surround", "max_bounces"])
 def test_a_solution_follows_whatever_changes_it(changed):
-    """One light after another of the same geometry, as by a transport of its own."""
+    """A light derived from another of the same geometry is as one with a fresh transport."""
     light = everything_added()
     light.patch_radiance()
     value = 3 if changed == "max_bounces" else 1.1 * getattr(light, changed)

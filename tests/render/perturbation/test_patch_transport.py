@@ -99,7 +99,7 @@ def test_the_lamps_own_reflection_is_the_gathers(published):
 
 
 def test_without_reflection_there_is_the_lamp(published):
-    """No reflection: the pixels that the lamp covers, in all bands alike, to what 512 rays tell of an edge's pixel."""
+    """No reflection: the lamp's coverage of pixels, equal in all bands, as exact as 512 rays in a pixel are."""
     scene, camera, transports = published
     picture = light_of(transports[0], scene, BANDS[1:], 0).picture()
     assert picture.shape[0] == 2

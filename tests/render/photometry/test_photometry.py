@@ -57,7 +57,7 @@ def test_a_line_of_one_watt_has_683_lumens():
         (np.array([550.0]), "1 wavelength from 550"),
     ],
 )
-def test_wavelengths_that_do_not_suffice_are_told(wavelength_nm, phrase):
+def test_wavelengths_that_do_not_suffice_are_refused(wavelength_nm, phrase):
     reason = why_no_luminance(wavelength_nm)
     assert reason is None if phrase is None else phrase in reason
 
@@ -136,8 +136,10 @@ def test_what_is_not_known_is_none():
 
 @pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 def test_standard_errors_of_surfaces_cover_the_scatter_of_seeds():
-    """40 pictures of one light field: scatter over stated variance, 5 surfaces and the picture. The mean ratio of 195
-    degrees of freedom has a standard deviation of 0.10, of which 5 are allowed."""
+    """40 pictures of one light field: scatter over stated variance, 5 surfaces and the picture.
+
+    The mean ratio of 195 degrees of freedom has a standard deviation of 0.10; 5 standard deviations are allowed.
+    """
     light = solve_light(box_with_lamp(0.6), GRID, seed=1)
     camera = camera_inside(12)
     sums_by_seed = [surface_sums(gather(light, camera, 4, 8, seed=seed)) for seed in range(40)]

@@ -68,7 +68,7 @@ def test_patches_in_light_and_shadow_agree(means):
 
 
 def test_what_an_object_covers_adds_no_shadow(tracer, means):
-    """Of a patch that a block covers in part the free part tells; those beneath are dark."""
+    """A patch covered in part has the light of its free part; covered patches are dark."""
     _, read, traced, unshadowed = means
     partly = (unshadowed > 0.2 * POINTS) & (unshadowed < 0.8 * POINTS) & (traced > 0.05 * traced.max())
     assert np.count_nonzero(partly) > 5

@@ -211,7 +211,7 @@ def test_groups_of_triangles_exchange_light_as_patches_do(room_with_a_ball):
 def test_reciprocity():
     """A_i F_ij = A_j F_ji for all pairs of surfaces: ray counts from both ends agree (binomial errors).
 
-    Without the floor, of which the blocks cover a part that has no form factors. The lamp reflects, so it is the
+    The floor is not compared: the blocks cover a part that has no form factors. The lamp reflects, so it is the
     last of the surfaces; what it gives to each of them is the light that falls on them directly.
     """
     tracer, patches, exchange = exchange_of(cornell_box(), 60.0, 1024, seed=2)

@@ -237,7 +237,7 @@ def test_each_lanes_points_are_stratified():
             assert np.all(np.sort(cells, axis=1) == np.arange(64))
 
 
-def test_vertices_of_a_path_take_columns_of_their_own():
+def test_vertices_of_a_path_take_separate_columns():
     """Lamp points of two vertices: 64 paths reach far more of 8 x 8 cells than the 8 that one column would leave."""
     lane, index = (values.astype(np.uint32) for values in (np.zeros(64), np.arange(64)))
     points = PathPoints(64, mi.UInt32(lane), seed=3)

@@ -232,12 +232,12 @@ def test_each_pixel_behind_a_mosaic_sees_its_own_channel():
         (lambda: load_camera("dcs2000"), "did you mean 'dcs200'"),
     ],
 )
-def test_mistakes_are_told(call, message):
+def test_mistakes_are_reported(call, message):
     with pytest.raises(InputError, match=message):
         call()
 
 
-def test_negative_radiance_is_told_with_its_place_unless_it_is_the_renders_own_noise():
+def test_negative_radiance_beyond_noise_is_reported_with_its_place():
     field = tungsten()
     field["radiance"][3, 2, 10] = -1e-6
     with pytest.raises(InputError, match=r"radiance\[3, 2, 10\].*found -1e-06"):
@@ -264,7 +264,7 @@ def test_every_packaged_camera_loads():
         ("[detector]", "[detector", "TOML"),
     ],
 )
-def test_faults_of_a_camera_file_are_told(tmp_path, old, new, message):
+def test_faults_of_a_camera_file_are_reported(tmp_path, old, new, message):
     text = (PACKAGED / "dcs200.toml").read_text()
     assert old in text
     (tmp_path / "dcs200.csv").write_text((PACKAGED / "dcs200.csv").read_text())

@@ -173,7 +173,7 @@ def test_simulation_from_coefficients_equals_the_full_path(tmp_path, blur):
         np.testing.assert_array_equal(simulate(opened, camera, 0.1, 1), simulate(coefficients, camera, 0.1, 1))
 
 
-def test_a_basis_of_other_wavelengths_is_told():
+def test_a_basis_of_other_wavelengths_is_reported():
     basis = principal_components(chart_cube(1), 3)
     with pytest.raises(InputError, match="400 to 600 nm in 21"):
         to_basis(chart_cube(1).sel(wavelength=slice(400, 600)), basis)
@@ -234,7 +234,7 @@ def test_a_raw_converter_opens_the_dng(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["pxl1300l", "sony-a7r2"])
-def test_a_capture_of_a_cube_loads_and_tells_the_cameras_gain_and_noise(tmp_path, name):
+def test_a_capture_of_a_cube_loads_and_shows_the_cameras_gain_and_noise(tmp_path, name):
     """Photon transfer of the frames returns what was put in, within five standard errors."""
     camera = load_camera(name)
     if name == "pxl1300l":
@@ -316,7 +316,7 @@ def test_several_cubes_and_every_output_of_the_command(tmp_path, capsys):
     cubes = tmp_path / "one.nc", tmp_path / "two.nc"
     assert run("simulate", *cubes, "--out", tmp_path / "raw" / "{name}.tif", "--exposure", "1/30") == 0
     frames = [read_raw(tmp_path / "raw" / f"{name}.tif")[0] for name in ("one", "two")]
-    assert not np.array_equal(*frames)  # each has noise of its own
+    assert not np.array_equal(*frames)  # noise is drawn for each
     assert run("simulate", cubes[1], "--out", tmp_path / "b.tif", "--exposure", "1/30", "--seed", 1) == 0
     np.testing.assert_array_equal(read_raw(tmp_path / "b.tif")[0], frames[1])
     assert run("simulate", cubes[0], "--out", tmp_path / "a.dng", "--camera", "nikon-d5100") == 0

@@ -83,7 +83,7 @@ def test_rays_from_points_of_its_triangles_leave_it():
     assert not met_itself[~grazing].any()
 
 
-def test_a_ball_beside_a_mesh_and_walls():
+def test_a_ball_next_to_a_mesh_and_walls():
     """A ball in front of a mesh hides it, and the other way round."""
     vertices, faces = sphere_mesh([300.0, 120.0, 700.0], 100.0)
     mesh = Surface("mesh", "grey", vertices, faces)

@@ -18,7 +18,7 @@ def camera(k1):
 @pytest.mark.parametrize("k1", [-0.15, 0.2])
 @pytest.mark.parametrize("oversampling", [1, 3])
 def test_the_film_is_the_smallest_that_covers_the_image(k1, oversampling):
-    """Corners of all pixels lie on it, and it ends less than a pixel of its own beyond the outermost of them."""
+    """Corners of all pixels lie on the film, which ends less than one of its pixels beyond the outermost corner."""
     lens_camera = camera(k1)
     film = film_for(lens_camera, oversampling)
     assert film.scale == oversampling * lens_camera.focal_length_px

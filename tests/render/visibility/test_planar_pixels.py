@@ -1,4 +1,4 @@
-"""Pixels whose camera rays need no intersection: all their rays meet the plane that is told."""
+"""Pixels whose camera rays need no intersection: all their rays meet the plane stated for them."""
 
 from dataclasses import replace
 
@@ -19,8 +19,9 @@ def test_every_ray_through_such_a_pixel_meets_its_plane_first():
     assert len(planar.index) > 0.7 * 64**2
     rays = pixel_rays(camera, device_array(mi.UInt32, planar.index))
     for u, v in np.random.default_rng(1).random((40, 2)):
-        ray = rays(mi.Float(u), mi.Float(v))
+        ray = rays(dr.opaque(mi.Float, u), dr.opaque(mi.Float, v))
         hit = intersect(tracer, ray)
+        dr.eval(hit, ray)  # together: one kernel
         assert dr.all(hit.reflecting)
         assert (hit.material.numpy() == planar.material).all()
         off = (planar.normal * hit.position.numpy().T).sum(axis=1) - planar.height
@@ -46,7 +47,7 @@ def test_a_camera_that_looks_away_sees_none():
 
 
 def test_pixels_of_a_bent_face_are_left_out():
-    """The red wall's two triangles are not in one plane: no pixel along its bend is told to be."""
+    """The red wall's two triangles are not in one plane: no pixel along its bend is called planar."""
     tracer, camera = build_tracer(cornell_box()), cornell_camera(64)
     coverage = facet_coverage(tracer, camera)
     planar = planar_pixels(tracer, camera, coverage)

@@ -55,7 +55,7 @@ def test_shares_are_those_of_rays(name):
 
 
 @pytest.mark.parametrize("name", cameras())
-def test_beside_a_mesh_shares_are_those_of_rays_and_away_from_it_those_of_the_box_alone(name):
+def test_near_a_mesh_shares_are_those_of_rays_and_away_from_it_those_of_the_box_alone(name):
     box, camera = cornell_box(), cameras()[name]
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=60.0)
     mesh.apply_translation([420.0, 330.0, 300.0])

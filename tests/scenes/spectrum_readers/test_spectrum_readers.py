@@ -202,6 +202,15 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, locat
         ("Model Name\tx\n380nm\t1\n381nm\t1\nBEGIN_DATA_FORMAT\n", "the marks of"),
         ("nothing here", "no table of numbers"),
         ("wl (nm);a\n400;1\n410;2\nsecond\n420;3\n", "second"),
+        (INSTRUMENTS["jcamp"].text.replace("NANOMETERS", "1/CM"), "XUNITS '1/CM'"),
+        (INSTRUMENTS["jcamp"].text.replace("REFLECTANCE", "ABSORBANCE"), "YUNITS 'ABSORBANCE'"),
+        (INSTRUMENTS["jcamp"].text.replace("420 305 205", "420 C05B05"), "without compression"),
+        (INSTRUMENTS["jcamp"].text.replace("400 105\n", ""), "2 points; expected 3"),
+        (INSTRUMENTS["jcamp"].text.replace("400 105", "390 105"), "the abscissa 390; expected 400"),
+        (INSTRUMENTS["perkin_elmer"].text.replace("%R", "A"), "the ordinate 'A'"),
+        (INSTRUMENTS["perkin_elmer"].text.replace("#DATA", "#END"), "0 sections #DATA"),
+        ("nm;Absorbance\n400;0.3\n410;0.4\n", "absorbance"),
+        (b"nm;R\n400;0.3\n410;0.4\n\x81", "not UTF-8 text"),
     ],
 )
 def test_other_files_are_refused(tmp_path, text, fault):
@@ -220,6 +229,9 @@ def test_other_files_are_refused(tmp_path, text, fault):
         ("Bench 3;humidity 50 %\nnm;Reflectance\n400;0.4\n401;0.5\n", "Reflectance", [0.4, 0.5]),
         ("nm,R,G\n400,0.1,0.2\n401,0.1,0.2\n", "R", [0.1, 0.1]),
         ("# wavelength_nm value\n400 1\n401 2\n", "value", [1, 2]),
+        ("Wellenlänge (µm);Weiß %R\n0,400;85,1\n0,401;85,2\n".encode("cp1252"), "Weiß %R", [0.851, 0.852]),
+        ("Wavelength (nm)\t%R\r\n400\t85.1\r\n401\t85.2\r\n".encode("utf-16"), "%R", [0.851, 0.852]),
+        ("nm;radiance/W/(sr m² nm)\n400;1\n401;2\n", "radiance/W/(sr m² nm)", [1, 2]),
     ],
 )
 def test_tables_of_spectrophotometers(tmp_path, text, name, values):

@@ -131,7 +131,7 @@ def test_other_formats_hold_the_same_strips(by_strips, tmp_path):
     assert exr["radiance"].values == pytest.approx(strips["radiance"].values, rel=1e-6)
 
 
-def test_strips_take_room_beside_the_cube_only(tmp_path, monkeypatch):
+def test_strips_take_room_next_to_the_cube_only(tmp_path, monkeypatch):
     """The folder for temporary files may be small, and what a killed process leaves there is never removed."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
     strip = xr.Dataset(

@@ -50,7 +50,7 @@ def test_each_kind_of_change_is_named(result):
 
 
 def test_what_a_scene_file_names_is_an_input(tmp_path):
-    """A paint's table and a block's mesh next to the scene file: what is changed in them is told."""
+    """A paint's table and a block's mesh next to the scene file: a change in them is reported."""
     shutil.copytree(ROOT / "scenes" / "data", tmp_path / "box")
     scene = tmp_path / "box" / "cornell-box.toml"
     (tmp_path / "box" / "ball.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n")
@@ -68,7 +68,7 @@ def test_what_a_scene_file_names_is_an_input(tmp_path):
 @pytest.mark.parametrize(
     "content", [[], {}, {"format": "result-manifest/1", "inputs": {}, "outputs": {"../x": {"sha256": ""}}}]
 )
-def test_what_is_no_manifest_is_told(tmp_path, content):
+def test_what_is_no_manifest_is_refused(tmp_path, content):
     (tmp_path / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=r"manifest\.json"):
         verify(tmp_path)

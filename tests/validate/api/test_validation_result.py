@@ -60,7 +60,7 @@ def test_every_figure_has_units_and_can_be_saved(what, tmp_path):
     texts = [axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes]
     assert any(unit in text for text in texts for unit in ("σ", "%", "DN", "ΔE"))
     used = {image.get_cmap().name for axis in figure.axes for image in axis.images}
-    assert used <= {"RdBu_r", "cividis"}  # told apart with every colour vision
+    assert used <= {"RdBu_r", "cividis"}  # can be distinguished with every colour vision
 
 
 def test_the_figure_of_the_difference_holds_the_maps_by_wavelength():

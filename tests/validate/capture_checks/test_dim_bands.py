@@ -13,7 +13,7 @@ from cboxlab.validation.capture_checks.lamp import _check_dim_bands
         ([1, 1, 0.1, 1, 1], [2]),
         ([0.05, 1, 1, 1, 1], [0]),
         ([1, 1, 1, 1, 0.05], [4]),
-        ([1, 1, 0.12, 0.5, 1], []),  # the mean of its neighbours is 0.75, of which it is 16 %
+        ([1, 1, 0.12, 0.5, 1], []),  # 16 % of the mean of its neighbours, 0.75
         ([1, 1, 0.1, 0.5, 1], [2]),
         ([0.5, 1, 0.12, 1, 1], [2]),
         ([1, 1, 1, 0.1, 0.1], []),

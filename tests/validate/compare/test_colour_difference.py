@@ -47,7 +47,7 @@ def test_the_white_is_the_lamps_colour_at_the_brightest_surfaces():
 def test_noise_of_lightness_alone_has_the_mean_of_a_half_normal():
     """Two bands that both see the white's colour: L* = 116 (Y / Yn)^(1/3) - 16 scatters by 116 / 3 dY / Y^(2/3).
 
-    The mean of its size is sqrt(2 / pi) of that, its 95th percentile 1.96; 65,536 draws tell them to half a per cent.
+    The mean of its size is sqrt(2 / pi) of that, its 95th percentile 1.96; 65,536 draws give both to half a per cent.
     """
     level, sigma = np.full((2, 256), 60.0), np.full((2, 256), 0.12)
     xyz_per_dn = np.outer(XYZ, [0.004, 0.002])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.instrument.band_images import Mask, band_images
-from cboxlab.validation.compare.comparison import ChiSquare, compare
+from cboxlab.validation.compare.comparison import ChiSquare, Expectation, compare
 from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.verdict import verdict, warnings
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
@@ -40,8 +40,21 @@ def test_p_values_of_pure_noise_are_uniform():
     assert kstest(p_values, "uniform").pvalue > 1e-3
 
 
+def test_p_values_count_the_error_of_a_measured_variance():
+    """A gain from 500 variances errs by 6 %. The p-values of noise alone are uniform if it is counted, else not.
+
+    Kolmogorov-Smirnov over 400 reduced chi-squares of 2000 residuals, false-alarm rate 0.1 %.
+    """
+    rng = np.random.default_rng(6)
+    values = rng.chisquare(2000, 400) / (rng.chisquare(500, 400) / 500)
+    counted, ignored = ([ChiSquare(v, 2000, 2000.0, sigma).p_value for v in values] for sigma in (np.sqrt(2 / 500), 0))
+    assert kstest(counted, "uniform").pvalue > 1e-3 > kstest(ignored, "uniform").pvalue
+    sigma = ChiSquare(2000.0, 2000, 2000.0, float(np.sqrt(2 / 500))).per_dof_sigma
+    assert np.std(values / 2000) == pytest.approx(sigma, rel=0.15)  # standard error 3.5 %
+
+
 def test_fitted_parameters_come_off_the_degrees_of_freedom():
-    plain, fitted = BOX.compare(seed=2), BOX.compare(seed=2, fitted_parameters=11)
+    plain, fitted = BOX.compare(seed=2), BOX.compare(seed=2, expectation=Expectation(11))
     assert fitted.chi2.dof == pytest.approx(plain.chi2.dof - 11)
     assert sum(row.chi2.dof for row in fitted.by_band.values()) == pytest.approx(fitted.chi2.dof)
 

@@ -86,7 +86,7 @@ def test_without_edges_nothing_is_claimed():
         align_edges(flat, cornell_camera(64))
 
 
-def test_an_object_of_few_samples_is_told(samples):
+def test_an_object_of_few_samples_is_reported(samples):
     """Three samples of the short block are left."""
     camera = replace(cornell_camera(SIZE), covariance=SURVEY)
     block = samples.objects.index("short-block")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cboxlab.validation.compare.comparison import Expectation
 from cboxlab.validation.compare.excess import regions_of
 from helpers.fakes.box import BANDS, SURFACES, FakeBox
 
@@ -12,7 +13,7 @@ def test_every_region_has_its_own_squares_and_its_part_of_the_freedom():
     """A floor 2 % too bright and 600 numbers fitted: each residual counts for as much freedom as any other."""
     factor = np.ones(BOX.truth.shape)
     factor[:, BOX.surface == SURFACES.index("floor")] = 1.02
-    c = BOX.compare(seed=3, factor=factor, fitted_parameters=600)
+    c = BOX.compare(seed=3, factor=factor, expectation=Expectation(600))
     residual = c.maps["residual_over_sigma"].values
     used = np.isfinite(residual)
     each = 1 - 600 / used.sum()

@@ -129,7 +129,7 @@ def written(result, tmp_path_factory):
     return folder
 
 
-def test_a_click_in_the_report_tells_what_metrics_and_maps_say(result, written):
+def test_a_click_in_the_report_shows_the_values_of_metrics_and_maps(result, written):
     """Of a written report, in a browser: signals of a pixel, mean colour difference, spectrum, light in parts."""
     metrics = json.loads((written / "metrics.json").read_text())
     x, y = 20, 44
@@ -350,7 +350,7 @@ def test_maps_read_back(written, result):
     assert np.mean(residual.values[used] ** 2) == pytest.approx(result.comparison.chi2.per_dof, rel=1e-2)
 
 
-def test_the_report_needs_nothing_beside_it(written):
+def test_the_report_needs_no_other_file(written):
     page = (written / "report.html").read_text(encoding="utf-8")
     assert "<html" in page and "data:image/png;base64," in page
     assert 'src="http' not in page and 'href="http' not in page

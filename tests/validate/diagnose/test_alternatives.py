@@ -8,7 +8,7 @@ from cboxlab.validation.diagnose import alternatives
 from cboxlab.validation.diagnose.alternatives import (
     SelectedEffect,
     confirmed_where_held_out,
-    holds_beside_remainder,
+    holds_with_remainder,
     with_better_alternatives,
 )
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR
@@ -26,7 +26,7 @@ def _selected(behind, dispersion, gain):
 
 
 @pytest.mark.parametrize("dispersion", [1.0, 4.0])
-def test_chi2_differences_scatter_by_the_dispersion_which_widens_what_is_not_told_apart(dispersion):
+def test_chi2_differences_scatter_by_the_dispersion(dispersion):
     limit = INDISTINGUISHABLE_CHI2 * dispersion
     for behind, is_stated in ((0.99 * limit, False), (1.01 * limit, True)):
         selection = _selected(behind, dispersion, gain=100.0)
@@ -79,4 +79,4 @@ def test_of_two_that_are_indistinguishable_the_likelier_is_selected(monkeypatch,
 def test_what_remains_in_the_picture_is_no_matter_to_an_effect_that_priors_judge(by_priors):
     leader = _candidate("own", 1000.0, by_priors=by_priors)
     effect = SelectedEffect(leader, (), 1040.0, np.nan, np.nan, np.nan, 5000, 1.0)
-    assert holds_beside_remainder([effect], 0.01) is by_priors
+    assert holds_with_remainder([effect], 0.01) is by_priors

@@ -116,7 +116,7 @@ def of_numbers(chi2, *counts):
     [
         (1010.0, 1030.0, True, True),  # 70 less, 41.4 for nine numbers more
         (1010.0, 1055.0, False, True),  # 45 less: 3.6 beyond the price, 9.2 asked for
-        (1055.0, 1000.0, False, False),  # 100 above noise, of which it promises 45
+        (1055.0, 1000.0, False, False),  # 100 above noise; it promises 45 of them
     ],
 )
 def test_a_set_pays_for_its_numbers_and_must_promise_half(monkeypatch, promised, reached, taken_over, fitted):

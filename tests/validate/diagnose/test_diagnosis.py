@@ -93,7 +93,7 @@ def test_the_demo_leaves_a_report_and_a_raw_frame(demo):
     assert left[0] > 1.5 * left[1] and right[1] > 1.2 * right[0]
 
 
-def test_the_demo_tells_its_story_in_order(demo):
+def test_the_demo_prints_its_parts_in_order(demo):
     *_, text = demo
     steps = [text.index(f"{number}. ") for number in range(1, 6)]
     assert steps == sorted(steps)
@@ -150,7 +150,7 @@ def test_record_has_the_agreed_keys(outcome, tmp_path):
     assert [step.effects for step in path_steps(diagnosis)] == [(), ("veiling-glare",)]
 
 
-def test_report_tells_the_cause_its_size_and_why_not_another(outcome):
+def test_report_gives_the_cause_its_size_and_why_not_another(outcome):
     _, diagnosis = outcome
     bands = [(i, f"band {i}") for i in range(len(diagnosis.residual))]
     lines = story(diagnosis, bands)
@@ -314,7 +314,7 @@ def test_averaged_changes_stay_on_their_face():
     np.testing.assert_array_equal(evened[:, 10, 10], noise[:, 10, 10])
 
 
-def test_a_capped_frame_tells_an_offset_from_glare(outcome):
+def test_a_capped_frame_separates_an_offset_from_glare(outcome):
     """Glare needs light, an offset does not: frames with the lens capped and the lamp on separate the two.
 
     An offset of d DN in n capped frames' samples of variance v makes at least n d^2 / v of chi2, glare nothing.

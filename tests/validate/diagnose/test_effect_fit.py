@@ -51,7 +51,7 @@ def test_one_effect_has_the_amount_of_least_squares_and_its_error(fitted, start)
 
 
 @pytest.mark.parametrize(("stage", "error"), [("transport", 0.03), ("optics", 0.0)])
-def test_predicted_transport_has_an_error_of_its_own(stage, error):
+def test_predicted_transport_has_an_error(stage, error):
     """Three in a hundred of what differs from the rendered picture: 4 - 1 = 3."""
     effect = replace(catalogue()["veiling-glare"], stage=stage)
     stand_in = SimpleNamespace(applied=AppliedEffect(effect, {"fraction": 4.0}), sigma={"fraction": 0.04})

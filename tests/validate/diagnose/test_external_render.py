@@ -1,4 +1,4 @@
-"""Another renderer's picture that lacks light: the depth of its paths is found, and its energy is told.
+"""Another renderer's picture that lacks light: the depth of its paths is found, and its energy is stated.
 
 The capture is photographed without any effect; the pictures in place of ours are ours, complete or cut.
 """
@@ -86,7 +86,7 @@ def test_the_depth_at_which_paths_end_is_found(answers):
     assert answers[None][1].max_bounces is None
 
 
-def test_missing_light_is_told_and_not_fitted_away(answers):
+def test_missing_light_is_reported_and_not_fitted_away(answers):
     """The cube's light outside the lamp over the complete cube's, all wavelengths alike, within 2 % of the light; the
     lamp's true power, which both share, is within what the capture states."""
     validation, side, cube = answers[4]

@@ -41,7 +41,7 @@ def test_a_selected_effect_and_its_alternatives_share_what_an_unknown_cause_leav
     assert probability["haze"] >= probability["fog"]
 
 
-def test_each_effect_has_the_probability_of_its_own_imitation():
+def test_each_effect_has_the_probability_that_it_imitates():
     """A lamp that misses its stated power does so next to any unknown cause in the picture."""
     assessed = [_selected(_candidate("haze", 1000.0)), _selected(_candidate("lamp-power", 1000.0))]
     imitations = {"haze": 0.7, "lamp-power": 0.02}

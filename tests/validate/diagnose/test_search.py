@@ -171,7 +171,7 @@ def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
         assert notes == () if counts else "block-pose" in notes[0] and f"dx_mm {away}" in notes[0]
 
 
-def test_each_free_number_costs_half_of_what_tells_two_effects_apart():
+def test_each_free_number_costs_half_of_what_separates_two_effects():
     """Odds of 100 to 1 are 9.2 of chi2; an effect without numbers pays nothing."""
     by_id = {h.effect.id: h for h in hypotheses(("f400",), cornell_box(), RenderSettings(max_bounces=2))}
     for name, numbers in (("camera-pose", 6), ("defocus", 1), ("interreflection", 0)):

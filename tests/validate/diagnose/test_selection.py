@@ -146,7 +146,7 @@ def test_what_holds_in_one_corner_only_is_no_cause():
 
 @pytest.mark.parametrize(("size", "confirmed"), [(0.1, set()), (0.3, {"one"})])
 def test_what_errors_of_a_band_may_have_made_is_not_named(size, confirmed):
-    """Levels known to 0.05; noise alone would tell 0.1 at 7 standard deviations."""
+    """Levels known to 0.05; with noise alone, 0.1 would be 7 standard deviations."""
     pattern = np.ones(SHAPE)
     linearised, by_name = laboratory({"one": pattern}, {"one": size})
     model = linearised.model
@@ -157,7 +157,7 @@ def test_what_errors_of_a_band_may_have_made_is_not_named(size, confirmed):
     assert names_of(confirmed_where_held_out(linearised, selection, alternatives, [*by_name.values()])[0]) == confirmed
 
 
-def beside_errors():
+def grey_and_coloured():
     """A picture of 1000 with errors of 0.15 %, alike in all bands over cells and regions, and noise of 1; a smooth
     pattern, alike in all bands or not. Returns signatures, and what draws fits with so much of the latter."""
     coloured = waves(1, 1) * np.sqrt(1.5) * np.array([1.0, -1.0, 0.0])[:, None, None]
@@ -187,10 +187,10 @@ def found(judged, signature):
     return first_significant(best_singles(problem, [signature], start, 1), start, problem.model, start, start)
 
 
-def test_beside_the_pictures_errors_what_is_coloured_counts_and_what_is_grey_does_not():
+def test_with_errors_of_the_picture_coloured_residuals_count_and_grey_ones_do_not():
     """In 40 draws. By size alone the grey pattern counts in most; by the errors in none, since it must be 5.7 of
     its standard deviations. The coloured one, of 0.15, counts in all: 0.15 sqrt(4800) = 10."""
-    by_name, draw = beside_errors()
+    by_name, draw = grey_and_coloured()
     by_size, by_errors, amounts = 0, 0, []
     for _ in range(40):
         plain = draw(0.15)
@@ -206,7 +206,7 @@ def test_beside_the_pictures_errors_what_is_coloured_counts_and_what_is_grey_doe
 
 def test_an_effect_of_the_size_of_its_limit_is_found_nine_times_in_ten():
     """Of 200 draws 180 +- 4.2 expected. The grey pattern has its limit by size."""
-    by_name, draw = beside_errors()
+    by_name, draw = grey_and_coloured()
     plain = draw(0.0)
     counting = plain.counting_errors(())
     coloured, grey = (limit_of(by_name[name], plain.model, counting.model, 1.0) for name in ("coloured", "grey"))
@@ -252,7 +252,7 @@ class Traced(Patterns):
 
 def test_residuals_that_go_together_raise_a_limit_as_they_raise_what_is_asked_for():
     """Noise three times as large as stated: nine times the variance, known from 64 patches to a factor of 1 +- 0.18."""
-    by_name, draw = beside_errors()
+    by_name, draw = grey_and_coloured()
     plain = draw(0.0)
     counting = plain.counting_errors(()).model
     noise = counting.project(3 * np.random.default_rng(6).standard_normal(COUNT + 11))
@@ -277,7 +277,7 @@ def limits_alone(plain, predictor, stage, parameter=AMOUNT, remainder=0.0):
 
 def test_what_is_left_in_a_capture_raises_what_is_stated():
     """What goes together raises a limit: a residual of ten times its size, for errors that are not counted."""
-    _, draw = beside_errors()
+    _, draw = grey_and_coloured()
     pattern = Squares({"grey": waves(1, 1)})
     (quiet,), (noisy,) = (
         limits_alone(draw(0.0), pattern, "filter", remainder=remainder)[1] for remainder in (0.0, 10.0)
@@ -288,7 +288,7 @@ def test_what_is_left_in_a_capture_raises_what_is_stated():
 @pytest.mark.parametrize("size", [1.0, 0.0])
 def test_noise_of_rays_is_no_change_that_is_seen(size):
     """A grey wave under noise of the same size: noise would stand out from errors of the picture, the wave does not."""
-    _, draw = beside_errors()
+    _, draw = grey_and_coloured()
     limit, limited = limits_alone(draw(0.0), Traced({"grey": size * waves(1, 1)}), "transport")
     assert limit.visible > 0.4 and limit.distance < 0.1
     assert len(limited) == 1 or not size
@@ -301,7 +301,7 @@ def test_noise_of_rays_is_no_change_that_is_seen(size):
     [(-0.05, 0.05, False), (-10.0, 10.0, True), (0.0, 10.0, True), (-10.0, 0.0, True)],
 )
 def test_a_size_beyond_an_effects_bounds_is_not_stated(low, high, is_stated):
-    _, draw = beside_errors()
+    _, draw = grey_and_coloured()
     parameter = replace(AMOUNT, low=low, high=high)
     _, limited = limits_alone(draw(0.0), Squares({"grey": waves(1, 1)}), "filter", parameter)
     assert bool(limited) is is_stated
@@ -317,14 +317,14 @@ def test_an_effect_that_changes_rounding_only_has_no_signature():
 
 def test_limits_of_what_grows_with_a_square():
     """A chi2 per sample is the square of an amplitude of the grey pattern, which is the square of an amount."""
-    _, draw = beside_errors()
+    _, draw = grey_and_coloured()
     limit, (limit_record,) = limits_alone(draw(0.0), Squares({"grey": waves(1, 1)}), "filter")
     assert limit_record.distance == pytest.approx(limit_record.chi2_per_sample**0.25, rel=1e-3)
     assert limit.distance > 3 * limit_record.distance
 
 
 def test_stated_sizes_are_one_and_a_half_times_those_to_first_order(monkeypatch):
-    arguments = beside_errors()[1](0.0), Squares({"grey": waves(1, 1)}), "filter"
+    arguments = grey_and_coloured()[1](0.0), Squares({"grey": waves(1, 1)}), "filter"
     (said,) = limits_alone(*arguments)[1]
     monkeypatch.setattr(stepwise, "_SIZE_OVER_FIRST_ORDER", 1.0)
     assert said.distance == pytest.approx(1.5 * limits_alone(*arguments)[1][0].distance)

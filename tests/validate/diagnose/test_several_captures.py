@@ -117,7 +117,7 @@ def photographed(shape, residual, f_number):
 def test_what_is_settled_by_all_captures_counts_in_all(shared):
     """A blur of 2 px at f/8 is 1 px at f/16, one number where the camera is the same, two where it is another.
 
-    Least squares by hand; a capture with a number of its own pays for it.
+    Least squares by hand; a number for one capture alone counts as a further parameter.
     """
     rng = np.random.default_rng(5)
     shapes = rng.standard_normal((2, COUNT))

@@ -34,7 +34,7 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
         ("object", True, 1, False),
     ],
 )
-def test_one_effect_and_a_smear_beside_it_are_one_blur(family, smear, effects, wins):
+def test_one_effect_and_a_smear_next_to_it_are_one_blur(family, smear, effects, wins):
     """Though the effect explains more alone: a round blur takes most of what a smear does."""
     model = _model(left_by_family=4500.0)
     stand_in = SimpleNamespace(family=family, levels=False, change=None, gain=500.0, evidence=450.0)
@@ -64,7 +64,7 @@ def test_next_to_flaws_of_the_base_scores_with_flaws_free_decide(score, wins):
     assert family_beats_effects(stand_in, model, [None], model, LEFT, scores=lambda residual: scores) == wins
 
 
-def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike():
+def test_errors_that_a_face_shares_are_adjusted_with_family_and_effects():
     """A change of 80 standard deviations, all of the kind that a face shares to one: half of its gain of 6400 could be
     such an error. Effects imitate it but for 200."""
     face, other = np.zeros(2011), np.zeros(2011)
@@ -87,7 +87,7 @@ def test_errors_that_a_face_shares_are_adjusted_beside_family_and_effects_alike(
 
 
 def _model(left_by_family):
-    """A model with a residual of chi2 5000, of which a family leaves so much; nothing is shared."""
+    """A model with a residual of chi2 5000 that a family reduces to ``left_by_family``; no error is shared."""
     residual = np.array([np.sqrt(5000.0), 0.0, 0.0])
     change = residual - np.array([0.0, np.sqrt(left_by_family), 0.0])
     return SimpleNamespace(

@@ -89,7 +89,7 @@ def test_a_cube_that_does_not_fit_is_refused(tmp_path, light, image):
 
 
 def test_a_cube_without_standard_errors_has_those_of_its_neighbours_scatter(tmp_path, light):
-    """Noise of 3 % added to a picture of little noise, and not stated: told within a tenth inside walls."""
+    """Noise of 3 % added to a picture of little noise, and not stated: estimated within a tenth inside walls."""
     camera = cornell_camera(64)
     clean = render_final_gather(RenderJob(SCENE, camera, WAVELENGTH_NM[::100], 256, 2)).cube()
     noise = 0.03 * np.random.default_rng(4).standard_normal(clean["radiance"].shape)

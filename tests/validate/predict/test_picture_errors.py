@@ -43,7 +43,7 @@ def test_whitening_is_an_inverse_root_of_the_covariance(parts):
     count = len(parts[3])
     root = np.array([errors.whitened(column) for column in np.eye(count)]).T
     expected = covariance(*parts)
-    assert np.linalg.eigvalsh(expected)[-1] > 30  # the errors are no trifle beside noise of 0.3 %
+    assert np.linalg.eigvalsh(expected)[-1] > 30  # the errors are well above noise of 0.3 %
     np.testing.assert_allclose(root @ expected @ root.T, np.eye(count), atol=2e-4)
 
 

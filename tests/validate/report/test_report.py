@@ -198,7 +198,7 @@ def test_warnings_and_assumptions(pages):
 
 
 def test_scales():
-    """The scale of residuals is fixed and centred on 0; NaN is clear; both ends are told."""
+    """The scale of residuals is fixed and centred on 0; NaN is clear; both ends are labelled."""
     values = np.array([[-3.3, 0.0], [np.nan, 1.2]])
     scale = residual_scale()
     assert (scale.low, scale.high) == (-5.0, 5.0)

@@ -101,7 +101,7 @@ def test_the_runner_up_is_answered():
     assert any("You need no further capture" in step for step in lines.next.steps)
 
 
-def test_what_cannot_be_told_apart_has_its_further_capture():
+def test_effects_that_cannot_be_separated_have_a_further_capture():
     close = [CAUSES[0], _cause("dark-offset", {"level": 3.0}, 0.92, 0.98, 2.1)]
     separation = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
     lines = story(_diagnosis(("veiling-glare",), close, (separation,)), NAMED)
@@ -130,7 +130,7 @@ def test_without_a_cause_the_first_sentence_says_so(selected, sentence):
     assert len(lines.headline.pictures.panels) == 1 and lines.falling is None
 
 
-def test_chi_square_of_the_ranking_is_told_as_a_part_of_the_excess():
+def test_chi_square_of_the_ranking_is_given_as_a_part_of_the_excess():
     """8 to 2 per degree of freedom, where 1 is noise: 6 of 7. No second definition of chi-square is shown."""
     lines = story(_diagnosis(("veiling-glare",), CAUSES), NAMED)
     table = lines.missing.blocks[-1]

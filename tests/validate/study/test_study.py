@@ -148,7 +148,7 @@ def test_a_rendered_study_comes_back_with_the_same_bits(fitted, path, monkeypatc
         (lambda s: Study.open(), "one capture or several"),
     ],
 )
-def test_mistakes_are_told(study, step, message):
+def test_mistakes_are_reported(study, step, message):
     with pytest.raises(InputError, match=message):
         step(study)
 

@@ -65,10 +65,10 @@ def test_a_new_seal_over_the_old_one_has_another_hash(sealed):
     assert other == open_seal(folder).sha256 != digest
 
 
-@pytest.mark.parametrize(("which", "code"), [("told", 0), ("none", 0), ("other", 1)])
-def test_the_hash_told_decides_whether_the_answer_is_opened(sealed, cbox, which, code):
+@pytest.mark.parametrize(("which", "code"), [("given", 0), ("none", 0), ("other", 1)])
+def test_the_stated_hash_decides_whether_the_answer_is_opened(sealed, cbox, which, code):
     folder, digest = sealed
-    options = {"told": ["--hash", digest.upper()], "none": [], "other": ["--hash", "0" * 64]}[which]
+    options = {"given": ["--hash", digest.upper()], "none": [], "other": ["--hash", "0" * 64]}[which]
     record, out, err = cbox("reveal", folder, *options)
     assert record == code
     assert digest in (err if code else out)

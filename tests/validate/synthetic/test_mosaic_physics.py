@@ -62,7 +62,7 @@ def picture(uniform=False):
 
 
 def flat_of(settings):
-    """(y, x) response, 1 on average over each channel: a flat field tells no more."""
+    """(y, x) response, 1 on average over each channel: a flat field determines no more."""
     flat = pixel_maps(CAMERA, settings, np.random.default_rng(1)).flat
     for channel in settings.mosaic.dyes:
         mask = channel_mask(settings.mosaic.pattern, flat.shape, channel)
@@ -153,7 +153,7 @@ def test_crosstalk_goes_from_colour_to_colour(pattern):
 
 
 def test_a_channel_in_no_band_shows_the_band_s_light_times_their_ratio():
-    """A frame of which only green stands in a band is predicted as the whole frame, for light of one spectrum."""
+    """For light of one spectrum a frame with green alone in a band is predicted as the frame with all channels."""
     settings = behind_mosaic(CaptureSettings(), "RGGB")
     flat = flat_of(settings)
     all_channels, green = sensing_of(settings, flat), sensing_of(settings, flat, [1])

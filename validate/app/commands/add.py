@@ -14,7 +14,7 @@ from cboxlab.utils.numbers import number_of
 from cboxlab.utils.progress import share
 
 from .arguments import JsonOption, complete_effect
-from .console import bar, give_json, options, require_folder, say
+from .console import bar, give_json, options, require_file, say
 
 if TYPE_CHECKING:
     from cboxlab.rendering.effects import AppliedEffect, Effect
@@ -77,7 +77,7 @@ def add(
     applied = apply_checked(definition, pairs, "cbox add", names_in(current.scene))
     before_after: dict[str, float] = {}
     if fit is not None:
-        require_folder(model.parent)
+        require_file(model)
         applied, before_after = _fitted(fit, current, applied.effect, pairs)
     grown = current.with_effect(applied)
     model.parent.mkdir(parents=True, exist_ok=True)

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 import typer
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import LIST_OF_FAULTS
 from cboxlab.utils.files import replacing
 from cboxlab.utils.progress import Cancelled, Progress
 
@@ -211,13 +212,21 @@ def run_capture(task: CaptureTask) -> dict[str, Any]:
         row["seconds"] = round(time.monotonic() - start, 1)
         row["status"] = {0: "done", 2: "refused"}.get(run.returncode, "failed")
         if run.returncode:
-            said = [line for line in run.stderr.splitlines() if line.startswith(("error: ", "fault: "))]
-            row["message"] = said[0].partition(": ")[2] if said else f"exit code {run.returncode}"
+            row["message"] = _message(run.stderr) or f"exit code {run.returncode}"
             return row
     from cboxlab.utils.input_files import read_json
 
     file, columns = _RESULTS[task.what]
     return row | columns(read_json(results / file, "results of cbox"))
+
+
+def _message(standard_error: str) -> str:
+    """First message of a command, with the first fault of a list; empty for none."""
+    lines = iter(standard_error.splitlines())
+    message = next((line for line in lines if line.startswith(("error: ", "fault: "))), "").partition(": ")[2]
+    if message.endswith(LIST_OF_FAULTS):
+        return f"{message.removesuffix(LIST_OF_FAULTS)}The first is: {next(lines, '').strip()}"
+    return message
 
 
 def _write_summary(out: Path, rows: list[dict[str, Any]]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 import signal
 import threading
@@ -25,6 +24,8 @@ from ..terminal import (
     give_json,
     print_result,
     print_table,
+    require_file,
+    require_folder,
     say,
     this_run,
     watch_stages,
@@ -51,6 +52,7 @@ __all__ = [
     "positive_number",
     "print_result",
     "print_table",
+    "require_file",
     "require_folder",
     "say",
     "this_run",
@@ -263,28 +265,6 @@ def warn_unless_compiled() -> None:
 
     if not variant.compiled():
         errors.print(Text(variant.HINT))
-
-
-def require_folder(path: Path) -> None:
-    """Require a writable folder, or one that can be created.
-
-    Parameters
-    ----------
-    path
-        The folder.
-
-    Raises
-    ------
-    InputError
-        If there is a file, or no permission to write.
-    """
-    existing = path.absolute()
-    while not existing.exists() and existing != existing.parent:
-        existing = existing.parent
-    if not existing.is_dir():
-        raise InputError(path, f"a file ({existing})", "a folder for results", "Name another folder with --out.")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise InputError(path, f"a folder without write permission ({existing})", "a writable folder")
 
 
 def positive_number(text: str, option: str) -> float:

@@ -11,7 +11,7 @@ from cboxlab.utils.table import Table
 from rich.text import Text
 
 from .arguments import JsonOption, complete_effect
-from .console import bar, console, give_json, options, print_result, require_folder, say
+from .console import bar, console, give_json, options, print_result, require_file, require_folder, say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -72,7 +72,7 @@ def effects(
     if picture is not None:
         from .effect_picture import pictured_light, write_effect_picture
 
-        require_folder(picture.parent)
+        require_file(picture)
         with bar("rendering"):
             values = write_effect_picture(picture, effect, pictured_light())
         say(f"Signature with {values}: {picture}")

@@ -9,7 +9,7 @@ import typer
 from cboxlab.utils.errors import InputError
 
 from .arguments import JsonOption
-from .console import bar, give_json, print_result, say
+from .console import bar, give_json, print_result, require_file, say
 
 if TYPE_CHECKING:
     from cboxlab.scenes.spectra import Spectrum
@@ -59,6 +59,7 @@ def hyperspectral(
 
     if out.suffix.lower() not in set(WRITABLE) - {".png"}:
         raise InputError("--out", f"'{out}'", "a file name that ends in .nc, .exr or .hdr")
+    require_file(out)
     loaded, spectrum = with_full_well(load_capture(capture)), _reading(reading)
     if loaded.manifest.mosaic is not None:
         raise InputError(capture / "capture.toml", "a sensor with a mosaic", "a monochrome sensor")

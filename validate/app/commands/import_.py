@@ -10,7 +10,7 @@ import typer
 from cboxlab.utils.errors import InputError
 
 from .arguments import JsonOption
-from .console import data_table, give_json, print_table, require_folder, say
+from .console import data_table, give_json, print_table, require_file, say
 
 if TYPE_CHECKING:
     from cboxlab.scenes.spectrum_readers import MeasuredSpectrum
@@ -117,7 +117,7 @@ def _write_csv(file: Path, out: Path, spectra: list[MeasuredSpectrum]) -> None:
         if spectrum.wavelength_nm.tolist() != first.wavelength_nm.tolist():
             fault = f"other wavelengths in '{spectrum.name}' than in '{first.name}'"
             raise InputError("--out", fault, "columns of the same wavelengths", "Choose one with --column.")
-    require_folder(out.parent)
+    require_file(out)
     with replacing(out) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(["wavelength_nm", *(spectrum.name for spectrum in spectra)])

@@ -16,7 +16,7 @@ from .console import (
     give_json,
     options,
     print_result,
-    require_folder,
+    require_file,
     say,
 )
 
@@ -67,9 +67,8 @@ def regress(
     from ...compare_renders.regress import SIDES, github_lines, input_files, regress_inputs, write_junit
 
     declared = declared_pair(declare, SIDES)
-    for path in (json, junit):
-        if path is not None:
-            require_folder(path.parent)
+    if junit is not None:
+        require_file(junit)
     with options(camera="--camera"), bar("comparing") as report:
         outcome = regress_inputs(
             baseline, candidate, model, camera, false_alarms, report, declared=declared, same_seeds=same_seeds

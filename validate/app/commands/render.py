@@ -16,7 +16,7 @@ from .console import (
     options,
     positive_number,
     print_result,
-    require_folder,
+    require_file,
     say,
     this_run,
     warn_unless_compiled,
@@ -81,7 +81,7 @@ def render(
     if out.suffix.lower() not in WRITABLE:
         raise InputError(out, f"the ending '{out.suffix}'", f"one of {', '.join(WRITABLE)}")
     grid, error = wavelengths(at), positive_number(noise, "--noise")
-    require_folder(out.parent)
+    require_file(out)
     checked = load_model(model)
     warn_unless_compiled()
     settings = CubeSettings(grid, error, percentile, samples, seed, scheduler, this_run.command)

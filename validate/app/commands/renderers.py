@@ -76,9 +76,8 @@ def renderers(
     from ...compare_renders.renderers import compare_renderers, exported_model
 
     names = _names(requested)
-    for path in (out, json):
-        if path is not None:
-            require_folder(path.parent)
+    if out is not None:
+        require_folder(out.parent)
     warn_unless_compiled()
     settings, box = ExportSettings(wavelengths(at), samples), load_model(model)
     with options(renderer="--with"), bar("rendering") as report:
@@ -115,8 +114,6 @@ def _collect(folder: Path, json: Path | None) -> None:
     done = [name for name in renderer_catalogue() if (folder / name / "out").is_dir()]
     if not done:
         raise InputError(folder, "no pictures of a renderer", "an export with pictures in RENDERER/out")
-    if json is not None:
-        require_folder(json.parent)
     cubes, unfinished = {}, []
     for name in done:
         try:
@@ -138,8 +135,6 @@ def _references(json: Path | None) -> None:
     """Print the errors of our integrators."""
     from ...compare_renders.renderers import closed_form_table, measure_closed_forms
 
-    if json is not None:
-        require_folder(json.parent)
     warn_unless_compiled()
     with bar("measuring") as report:
         measured = measure_closed_forms(progress=report)

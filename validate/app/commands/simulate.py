@@ -15,6 +15,7 @@ from .console import (
     give_json,
     options,
     positive_number,
+    require_file,
     require_folder,
     say,
 )
@@ -117,7 +118,7 @@ def _targets(cubes: list[Path], pattern: Path, endings: tuple[str, ...]) -> list
             pattern, f"one path for {len(cubes)} cubes", f"{NAME} in the path, and cubes with different names"
         )
     for target in targets:
-        require_folder(target.parent)
+        (require_file if target.suffix else require_folder)(target)
     return targets
 
 

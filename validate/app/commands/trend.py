@@ -9,7 +9,7 @@ import typer
 from cboxlab.utils.errors import InputError
 
 from .arguments import JsonOption
-from .console import give_json, say
+from .console import give_json, require_file, say
 
 __all__ = ["trend"]
 
@@ -36,6 +36,7 @@ def trend(
 
     if len(results) < _FEWEST:
         raise InputError("RESULTS", f"{len(results)} folder", f"at least {_FEWEST} folders of results")
+    require_file(out)
     read = [read_trend_result(folder) for folder in results]
     write_trend(out, read)
     record = trend_record(read)

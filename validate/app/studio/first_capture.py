@@ -7,13 +7,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cboxlab.calibration.capture import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+import numpy as np
+from cboxlab.calibration.capture import (
+    FirstManifest,
+    ManifestEntry,
+    draft_manifest,
+    split_name,
+    write_first_manifest,
+)
+from cboxlab.calibration.frame_readers import read_values
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import inputs_below
 
+from ...report.viewer import encoded
 from .places import path_of_name
 
-__all__ = ["first_draft", "write_first"]
+__all__ = ["first_draft", "first_thumbnails", "write_first"]
+
+#: Longer side of a small picture, px.
+_THUMBNAIL_PX = 96
 
 #: Most characters of a value.
 _MAX_LENGTH = 300
@@ -63,6 +75,54 @@ def first_draft(root: Path, folder: str, entries: Sequence[Any]) -> dict[str, An
         "missing": _fields(first, tables),
         "left_out": [{"file": item.file, "why": item.why} for item in first.left_out],
         "faults": faults,
+    }
+
+
+def first_thumbnails(root: Path, folder: str) -> dict[str, Any]:
+    """Small pictures of the first frame of each kind, filter or target in a folder of frames.
+
+    Parameters
+    ----------
+    root, folder
+        As of ``first_draft``.
+
+    Returns
+    -------
+    dict
+        The list ``thumbnails`` in the order of ``recognised`` in ``first_draft``. An entry is null for a frame that is
+        written with capture.toml only. Others have width, height, ``values`` from 0 to 1 for the viewer, and the least
+        and largest count of the frame.
+
+    Raises
+    ------
+    InputError
+        As of ``first_draft``, and for frames that cannot be read.
+    """
+    path = path_of_name(root, folder, "folder")
+    with inputs_below(root):
+        text, first, _ = draft_manifest(path)
+        tables = tomllib.loads(text)
+        names = [table["frames"][0] for kind in first.tables for table in tables.get(kind, [])]
+        return {"thumbnails": [_thumbnail(path, name) for name in names]}
+
+
+def _thumbnail(folder: Path, name: str) -> dict[str, Any] | None:
+    """Means of blocks of a frame, over its brightest hundredth; None if it has no file yet."""
+    file, number = split_name(folder, name)
+    if not (folder / file).is_file():
+        return None
+    counts = read_values(folder / file, range(number or 0, (number or 0) + 1))[0]
+    block = -(-max(counts.shape) // _THUMBNAIL_PX)
+    height, width = (max(size // block, 1) for size in counts.shape)
+    blocks = counts[: height * block, : width * block].reshape(height, min(block, counts.shape[0]), width, -1)
+    means = blocks.mean(axis=(1, 3))
+    bright = float(np.percentile(means, 99))
+    return {
+        "width": width,
+        "height": height,
+        "values": encoded(np.clip(means / bright if bright > 0 else means, 0, 1)),
+        "least": float(counts.min()),
+        "largest": float(counts.max()),
     }
 
 

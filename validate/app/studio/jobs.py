@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter
+from cboxlab.utils.progress import Cancelled, Progress, ProgressReporter, stoppable
 
 from ..terminal import Stages
 
@@ -190,8 +190,14 @@ class Jobs:
         stages: Stages,
     ) -> None:
         loop, error, ticking = asyncio.get_running_loop(), "", asyncio.create_task(self._tick(stages))
+        background = self._running is not None and self._running[2]
+
+        def compute() -> None:
+            with stoppable(reporter, promptly=background):
+                function(reporter)
+
         try:
-            await loop.run_in_executor(self._pool, function, reporter)
+            await loop.run_in_executor(self._pool, compute)
         except Cancelled:
             error = CANCELLED
         except InputError as fault:
@@ -199,7 +205,6 @@ class Jobs:
         except Exception as fault:  # the page shows it; the server continues
             error = f"{type(fault).__name__}: {fault}. This is an error of the program"
         ticking.cancel()
-        background = self._running is not None and self._running[2]
         self._running, self.progress = None, None
         self.error = "" if error == CANCELLED else error
         if not error:

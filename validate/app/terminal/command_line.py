@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from .destinations import require_file
 from .number_options import command_name
 from .output import STANDARD_OUTPUT, show_results_apart, this_run
 
@@ -27,10 +28,12 @@ Verbose = Annotated[
 ]
 
 
-def _keep_standard_output_clear(path: Path | None) -> Path | None:
-    """Print messages to standard error if JSON goes to standard output."""
+def _checked_destination(path: Path | None) -> Path | None:
+    """Require a writable file; print messages to standard error if JSON goes to standard output."""
     if path == STANDARD_OUTPUT:
         show_results_apart()
+    elif path is not None:
+        require_file(path)
     return path
 
 
@@ -40,7 +43,7 @@ JsonOption = Annotated[
     typer.Option(
         "--json",
         help="Write the results as JSON to this file. With -, they go to standard output.",
-        callback=_keep_standard_output_clear,
+        callback=_checked_destination,
     ),
 ]
 

@@ -123,6 +123,7 @@ class Run:
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="cboxlab-spelled")
+        logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns of a home that cannot be written
         self.command = shlex.join(["cbox", *arguments])
         self.quiet = self.verbose = console.quiet = console.stderr = False
 

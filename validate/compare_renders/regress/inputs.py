@@ -184,10 +184,10 @@ def regress_pictures(
     notes: list[str] = [*cut]
     view = None if view is None else _cut_view(view, baseline)
     surfaces = baseline.surfaces or candidate.surfaces
-    variants = None
-    if surfaces is None:
-        variants = _variants(view, baseline, candidate, notes)
-        surfaces = None if variants is None else variants.surface_map()
+    surfaces_stated = surfaces is not None
+    variants = None if surfaces_stated else _variants(view, baseline, candidate, notes)
+    if variants is not None:
+        surfaces = variants.surface_map()
     outcome, comparison = regress_sides(baseline, candidate, surfaces, false_alarms)
     progress.part(0.2)
     changes: tuple[NamedChange, ...] = ()
@@ -198,7 +198,8 @@ def regress_pictures(
     elif not outcome.same:
         from .naming import named_changes
 
-        variants = variants or _variants(view, baseline, candidate, notes)
+        if surfaces_stated:  # the pictures have not been compared with a scene yet
+            variants = _variants(view, baseline, candidate, notes)
         changes = _mislabelled(baseline, candidate, surfaces, false_alarms)
         changes = changes or named_changes(comparison, variants, progress)
         if variants is None:

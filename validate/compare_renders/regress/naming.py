@@ -101,7 +101,8 @@ def named_changes(
         unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
     if scatter is not None:
         unknown[0] = Explanation(UNKNOWN, {"description": scatter}, unknown[0].fit, 0)
-    return _weighed(evidence, explanations, unknown, _SCATTERED_CAP if scatter else 1.0)
+    most = 1.0 if variants is not None else _clear(evidence)
+    return _weighed(evidence, explanations, unknown, _SCATTERED_CAP if scatter else most)
 
 
 def _pictures(comparison: Comparison, evidence: Evidence, variants: Variants | None) -> Pictures:
@@ -181,6 +182,16 @@ def _excess(evidence: Evidence) -> tuple[float, float]:
     """Chi-square without any change, and the part of it that noise does not explain."""
     none = evidence.fit([]).chi2
     return none, max(none - evidence.numbers - _NOISE_SIGMAS * np.sqrt(2 * evidence.numbers), 0.0)
+
+
+def _clear(evidence: Evidence) -> float:
+    """Largest probability of names where the scene is unknown.
+
+    Paths, paints and lamps cannot be tried then. One of another shape has to be distinguishable from the name by noise.
+    """
+    excess = _excess(evidence)[1]
+    clear = (1 - _UNKNOWN_PART) * excess / (_NOISE_SIGMAS * np.sqrt(2 * evidence.numbers))
+    return float((0.5 + clear**2) / (1 + clear**2))
 
 
 def _target(evidence: Evidence) -> float:

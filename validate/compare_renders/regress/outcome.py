@@ -16,8 +16,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
-from .patterns import FIXED_TEXTURE
-from .pooled import CANCELLING, PooledMean
+from .patterns import CANCELLING, FIXED_TEXTURE, STRUCTURE, PooledMean
 
 __all__ = [
     "UNKNOWN",
@@ -140,7 +139,7 @@ class Outcome(FrozenMappings):
             return f"{rows['dark'].pixels} {rows['dark'].name}"
         if "wave" in rows and rows["wave"] is not self.deciding[0]:
             del rows["wave"]
-        for kind in ("grid", "wave", "steps", "tile", "line", "texture"):
+        for kind in ("grid", "wave", "steps", "tile", "line", "reused", "texture"):
             if kind in rows:
                 return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of the light"
         return None
@@ -254,7 +253,7 @@ class Outcome(FrozenMappings):
             "strata": {row.name: _record(row) for row in self.of_kind("stratum")},
             "patterns": {
                 row.name: {**_record(row), "unit": row.unit}
-                for kind in ("pattern", *CANCELLING)
+                for kind in ("pattern", *CANCELLING, *STRUCTURE)
                 for row in self.of_kind(kind)
             },
             "cancelling": self.cancelling,

@@ -20,27 +20,18 @@ from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
-    CANCELLING,
     POWER,
     SHARES,
     Difference,
     PooledMean,
+    all_patterns,
     block_spread,
-    dark_pixels,
     mirror_order,
-    moved_texture,
-    odd_lines,
-    odd_tiles,
-    periodic,
     pool_of_finding,
-    ripple,
-    textures,
-    tile_steps,
 )
 from .strata import BLOCKS, Strata
 
 __all__ = [
-    "CANCELLING",
     "SHARES",
     "SYSTEMATIC",
     "PooledMean",
@@ -218,7 +209,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     tested = [row for row in blocks if row is not None]
     findings = {
         "spread": block_spread(tested, pooling.noise.clustering),
-        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.level + pooling.trimmed.difference),
+        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.difference),
     }
     return (
         *(row for row in pools if row is not None),
@@ -252,7 +243,7 @@ def difference_of(pooling: Pooling) -> Difference:
 def cancelling_patterns(
     pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
 ) -> tuple[PooledMean, ...]:
-    """Tests of patterns whose means cancel, and of the place of fine structure.
+    """Tests of patterns whose means cancel, and of those that need no known noise.
 
     Parameters
     ----------
@@ -266,21 +257,7 @@ def cancelling_patterns(
     tuple of PooledMean
         One for each kind of pattern, at its clearest instance.
     """
-    difference = difference_of(pooling)
-    critical = {kind: pooling.false_alarms * SHARES[kind] for kind in (*CANCELLING, "place")}
-    findings = [
-        ("grid", periodic(difference)),
-        ("wave", ripple(difference, _steps(pooling))),
-        ("line", odd_lines(difference)),
-        ("tile", odd_tiles(difference)),
-        ("steps", tile_steps(difference)),
-        ("dark", dark_pixels(baseline, candidate, pooling.strata.smooth, critical["dark"])),
-        ("place", moved_texture(baseline, candidate)),
-    ]
-    rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
-    of_texture = textures(difference)
-    share = critical["texture"] / max(len(of_texture), 1)
-    return (*rows, *(pool_of_finding("texture", finding, share) for finding in of_texture))
+    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, _steps(pooling))
 
 
 def _steps(pooling: Pooling) -> float:

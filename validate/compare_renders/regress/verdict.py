@@ -14,7 +14,7 @@ from .grids import Common, common_wavelengths
 from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
-from .patterns import Difference, periodic, tile_steps, without_period
+from .patterns import Difference, periodic, slow_change, tile_steps, without_period, without_slow
 from .pooled import (
     SHARES,
     Pooling,
@@ -186,6 +186,22 @@ def _without_pattern(comparison: Comparison, false_alarms: float) -> Comparison:
     return replace(again, removed=pattern.name)
 
 
+def _without_slow(comparison: Comparison, false_alarms: float) -> Comparison:
+    """Comparison with the noise that a deciding slow change leaves; itself without one.
+
+    A slow change would count as noise that reaches over the picture, and hide its own name.
+    """
+    slow = slow_change(difference_of(comparison.pooling)) if comparison.noise.estimated else None
+    if slow is None or slow.probability >= false_alarms * SHARES["slow"]:
+        return comparison
+    cut, strata, common = comparison.trimmed, comparison.strata, comparison.common
+    variances = common.candidate.variance, common.baseline.variance
+    difference = without_slow(cut.difference, cut.level, slow)
+    computed = comparison.noise.variance, comparison.noise.degrees
+    noise = noise_of(difference, cut.level, _quiet(strata, estimated=True), variances, (0.0, 0.0), variance=computed)
+    return replace(comparison, noise=noise, pooling=replace(comparison.pooling, noise=noise))
+
+
 def regress_sides(
     baseline: Side, candidate: Side, surfaces: SurfaceMap | None = None, false_alarms: float = FALSE_ALARMS
 ) -> tuple[Outcome, Comparison]:
@@ -208,7 +224,7 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    as_found = compared_sides(baseline, candidate, surfaces, false_alarms)
+    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
     comparison = _without_pattern(as_found, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
@@ -217,7 +233,7 @@ def regress_sides(
             baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
         )
     body = comparison.strata.body
-    level = float(comparison.trimmed.level[body].sum())
+    level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
     notes = [
         *comparison.common.baseline.notes,
         *comparison.common.candidate.notes,

@@ -393,9 +393,9 @@ def build_flaw_model(
     if error == 0:
         return replace(plain, nothing=nothing)
     del plain  # its columns are as large as those to come
-    beside = _with_columns(model, error, flaws, signal)
-    cells = beside.model.errors
-    return replace(beside, nothing=nothing - (0.0 if cells is None else cells.volume_of_cells))
+    with_pixels = _with_columns(model, error, flaws, signal)
+    cells = with_pixels.model.errors
+    return replace(with_pixels, nothing=nothing - (0.0 if cells is None else cells.volume_of_cells))
 
 
 def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:

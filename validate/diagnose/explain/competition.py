@@ -217,7 +217,7 @@ def _compare(
         bands=tuple(band for band, is_visible in zip(data.bands, visible, strict=True) if is_visible),
         all_bands=data.bands,
         share=share,
-        told_apart=_told_apart(rivals, margin, min_share),
+        told_apart=_is_distinguished(rivals, margin, min_share),
         rivals=rivals,
         change=change,
         sigma=np.where(data.used, data.sigma, np.nan),
@@ -236,7 +236,7 @@ def _compare(
     )
 
 
-def _told_apart(rivals: Sequence[Rival], margin: float, min_share: float) -> bool:
+def _is_distinguished(rivals: Sequence[Rival], margin: float, min_share: float) -> bool:
     """Whether all rivals that explain enough are clearly worse."""
     contenders = [rival for rival in rivals[1:] if rival.share >= min_share]
     worse = all(rivals[0].score - rival.score > margin for rival in contenders)

@@ -18,8 +18,8 @@ from ..field_fit import (
     FittedExplanation,
     MaskedPattern,
     ResidualData,
-    beside_common,
     equations_in_all_bands,
+    next_to_common_field,
 )
 from ._spectra import forms_by_spectrum
 
@@ -51,7 +51,7 @@ def displacements_of_bands(data: ResidualData) -> Iterator[FittedExplanation]:
         In each band otherwise, and in one band; constant and smooth.
     """
     for form, maps, columns in _operators(data):
-        n = beside_common(equations_in_all_bands(data, columns))
+        n = next_to_common_field(equations_in_all_bands(data, columns))
         _, *single = forms_by_spectrum(FAMILY, form, n, columns, "displacement", maps)
         yield from (replace(explanation, sharp=True) for explanation in single)
 

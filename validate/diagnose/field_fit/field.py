@@ -25,12 +25,12 @@ from .residual_data import ResidualData
 __all__ = [
     "FieldFit",
     "NormalEquations",
-    "beside_common",
     "cross_validate",
     "each_band",
     "fit_result",
     "fixed_spectrum",
     "free_spectrum",
+    "next_to_common_field",
     "normal_equations",
     "pixel_fit",
     "solve",
@@ -299,7 +299,7 @@ def each_band(n: NormalEquations) -> FieldFit:
     return fit_result(n, x, np.array(trials), evidence, float(freedom))
 
 
-def beside_common(n: NormalEquations) -> NormalEquations:
+def next_to_common_field(n: NormalEquations) -> NormalEquations:
     """Normal equations of a field next to the same field that is common to all bands.
 
     The common field is one more nuisance, at its best fit without the other. Its prior has the width that maximises

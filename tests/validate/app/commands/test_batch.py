@@ -30,6 +30,8 @@ def test_a_batch_ends_with_a_summary_and_goes_on_where_it_stopped(captures, tmp_
     rows = rows_of(out)
     assert (rows["sound"]["status"], rows["sound"]["suspicions"]) == ("done", "0")
     assert rows["more/refused"]["status"] == "refused" and "capture.toml" in rows["more/refused"]["message"]
+    assert "2 faults; expected no faults. The first is: " in rows["more/refused"]["message"]
+    assert rows["more/refused"]["message"].endswith("camera: found nothing; expected this key. Add it.")
     result = out / "sound" / "calibration.json"
     before = result.stat().st_mtime_ns
     shutil.rmtree(captures / "more")

@@ -14,7 +14,7 @@ from helpers.command_line import assert_one_line_of_help
 
 
 @pytest.mark.parametrize("capture_folder", [False, True])
-def test_a_capture_of_another_box_is_told_before_the_work(capture_folder, tmp_path, capsys):
+def test_a_capture_of_another_box_is_refused_before_the_work(capture_folder, tmp_path, capsys):
     """It was compared with the published box for minutes, and was unknown."""
     capture = shutil.copytree(DEMO_CAPTURE, tmp_path / "other")
     manifest = capture / "capture.toml"
@@ -58,7 +58,7 @@ def test_a_captures_own_scene_is_its_model(own_capture, tmp_path, monkeypatch, c
     assert code == 0 and "the scene file cannot be read" in " ".join((out + err).split())
 
 
-def test_a_scene_that_nobody_knows_is_told(own_capture, tmp_path, cbox):
+def test_an_unknown_scene_is_refused(own_capture, tmp_path, cbox):
     manifest = own_capture / "capture.toml"
     manifest.write_text(manifest.read_text().replace('scene = "box.toml"', 'scene = "lab-box"'))
     code, out, err = cbox("calibrate", own_capture, "--out", tmp_path / "out")

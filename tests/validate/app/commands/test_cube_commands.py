@@ -74,7 +74,7 @@ def test_a_cube_says_where_it_comes_from(cubes, tmp_path):
         assert load_model(tmp_path / "model.toml").scene.origin.reference == "cornell-box"
 
 
-def test_a_simulation_names_the_faulty_cube_and_tells_saturation(cubes, tmp_path, cbox):
+def test_a_simulation_names_the_faulty_cube_and_reports_saturation(cubes, tmp_path, cbox):
     cube = read_cube(cubes / "1.nc")
     cube["radiance"].values[3, 4, 2] = np.nan
     cube.to_netcdf(tmp_path / "gap.nc", engine="h5netcdf")
@@ -186,7 +186,7 @@ def test_a_cube_in_every_format_and_a_raw_frame_of_it(cubes, tmp_path, cbox):
     assert Image.open(tmp_path / "raw.png").size == (32, 32)
 
 
-def test_luminances_are_told_with_the_cube(tmp_path, cbox):
+def test_luminances_are_printed_with_the_cube(tmp_path, cbox):
     """Against the cube's own radiance summed by colour-science, on pixels away from edges; keys as in the manual."""
     out, luminances = tmp_path / "a.nc", tmp_path / "a.json"
     code, said, _ = cbox(

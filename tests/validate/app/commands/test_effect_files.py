@@ -92,7 +92,7 @@ def test_both_options_belong_together(tmp_path, cbox):
     assert_one_line_of_help(cbox("effects", "--new", "rows"), ["--new NAME --from diagnosis.json"])
 
 
-def test_what_cannot_be_told_apart_is_said(record, tmp_path, monkeypatch, cbox):
+def test_effects_that_cannot_be_separated_are_named(record, tmp_path, monkeypatch, cbox):
     monkeypatch.chdir(tmp_path)
     diagnosis = _diagnosis(tmp_path, {**record, "told_apart": False, "runner_up": "sensor-gain"})
     code, out, _ = cbox("effects", "--new", "rows", "--from", diagnosis)

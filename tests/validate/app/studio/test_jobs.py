@@ -6,7 +6,7 @@ import threading
 from cboxlab.validation.app.studio import jobs
 
 
-def test_the_time_gone_is_told_between_reports(monkeypatch):
+def test_elapsed_time_is_shown_between_reports(monkeypatch):
     """A computation that reports nothing until its listener has heard of it three times; then silence."""
     monkeypatch.setattr(jobs, "_TICK_S", 0.01)
     heard = threading.Event()

@@ -121,6 +121,42 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     assert step(client, "remove", which=0)[0]["effects"] == []
 
 
+def test_the_pattern_of_an_effect_that_is_not_added(client, bench):
+    record, numbers = record_of(client.post("/secret/api/pattern", json={"effect": "veiling-glare"}))
+    assert [each["name"] for each in record["numbers"]] == ["fraction"] and bench.study.effects == ()
+    without = bench.study.predictions()[0]
+    added = bench.study.add("veiling-glare", fraction=record["numbers"][0]["value"]).predictions()[0]
+    order = np.argsort(band_centres(bench.study.prepared[0].responses))
+    expected = ((added.signal - without.signal) / without.sigma)[order]
+    np.testing.assert_allclose(numbers.reshape(7, 32, 32), expected, atol=1e-5)
+    assert np.percentile(np.abs(numbers), 99) == pytest.approx(3.0, rel=0.1)
+
+
+def test_chi_square_over_a_number_holds_until_anything_else_changes(client, bench):
+    step(client, "add", effect="veiling-glare", values={"fraction": 0.01})
+    finished(client, "profile", effect=0, parameter="fraction", revision=present(client))
+    profile = client.get("/secret/api/state").json()["profile"]
+    assert (profile["which"], profile["name"], profile["values"][0]) == (0, "fraction", 0.0)
+    at_present = profile["chi2_per_dof"][profile["values"].index(0.01)]
+    assert at_present == pytest.approx(bench.prediction.chi2.per_dof)
+    assert profile["chi2_per_dof"][0] == pytest.approx(
+        bench.study.change(0, fraction=0.0).predictions()[0].chi2.per_dof
+    )
+    moved, _ = step(client, "change", which=0, values={"fraction": 0.004}, commit=True)
+    assert moved["profile"] == profile
+    assert step(client, "add", effect="ghost")[0]["profile"] is None
+
+
+def test_earlier_pictures_leave_the_study_as_it_is(client, bench):
+    first = step(client, "add", effect="veiling-glare", values={"fraction": 0.02})[0]
+    step(client, "change", which=0, values={"fraction": 0.01}, commit=True)
+    before, numbers = record_of(client.post("/secret/api/earlier", json={"first": False}))
+    assert before["chi2_per_dof"] == pytest.approx(first["chi2_per_dof"]) and numbers.size == 2 * 7 * 32 * 32
+    opened, _ = record_of(client.post("/secret/api/earlier", json={"first": True}))
+    assert opened["chi2_per_dof"] == pytest.approx(bench.moves[0], rel=1e-6)
+    assert bench.study.effects[0].values["fraction"] == 0.01 and not bench.study.history.can_redo
+
+
 @pytest.mark.parametrize(
     ("path", "body", "line"),
     [
@@ -131,6 +167,8 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
         ("step/change", {"which": "x"}, "an index from 0"),
         ("step/adopt", {}, "no diagnosis"),
         ("step/dance", {}, "one of add"),
+        ("pattern", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("job/profile", {"effect": 3, "parameter": "fraction"}, "found 3"),
         ("job/open", {"capture": "../other"}, "leaves the folder"),
     ],
 )
@@ -286,7 +324,7 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     assert page.run("document.getElementById('mistake').textContent") == ""
 
 
-def test_the_page_tells_a_mistake_and_goes_on(page):
+def test_the_page_shows_a_mistake_and_goes_on(page):
     add(page, "veiling-glare")
     page.run(
         "(() => {const n = document.querySelector('#effects input[type=text]'); n.value = '7';"

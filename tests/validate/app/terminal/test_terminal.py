@@ -60,7 +60,7 @@ def test_no_time_left_is_stated_where_it_would_be_a_guess(report):
     assert stages.remaining_s() is None and "left" not in stages.times()
 
 
-def test_a_long_stage_is_told_of_while_it_lasts():
+def test_a_long_stage_is_reported_while_it_lasts():
     _, lines = followed([(0, "rendering", 0.0), (20, "rendering", 0.1), (40, "rendering", 0.2)])
     assert lines == ["rendering: 20% of the computation, 40 s elapsed, about 2 min 40 s left"]
 
@@ -117,6 +117,19 @@ def test_json_on_standard_output_stands_alone(tmp_path, cbox):
     }
     assert "added ghost" in err
     assert "{" not in cbox("effects", "ghost")[1]
+
+
+@pytest.mark.parametrize(
+    ("option", "described"),
+    [("--json", "a folder"), ("--picture", "a folder"), ("--json", "a file"), ("--picture", "a file")],
+)
+def test_results_that_cannot_be_written_are_refused_before_the_computation(option, described, cbox, tmp_path):
+    """A folder in place of the file, and a file in place of its folder."""
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").touch()
+    target = tmp_path / ("folder.png" if described == "a folder" else "file/result.png")
+    code, _, err = cbox("effects", "veiling-glare", option, target)
+    assert code == 2 and f"found {described}" in err
 
 
 def test_json_of_a_comparison_is_that_of_its_folder(tmp_path, cbox):

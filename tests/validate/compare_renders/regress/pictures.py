@@ -8,6 +8,7 @@ from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare_renders.regress import Side, SurfaceMap
+from cboxlab.validation.compare_renders.regress.variants import build_variants
 
 SIZE = 48
 WAVELENGTHS = np.arange(420.0, 701.0, 40.0)
@@ -24,6 +25,12 @@ def rendered(max_bounces=None):
     mean, _ = image.project(np.eye(WAVELENGTHS.size))
     surface = image.surface.astype(int)
     return mean, SurfaceMap(surface, image.surface_names, surface == -1)
+
+
+@cache
+def variants():
+    """The program's own light of the published box, from which changes of transport are computed."""
+    return build_variants(cornell_box(), cornell_camera(SIZE), noisy(1))
 
 
 def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, with_errors=True, mapped=True):

@@ -94,7 +94,7 @@ def test_noisy_radiance_pictures_are_the_same_and_keep_their_power(tmp_path):
         assert not regress_sides(side_of([brighter], ["cube"]), picture)[0].same
 
 
-def test_compare_tells_the_same_notes_and_takes_the_steps_as_errors(tmp_path):
+def test_compare_prints_the_same_notes_and_takes_the_steps_as_errors(tmp_path):
     radiance = light(red())
     write_cube(tmp_path / "a.nc", cube(radiance))
     radiance_file(tmp_path, radiance)

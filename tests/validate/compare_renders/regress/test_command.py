@@ -169,7 +169,7 @@ def test_the_documented_declarations_for_radiance_hold_with_stated_primaries(pic
         assert "--declare colour-space: found rec709; expected radiance, or none: the file states it itself" in error
 
 
-def test_one_of_two_files_has_a_declaration_of_its_own(pictures, capsys):
+def test_one_of_two_files_has_a_separate_declaration(pictures, capsys):
     """A scale of 179 for both makes the other 179 times as bright; for one alone both are the same light."""
     files = pictures / "xyz.exr", pictures / "bare.hdr"
     declaration = declare("units=cd m^-2", "candidate:scale=179", "candidate:colour-space=radiance")
@@ -193,7 +193,7 @@ def test_a_declaration_of_one_file_is_refused_where_that_file_states_another(pic
     assert ended("regress", *files, *declare(*RECIPE, "candidate:colour-space=radiance")) == 0
 
 
-def test_a_dark_picture_is_told_as_a_part(pictures, capsys):
+def test_the_change_of_a_dark_picture_is_given_as_a_part(pictures, capsys):
     """Not as -100.000 %."""
     files = pictures / "xyz.exr", pictures / "xyz.exr"
     assert ended("compare", *files, *declare("units=cd m^-2", "A:scale=0.000012345")) == 0
@@ -202,6 +202,6 @@ def test_a_dark_picture_is_told_as_a_part(pictures, capsys):
     assert "mean light 1.23e-05 of the baseline" in shown(capsys)
 
 
-def test_parameters_are_told_with_five_digits():
+def test_parameters_are_printed_with_five_digits():
     change = NamedChange("lamp-spectrum", {"factor_by_nm": {"X": 1.0031623456789012, "Y": 1.0}, "order": ["a", 2]}, 1.0)
     assert change_text(change) == "lamp-spectrum (factor_by_nm {X: 1.0032, Y: 1}, order [a, 2])"

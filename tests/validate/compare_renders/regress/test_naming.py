@@ -1,7 +1,6 @@
 """Each change is named first, with its parameters; seeds are fixed, so outcomes do not vary."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -22,13 +21,8 @@ from cboxlab.validation.compare_renders.regress.evidence import build_evidence
 from cboxlab.validation.compare_renders.regress.explanations import from_pictures
 from cboxlab.validation.compare_renders.regress.naming import named_changes
 from cboxlab.validation.compare_renders.regress.variants import build_variants, mismatch, with_lamp_size
-from pictures import SIZE, WAVELENGTHS, noisy, rendered
+from pictures import SIZE, WAVELENGTHS, noisy, rendered, variants
 from scipy.ndimage import convolve1d
-
-
-@cache
-def variants():
-    return build_variants(cornell_box(), cornell_camera(SIZE), noisy(1))
 
 
 def named(picture, **noise):
@@ -70,7 +64,7 @@ def tent(clean):
         ("power", "exponent", 1 / 2.2, lambda p: (p / p.max()) ** (1 / 2.2)),
     ],
 )
-def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
+def test_a_change_identified_from_the_pictures_alone(change, key, value, alter):
     first = named(alter(rendered()[0]))
     assert first.change == change
     assert first.probability > 0.9
@@ -91,7 +85,7 @@ def test_a_change_told_by_the_pictures_alone(change, key, value, alter):
         (1e-3, "prefix"),
     ],
 )
-def test_a_unit_taken_for_another_is_told(factor, phrase):
+def test_a_unit_taken_for_another_is_reported(factor, phrase):
     first = named(factor * rendered()[0])
     assert first.change == "lamp-scale"
     assert first.parameters["factor"] == pytest.approx(factor, rel=2e-3)
@@ -102,14 +96,14 @@ def test_a_factor_of_no_meaning_has_none():
     assert "meaning" not in named(1.7 * rendered()[0]).parameters
 
 
-def test_wavelengths_with_wrong_labels_are_told():
+def test_wavelengths_with_wrong_labels_are_reported():
     candidate = replace(noisy(2), wavelength_nm=WAVELENGTHS + 20)
     outcome = regress_pictures(noisy(1), candidate)
     assert outcome.named[0].change == "wavelengths"
     assert outcome.named[0].parameters == {"labels_off_nm": pytest.approx(20)}
 
 
-def test_bin_edges_taken_for_points_are_told():
+def test_bin_edges_taken_for_points_are_reported():
     """Rendered at wavelengths 20 nm lower than its labels say."""
     image = render(RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7))
     picture, _ = image.project(np.eye(WAVELENGTHS.size))
@@ -130,8 +124,8 @@ def test_light_after_too_many_reflections_is_missed(depth):
 def test_glossy_white_paint_is_named_gloss():
     """White as rough plastic of Mitsuba, path traced: its diffuse part changes, too, which paint and caches imitate.
 
-    Rough plastic has Beckmann's distribution unless told otherwise, whose lobe at alpha 0.15 has no tails: ours
-    (GGX) fits it with 0.05 as well as with 0.15.
+    By default rough plastic has Beckmann's distribution, whose lobe at alpha 0.15 has no tails: ours (GGX) fits it
+    with 0.05 as well as with 0.15.
     """
     box = cornell_box()
     bsdf = {"type": "roughplastic", "alpha": 0.15, "int_ior": 1.5, "diffuse_reflectance": "reflectance"}
@@ -161,8 +155,8 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors):
         first, second = (replace(side, variance=None, degrees=0.0) for side in (first, second))
     _, names = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
     assert names.noise.correlation is None
-    variants = build_variants(cornell_box(), cornell_camera(32), first)
-    probability = {change.change: change.probability for change in named_changes(names, variants)}
+    changes = named_changes(names, build_variants(cornell_box(), cornell_camera(32), first))
+    probability = {change.change: change.probability for change in changes}
     assert probability["lamp-scale"] > 0.25
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 

@@ -4,8 +4,15 @@ import numpy as np
 import OpenEXR
 import pytest
 from cboxlab.validation.compare_renders.regress import Side, regress_sides
+from cboxlab.validation.compare_renders.regress.patterns import (
+    Difference,
+    moved_slightly,
+    other_contrast,
+    reused_numbers,
+    slow_change,
+)
 from helpers.other_suite import run_suite
-from scipy.ndimage import gaussian_filter, median_filter, uniform_filter
+from scipy.ndimage import gaussian_filter, median_filter, shift, uniform_filter
 
 SIZE = 48
 Y, X = (axis[..., None] for axis in np.meshgrid(*2 * [np.linspace(-1, 1, SIZE)], indexing="ij"))
@@ -65,6 +72,66 @@ def test_a_texture_like_noise_is_found_where_it_moved(move, spoilt):
 @pytest.mark.parametrize("spoilt", [lambda p: 1.05 * p, lambda p: p + 0.05 * p.mean(), lambda p: p**1.1])
 def test_a_function_of_the_light_is_no_correlated_noise(spoilt):
     assert not outcome(TEXTURED, spoilt, "filtered", 3).same
+
+
+#: Objects with sharp edges on the smooth light.
+SHARP = LIGHT * np.kron(np.random.default_rng(8).uniform(0.4, 1.6, (8, 8, 1)), np.ones((6, 6, 1)))
+
+
+@pytest.mark.parametrize("noise", ["independent", "filtered", "counts"])
+@pytest.mark.parametrize(
+    ("kind", "spoilt"),
+    [
+        ("slow", lambda p: p * (1 + 0.08 * X)),
+        ("contrast", lambda p: gaussian_filter(p, (0.8, 0.8, 0))),
+        ("contrast", lambda p: 2 * p - gaussian_filter(p, (0.8, 0.8, 0))),
+        ("displacement", lambda p: shift(p, (0.0, 0.3, 0.0), order=1, mode="nearest")),
+    ],
+    ids=["gradient", "blurred", "sharpened", "moved"],
+)
+def test_slow_changes_blurs_and_parts_of_a_pixel_are_seen_without_known_noise(kind, spoilt, noise):
+    result = outcome(SHARP, spoilt, noise, 4)
+    assert [row.different for row in result.of_kind(kind)] == [True]
+
+
+def test_the_displacement_is_stated_in_pixels():
+    result = outcome(SHARP, lambda p: shift(p, (0.0, 0.3, 0.0), order=1, mode="nearest"), "independent", 5)
+    (row,) = result.of_kind("displacement")
+    assert (row.name, row.unit) == ("moved to the right", "px")
+    assert row.difference == pytest.approx(0.3, rel=0.35)
+
+
+@pytest.mark.parametrize("pair", [("independent", "wide"), ("counts", "filtered"), ("median", "independent")])
+def test_other_noise_on_each_side_is_no_slow_change_and_no_displacement(pair):
+    """Noise that one side alone went through a filter with is a change of contrast at most."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        totals = [NOISE[kind](LIGHT, rng).sum(axis=-1) for kind in pair]
+        inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
+        difference = Difference(totals[0], totals[1] - totals[0], None, inside, {})
+        assert min(slow_change(difference).probability, moved_slightly(difference).probability) > 1e-4
+        assert other_contrast(difference).probability > 1e-4
+
+
+def repeated_noise(rng, size=96, tile=16):
+    """(y, x) noise that a renderer repeats in each tile."""
+    return np.tile(rng.standard_normal((tile, tile)), (size // tile,) * 2)
+
+
+def test_random_numbers_reused_in_tiles_are_seen_where_one_side_alone_does_so():
+    rng = np.random.default_rng(6)
+    light = np.kron(LIGHT[..., 0] * np.kron(rng.uniform(0.4, 1.6, (4, 4)), np.ones((12, 12))), np.ones((2, 2)))
+    inside = np.pad(np.ones((94, 94), bool), 1)
+
+    def finding(*noise):
+        first, second = (light * (1 + 0.05 * n) for n in noise)
+        return reused_numbers(Difference(first, second - first, None, inside, {}))
+
+    repeats = finding(rng.standard_normal(light.shape), repeated_noise(rng))
+    assert repeats.probability < 1e-6
+    assert repeats.name.startswith("reused random numbers: noise of the candidate repeats")
+    assert finding(rng.standard_normal(light.shape), rng.standard_normal(light.shape)).probability > 1e-3
+    assert finding(repeated_noise(rng), repeated_noise(rng)).probability > 1e-3
 
 
 #: Spoilt pictures by the name of a test of an imaginary renderer; equal ones first.

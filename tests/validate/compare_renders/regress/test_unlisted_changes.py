@@ -4,7 +4,6 @@ Pictures are computed from the program's own light of the published box, by orde
 """
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -15,14 +14,9 @@ from cboxlab.validation.compare_renders.regress import UNKNOWN, name_line, regre
 from cboxlab.validation.compare_renders.regress.causes import causes
 from cboxlab.validation.compare_renders.regress.naming import named_changes
 from cboxlab.validation.compare_renders.regress.variants import build_variants
-from pictures import SIZE, noisy, rendered
+from pictures import SIZE, noisy, rendered, variants
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
-
-
-@cache
-def variants():
-    return build_variants(cornell_box(), cornell_camera(SIZE), noisy(1))
 
 
 def order(reflections):

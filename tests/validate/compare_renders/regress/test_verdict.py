@@ -39,7 +39,7 @@ def test_equal_pictures_are_the_same(kind):
 
 
 @pytest.mark.parametrize("noises", [(0.02, 0.3), (0.3, 0.02)], ids=str)
-def test_a_noisy_picture_beside_a_quiet_one_is_the_same(noises):
+def test_a_noisy_picture_and_a_quiet_one_are_the_same(noises):
     """Noise alone must not look like sharper or softer edges: the blur statistic was 8 to 12 sigma."""
     outcomes = [verdict(noisy(s, noise=noises[0]), noisy(99 + s, noise=noises[1])) for s in range(8)]
     assert all(outcome.same for outcome in outcomes)
@@ -135,7 +135,7 @@ def test_half_a_pixel_is_seen_and_measured():
     assert row.difference == pytest.approx(0.5, abs=0.15)
 
 
-def test_fireflies_are_set_aside_and_told():
+def test_fireflies_are_set_aside_and_reported():
     clean, _ = rendered()
     candidate, before = noisy(1), verdict(noisy(0), noisy(1))
     candidate.radiance[20, 20] += 1000 * clean.mean()

@@ -1,4 +1,4 @@
-"""Other renderers make the same pictures of a box as ours, also inside a closed box; what differs is told."""
+"""Other renderers make the same pictures of a box as ours, also inside a closed box; differences are reported."""
 
 from dataclasses import replace
 
@@ -168,7 +168,7 @@ def test_few_wavelengths_are_no_colours_to_radiance(channels, tmp_path):
 
 
 def test_an_interrupted_run_goes_on(tmp_path):
-    """A batch that is there is not rendered again, and the time of a part is not told as that of all."""
+    """A batch that is there is not rendered again, and the time of a part is not stated as that of all."""
     settings = ExportSettings(np.array([550.0]), samples=4, batches=3)
     exported = exported_scene(cornell_box(), cornell_camera(16), settings)
     out = tmp_path / "box"

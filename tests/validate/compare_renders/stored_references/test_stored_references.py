@@ -130,7 +130,7 @@ def test_a_reference_has_to_be_known_to_a_twentieth_of_a_percent(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["{}", '{"format": "light-reference/1", "means": {"a": 1}, "sigma": {}}', "[1]"])
-def test_what_is_no_reference_is_told(tmp_path, content):
+def test_what_is_no_reference_is_refused(tmp_path, content):
     (tmp_path / "a.json").write_text(content)
     with pytest.raises(InputError, match=r"a\.json"):
         read_reference(tmp_path / "a.json")

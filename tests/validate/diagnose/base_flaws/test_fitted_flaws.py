@@ -72,7 +72,7 @@ def test_scores_are_those_of_the_whole_covariance():
         assert model.score(moved, whitened) > fitted.score
 
 
-def test_an_amplitude_beside_flaws_is_that_of_generalised_least_squares():
+def test_an_amplitude_with_flaws_is_that_of_generalised_least_squares():
     draw = np.random.default_rng(6)
     column_values = columns(draw)
     shape = draw.standard_normal((SIGNAL.size, 1)) * 0.05 + column_values.change[2][:, None]

@@ -62,7 +62,7 @@ def test_a_cause_is_given_its_family(family):
 
 
 def test_a_cancelled_explanation_ends_on_both_threads(monkeypatch):
-    """At the next form of the thread that is not told: not after all of its thousand."""
+    """The thread that does not cancel ends at its next form, not after all of its thousand."""
     calls = []
 
     def slow(excess):
@@ -123,7 +123,7 @@ def test_offsets_and_gains_by_the_time_of_exposure(family, change, phrase):
 
 
 @pytest.mark.parametrize("where", [abs(COLUMNS - 36) + abs(ROWS - 36) < 7, FLOOR], ids=["film", "sheen"])
-def test_what_a_surface_mirrors_is_told_by_the_colours_that_it_mirrors(where):
+def test_a_mirroring_surface_is_recognised_by_the_mirrored_colours(where):
     explanation = explain(small_excess(np.where(where, 0.6 * (1000 * COAT - 0.14 * SIGNAL), 0.0)))
     assert explanation.family == "reflection-lobe" and "roughness 0.1" in explanation.form
     assert explanation.surface == "floor" and explanation.share > 0.7
@@ -140,7 +140,7 @@ def test_no_film_mirrors_less_than_nothing_or_more_than_two_faces(factor):
     assert explanation.family != "reflection-lobe"
 
 
-def test_an_explanation_is_told_in_words_and_in_json():
+def test_an_explanation_is_given_in_words_and_in_json():
     explanation = explain(small_excess(CAUSES["object"]))
     record = json.loads(json.dumps(explanation_record(explanation), allow_nan=False))
     assert (record["family"], record["runner_up"]) == ("object", explanation.runner_up)
@@ -265,7 +265,7 @@ def test_a_sensor_takes_no_counts_away_in_one_place():
     assert explain(small_excess(-between)).family == "sensor-gain"
 
 
-def test_colours_of_one_place_are_told_apart_by_two_hundredths():
+def test_colours_of_one_place_are_distinguished_by_two_hundredths():
     """All forms in one place have the same bells, and so the same errors of its outline."""
     added = 120.0 * np.reshape((1.15, 0.85, 1.15, 0.85), (BANDS, 1, 1))
     explanation = explain(small_excess(added * np.exp(-((COLUMNS - 20) ** 2 + (ROWS - 20) ** 2) / 18)))
@@ -286,7 +286,7 @@ def test_light_on_a_part_of_the_picture_without_signal_is_explained():
     assert np.hypot(explanation.centre_px[0] - 40, explanation.centre_px[1] - 30) < 3
 
 
-def test_a_hair_on_one_filter_is_found_beside_a_larger_flaw_of_all_bands_elsewhere():
+def test_a_hair_on_one_filter_is_found_next_to_a_larger_flaw_of_all_bands():
     """The flaw is two places in deep shadow, of opposite sign, as an error of the rendered picture may be."""
     bend = 30 + 0.02 * (ROWS - 14.0) ** 2
     hair = np.zeros(SIGNAL.shape)

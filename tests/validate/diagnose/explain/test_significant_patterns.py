@@ -117,7 +117,7 @@ def _exchanged(*steps):
     ],
     ids=str,
 )
-def test_a_smear_beside_large_effects_stands_out_and_a_round_blur_does_not(step, line):
+def test_a_smear_with_large_effects_stands_out_and_a_round_blur_does_not(step, line):
     smear, blur = _exchanged(step), _exchanged((0, 1), (1, 0))
     gain = np.sum((smear / SIGMA) ** 2)
     for change, by_effects, is_seen in (
@@ -160,7 +160,7 @@ def test_the_noise_of_a_picture_without_edges_neither_asks_for_a_blur_nor_inform
 
 
 def test_what_a_blur_gains_by_averaging_the_noise_of_the_picture_is_no_blur():
-    """A picture half of which is as noisy as the photograph; its noise is known by its size, not as it is."""
+    """Half of the picture is as noisy as the photograph; the size of its noise is known, its values are not."""
     half = (COLUMNS < SIZE / 2) * SIGMA
     noise_map, draw = (half * np.random.default_rng(seed).normal(0, 1, SIGNAL.shape) for seed in (1, 2))
     for noise, is_seen in ((draw, False), (0 * draw, True)):
@@ -181,7 +181,7 @@ def _turned(size):
     ("bands", "phrase"),
     [([0, 0, 1, 0], "a smooth field, in one band"), ([2, 0, -1, -1], "in each band otherwise")],
 )
-def test_a_displacement_of_some_bands_stands_out_beside_one_of_all(bands, phrase):
+def test_a_displacement_of_some_bands_stands_out_with_one_of_all(bands, phrase):
     """Errors of the rendered picture's edges are in all bands alike. Where something is left anyway, what explains most
     of it is reported."""
     alike, partial = _turned([0.02] * BANDS), _turned(0.01 * np.array(bands))

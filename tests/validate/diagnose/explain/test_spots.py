@@ -27,7 +27,7 @@ def _scene_forms(excess):
     return [form for family in families().values() if family.acts_on == "scene" for form in family.generate(fit_input)]
 
 
-def test_a_spot_of_one_band_is_found_beside_a_denser_one_of_all_bands():
+def test_a_spot_of_one_band_is_found_next_to_a_denser_one_of_all_bands():
     of_one = 70.0 * _spot(12, 10, 2) * np.eye(BANDS)[1][:, None, None]
     excess = small_excess(of_one + 80.0 * _spot(36, 20, 2))
     everywhere, alone = hot_spot(excess), hot_spot_of_one_band(excess)
@@ -140,7 +140,7 @@ def test_a_dark_rod_is_no_coat_however_strong_it_is():
 
 @pytest.mark.parametrize("family", ["extra-light", "object"])
 def test_a_bright_place_with_its_surfaces_colour_is_lit_and_another_is_a_thing(family):
-    """Both have outlines. Daylight on a red floor leaves it red; a thing there has a colour of its own."""
+    """Both have outlines. Daylight on a red floor leaves it red; an object there has another colour."""
     excess = small_excess(np.zeros(SIGNAL.shape))
     red, white = np.array([0.05, 0.08, 0.4, 0.6]), np.full(BANDS, 0.7)
     transport = replace(excess.transport, reflectance=np.array([red, white]))

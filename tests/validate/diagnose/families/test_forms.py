@@ -33,7 +33,7 @@ def _moved(picture, down, right):
     ],
     ids=["pane", "mirror", "ghost"],
 )
-def test_a_copy_of_the_picture_is_light_astray(copy, form):
+def test_a_copy_of_the_picture_is_stray_light(copy, form):
     explanation = explain(small_excess(0.03 * copy))
     assert explanation.family == "blur" and explanation.form.startswith(form)
     assert explanation.share > 0.9

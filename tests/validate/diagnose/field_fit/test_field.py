@@ -1,13 +1,13 @@
 """Fields next to others, against least squares with all columns written out."""
 
 import numpy as np
-from cboxlab.validation.diagnose.field_fit import NormalEquations, beside_common, fixed_spectrum
+from cboxlab.validation.diagnose.field_fit import NormalEquations, fixed_spectrum, next_to_common_field
 from numpy.testing import assert_allclose
 
 BANDS, PIXELS, NUMBERS, NUISANCES = 3, 60, 4, 2
 
 
-def test_a_field_of_one_band_beside_one_of_all_is_that_of_least_squares():
+def test_a_field_of_one_band_with_one_of_all_is_that_of_least_squares():
     """The gain of both fields together, less that of the one of all bands; priors too wide to matter."""
     draw = np.random.default_rng(8)
     columns = draw.normal(size=(BANDS, PIXELS, NUMBERS))
@@ -22,7 +22,7 @@ def test_a_field_of_one_band_beside_one_of_all_is_that_of_least_squares():
 
     a, b = columns.swapaxes(1, 2) @ columns, np.einsum("bpk,bp->bk", columns, per_band)
     n = NormalEquations(a, b, nuisances.swapaxes(1, 2) @ columns, a, b)
-    spectrum_fit = fixed_spectrum(beside_common(n), np.eye(BANDS)[1])
+    spectrum_fit = fixed_spectrum(next_to_common_field(n), np.eye(BANDS)[1])
 
     common, both = (_fitted(residual, [known_changes, *parts]) for parts in ([everywhere], [everywhere, alone]))
     assert_allclose(spectrum_fit.coefficients[[0, 2]], 0)
@@ -36,7 +36,7 @@ def test_a_change_that_nuisances_imitate_may_round_to_less_than_nothing():
     a = np.broadcast_to(np.diag([1e6, 100.0]), (2, 2, 2))
     imitated = np.sqrt(2e6) * (1 + 1e-6) / 2
     n = NormalEquations(a, np.array([[0.0, 300.0], [0.0, 0.0]]), np.array([[[imitated, 0.0]]] * 2), a, np.zeros((2, 2)))
-    spectrum_fit = fixed_spectrum(beside_common(n), np.eye(2)[0])
+    spectrum_fit = fixed_spectrum(next_to_common_field(n), np.eye(2)[0])
     assert_allclose(spectrum_fit.coefficients, [[0, 3], [0, 0]], atol=0.1)
 
 

@@ -287,7 +287,7 @@ def test_wheel_zooms_about_the_pointer_and_dragging_moves(page):
     assert page.run("new Promise((done) => setTimeout(() => done(v.state.zoom), 100))") == 1
 
 
-def test_arrow_keys_mark_pixels_and_tell_them(page):
+def test_arrow_keys_mark_pixels_and_show_their_values(page):
     page.run("v.select(20, 20); document.querySelector('canvas').focus()")
     page.key("ArrowRight")
     page.key("ArrowDown")

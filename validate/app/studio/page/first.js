@@ -59,11 +59,27 @@ const look = () => attempt(async () => {
   $("optional").replaceChildren(...fields(found.missing.filter((key) => key.key && !key.required)));
   $("notes").replaceChildren(...found.missing.filter((key) => !key.key).map((key) => make("li", {}, `${key.where}: ${key.why}`)));
   $("recognised").replaceChildren(...found.recognised.map(({ kind, name, frames }) =>
-    make("li", {}, `${kind} ${name}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`)));
+    make("li", {}, make("span", {}, `${kind} ${name}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`))));
   $("left-out").replaceChildren(...(found.left_out.length ? found.left_out.map(({ file, why }) => `${file}: ${why}`) : ["nothing"])
     .map((text) => make("li", {}, text)));
   $("work").hidden = false;
+  const { thumbnails } = await ask("thumbnails");
+  for (const [i, item] of [...$("recognised").children].entries())
+    if (thumbnails[i]) item.prepend(await pictureOf(thumbnails[i], item.textContent));
 });
+
+/** A small picture of a frame, brightened by the eye's curve, with its counts in words. */
+async function pictureOf({ width, height, values, least, largest }, text) {
+  const counts = `counts from ${numberText(least)} to ${numberText(largest)} DN`;
+  const canvas = make("canvas", { width, height, role: "img", "aria-label": `First frame of ${text}; ${counts}`, title: counts });
+  const image = new ImageData(width, height);
+  (await decoded(values)).forEach((value, i) => {
+    const shade = 255 * value ** (1 / 2.2);
+    image.data.set([shade, shade, shade, 255], 4 * i);
+  });
+  canvas.getContext("2d").putImageData(image, 0, 0);
+  return canvas;
+}
 
 $("which").addEventListener("submit", (event) => { event.preventDefault(); look(); });
 $("write").addEventListener("click", () => attempt(async () => {

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import os
 from functools import lru_cache, partial
-from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from pkgutil import iter_modules
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.other_packages import entries_of, guarded, loaded
+from cboxlab.utils.other_packages import guarded, loaders_of, records_in, with_others
 
 from ._of_other_packages import checked_cause
 from .cause import Cause, Pictures, SceneLight, Trial, as_found
@@ -41,17 +39,10 @@ def causes() -> tuple[Cause, ...]:
     InputError
         If an entry point or a file cannot be loaded, holds no sound Cause, or has the identifier of another.
     """
-    names = [m.name for m in iter_modules(__path__) if m.name != "cause" and not m.name.startswith("_")]
-    modules = [import_module(f"{__name__}.{name}") for name in names]
-    catalogue: dict[str, Cause] = {module.CAUSE.id: module.CAUSE for module in modules}
-    others = [(where, partial(loaded, where, entry, Cause)) for where, entry in entries_of(_GROUP)]
     files = [Path(text) for text in os.environ.get(_FILES, "").split(os.pathsep) if text]
-    others += [(str(file), partial(_of_file, file)) for file in files]
-    for where, load in others:
-        cause = checked_cause(load(), where)
-        if cause.id in catalogue:
-            raise InputError(where, f"'{cause.id}', which is there already", "another identifier")
-        catalogue[cause.id] = cause
+    loaders = loaders_of(_GROUP, Cause)
+    loaders += [(str(file), partial(_of_file, file)) for file in files]
+    catalogue = with_others(records_in(__name__, "CAUSE", ("cause",)), loaders, checked_cause)
     return tuple(catalogue[name] for name in sorted(catalogue))
 
 

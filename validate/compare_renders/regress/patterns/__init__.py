@@ -1,13 +1,17 @@
 """Patterns of a difference whose means cancel: grids, ripples, lines, tiles, textures."""
 
+from .all_patterns import all_patterns
 from .correlation import difference_variance, of_blocks, of_filter, of_neighbours
 from .dark import dark_pixels
 from .difference import Difference, Finding
+from .fine_light import moved_slightly, other_contrast
 from .lines import odd_lines, odd_tiles, tile_steps
 from .mirror import mirror_order
 from .moved import moved_texture
 from .periodic import periodic, without_period
-from .pooled_mean import CANCELLING, POWER, SHARES, PooledMean, pool_of_finding
+from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
+from .reused import reused_numbers
+from .slow import slow_change, without_slow
 from .spread import block_spread
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
@@ -17,24 +21,31 @@ __all__ = [
     "FIXED_TEXTURE",
     "POWER",
     "SHARES",
+    "STRUCTURE",
     "Difference",
     "Finding",
     "PooledMean",
+    "all_patterns",
     "block_spread",
     "dark_pixels",
     "difference_variance",
     "fine_structure",
     "mirror_order",
+    "moved_slightly",
     "moved_texture",
     "odd_lines",
     "odd_tiles",
     "of_blocks",
     "of_filter",
     "of_neighbours",
+    "other_contrast",
     "periodic",
     "pool_of_finding",
+    "reused_numbers",
     "ripple",
+    "slow_change",
     "textures",
     "tile_steps",
     "without_period",
+    "without_slow",
 ]

@@ -39,6 +39,8 @@ class Finding(FrozenMappings):
     probability: float
     #: Numbers of the pattern by name, for its removal.
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    #: Unit of ``size``.
+    unit: str = "1"
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,9 +70,9 @@ def odd_lines(difference: Difference) -> Finding | None:
         sums = difference.relative.sum(axis=axis)
         squares = (difference.relative**2).sum(axis=axis)
         mean, noise = _means(counts, sums, squares)
-        beside = np.stack([np.r_[np.nan, mean[:-1]], np.r_[mean[1:], np.nan]])
+        neighbours = np.stack([np.r_[np.nan, mean[:-1]], np.r_[mean[1:], np.nan]])
         both = np.stack([np.r_[np.nan, noise[:-1]], np.r_[noise[1:], np.nan]])
-        off = mean - beside.mean(axis=0)
+        off = mean - neighbours.mean(axis=0)
         tests.append(_Parts(name, off, noise + both.sum(axis=0) / 4, counts))
     return _most_odd(tests, lambda name, index: f"one {name}: {name} {index + 1}")
 
@@ -103,10 +103,10 @@ def odd_tiles(difference: Difference) -> Finding | None:
         around, of_around = (_around(values) for values in (mean, noise))
         few = np.isfinite(around).sum(axis=0)
         with np.errstate(invalid="ignore"):
-            beside = np.where(few >= 2, np.nansum(around, axis=0) / np.maximum(few, 1), np.nan)
+            neighbours = np.where(few >= 2, np.nansum(around, axis=0) / np.maximum(few, 1), np.nan)
             allowed = noise + np.nansum(of_around, axis=0) / np.maximum(few, 1) ** 2
         name = f"one tile of {edge} px"
-        tests.append(_Parts(name, (mean - beside).ravel(), allowed.ravel(), counts.ravel()))
+        tests.append(_Parts(name, (mean - neighbours).ravel(), allowed.ravel(), counts.ravel()))
     across = {f"one tile of {edge} px": difference.level.shape[1] // edge for edge in _TILES_PX}
 
     def label(name: str, index: int) -> str:

@@ -8,17 +8,17 @@ from cboxlab.utils.distributions import normal_quantile, student_quantile
 
 from .difference import Finding
 
-__all__ = ["CANCELLING", "POWER", "SHARES", "PooledMean", "pool_of_finding"]
+__all__ = ["CANCELLING", "POWER", "SHARES", "STRUCTURE", "PooledMean", "pool_of_finding"]
 
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
-    "whole": 0.10,
-    "even": 0.30,
-    "surface": 0.19,
+    "whole": 0.09,
+    "even": 0.26,
+    "surface": 0.17,
     "band": 0.09,
     "stratum": 0.05,
     "pattern": 0.08,
-    "block": 0.10,
+    "block": 0.06,
     "spread": 0.01,
     "grid": 0.01,
     "line": 0.01,
@@ -29,10 +29,17 @@ SHARES = {
     "order": 0.01,
     "wave": 0.01,
     "place": 0.01,
+    "slow": 0.05,
+    "contrast": 0.03,
+    "displacement": 0.02,
+    "reused": 0.01,
 }
 
 #: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark")
+CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "reused")
+
+#: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure.
+STRUCTURE = ("slow", "contrast", "displacement")
 
 #: Part of all runs in which a difference of the stated detectable size is found.
 POWER = 0.9
@@ -103,4 +110,5 @@ def pool_of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         finding.probability,
         critical,
         (threshold + float(normal_quantile(1.0 - POWER))) * sigma,
+        finding.unit,
     )

@@ -1,1 +1,1 @@
-"""A user's package: one effect for every stage, none of which the catalogue holds. The tests install it."""
+"""A user's package: one effect for every stage that is not in the catalogue. The tests install it."""

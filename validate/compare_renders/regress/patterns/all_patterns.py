@@ -1,0 +1,65 @@
+"""All tests of patterns of a difference, with their shares of the false alarms."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dark import dark_pixels
+from .difference import Difference
+from .fine_light import moved_slightly, other_contrast
+from .lines import odd_lines, odd_tiles, tile_steps
+from .moved import moved_texture
+from .periodic import periodic
+from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
+from .reused import reused_numbers
+from .slow import slow_change
+from .texture import textures
+from .wave import ripple
+
+__all__ = ["all_patterns"]
+
+
+def all_patterns(
+    difference: Difference,
+    baseline: NDArray[np.float64],
+    candidate: NDArray[np.float64],
+    false_alarms: float,
+    steps: float = 0.0,
+) -> tuple[PooledMean, ...]:
+    """Tests of all patterns.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+    baseline, candidate
+        (y, x) pictures with their outliers, summed over wavelengths.
+    false_alarms
+        Rate of false alarms of the verdict.
+    steps
+        Relative standard deviation from the steps of files; 0 for fine steps.
+
+    Returns
+    -------
+    tuple of PooledMean
+        One for each kind of pattern, at its clearest instance.
+    """
+    critical = {kind: false_alarms * SHARES[kind] for kind in (*CANCELLING, *STRUCTURE, "place")}
+    findings = [
+        ("grid", periodic(difference)),
+        ("wave", ripple(difference, steps)),
+        ("line", odd_lines(difference)),
+        ("tile", odd_tiles(difference)),
+        ("steps", tile_steps(difference)),
+        ("dark", dark_pixels(baseline, candidate, difference.smooth, critical["dark"])),
+        ("place", moved_texture(baseline, candidate)),
+        ("slow", slow_change(difference)),
+        ("contrast", other_contrast(difference)),
+        ("displacement", moved_slightly(difference)),
+        ("reused", reused_numbers(difference)),
+    ]
+    rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
+    of_texture = textures(difference)
+    share = critical["texture"] / max(len(of_texture), 1)
+    return (*rows, *(pool_of_finding("texture", finding, share) for finding in of_texture))

@@ -1,0 +1,162 @@
+"""Contrast and place of fine structure, by tests that need no noise.
+
+Both sides show one structure with independent noise. Their product is then at most half the sum of their squares. Where
+one side is blurred, the product is larger than the square of that side. In the same way the product with the other
+side's slopes has no sign, unless the structure moved. Squares of blocks weight both tests. They are the same for
+exchanged sides. Noise, filters and denoisers of both sides thus leave the means at 0 or below.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, uniform_filter
+
+from .difference import Difference, Finding, self_normalised
+
+__all__ = ["block_sums", "fine_light", "moved_slightly", "other_contrast"]
+
+#: Pixels a side of the window whose mean is subtracted for the contrast: blurs are clearest in the finest structure.
+_CONTRAST_PX = 3
+#: The same for the place: wider structure has less noise.
+_PLACE_PX = 5
+#: Width of the filter that gives the local level of the light, px: a product of a pixel's noise with it is small.
+_LEVEL_PX = 2.5
+#: Pixels a side of the blocks whose sums are independent: wider than a pixel filter.
+_BLOCK_PX = 4
+#: Fewest blocks of a test.
+_LEAST_BLOCKS = 36
+#: Squares of a block over the median block's, from which it counts about fully.
+_STRUCTURED = 2.0
+#: Correlation of both sides in a block from which it shows a common structure.
+_ALIKE = 0.3
+
+
+def other_contrast(difference: Difference) -> Finding | None:
+    """Fine structure of one side that is weaker in the other: a blur, a filtered texture.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+
+    Returns
+    -------
+    Finding or None
+        The size is the part of the contrast that the weaker side lacks. None for small pictures.
+    """
+    blocks = _blocks(fine_light(difference, _CONTRAST_PX))
+    if blocks is None:
+        return None
+    sums, weight = blocks
+    before, after, product = sums
+    weight = weight * np.clip(2 * product / np.maximum(before + after, 1e-300) - _ALIKE, 0.0, None)
+    findings = []
+    for name, weaker in (("weaker", after), ("stronger", before)):
+        statistic, share = self_normalised(weight * (product - weaker), _alike(difference))
+        probability = min(1.0, share) if statistic > 0 else 1.0
+        size = 1 - float((weight * product).sum() / max(float((weight * (before + after - weaker)).sum()), 1e-300))
+        label = f"fine structure of the candidate {name}"
+        findings.append(_finding(label, difference, max(size, 0.0), statistic, before.size, probability))
+    return min(findings, key=lambda finding: finding.probability)
+
+
+def moved_slightly(difference: Difference) -> Finding | None:
+    """Fine structure moved by a part of a pixel or by some, along x or y.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+
+    Returns
+    -------
+    Finding or None
+        The size is the displacement in px, to first order. None for small pictures.
+    """
+    fine = fine_light(difference, _PLACE_PX)
+    blocks = _blocks(fine)
+    if blocks is None:
+        return None
+    _, weight = blocks
+    findings = []
+    for axis, name in enumerate(("down", "to the right")):
+        slopes = [np.gradient(picture, axis=axis) for picture in fine]
+        terms = weight * block_sums(fine[0] * slopes[1] - fine[1] * slopes[0])
+        statistic, share = self_normalised(terms, _alike(difference))
+        squares = weight * block_sums(2 * slopes[0] * slopes[1])
+        size = float(terms.sum() / max(abs(float(squares.sum())), 1e-300))
+        probability = min(1.0, 2 * share)
+        findings.append(_finding(f"moved {name}", difference, size, statistic, terms.size, probability, "px"))
+    return min(findings, key=lambda finding: finding.probability)
+
+
+def _alike(difference: Difference) -> float:
+    """Number of neighbouring blocks that correlation makes one.
+
+    Products of both sides are correlated over half the area of their noise.
+    """
+    return 1 + difference.clustering / (2 * _BLOCK_PX**2)
+
+
+def _finding(
+    name: str, difference: Difference, size: float, statistic: float, count: int, probability: float, unit: str = "1"
+) -> Finding:
+    """Finding of a sum over blocks."""
+    sigma = abs(size) / max(abs(statistic), 1e-3)
+    return Finding(name, int(difference.smooth.size), size, max(sigma, 1e-9), count - 1.0, probability, unit=unit)
+
+
+def fine_light(difference: Difference, window_px: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fine structure of both sides, relative to a common smooth light.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+    window_px
+        Pixels a side of the window whose mean is subtracted.
+
+    Returns
+    -------
+    first, second : NDArray
+        (y, x) of baseline and candidate.
+    """
+    baseline, candidate = difference.level, difference.level + difference.total
+    used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
+    light = gaussian_filter(0.5 * (baseline + candidate), _LEVEL_PX, mode="nearest")
+    light = np.maximum(light, 1e-3 * max(float(light.mean()), 1e-300))
+    first, second = (p - uniform_filter(p, window_px, mode="nearest") for p in (baseline, candidate))
+    return np.where(used, first, 0.0) / light, np.where(used, second, 0.0) / light
+
+
+def _blocks(fine: tuple[NDArray, NDArray]) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray] | None:
+    """Squares of both sides and their product, summed over blocks, and weights of the blocks."""
+    first, second = fine
+    height, width = first.shape
+    if (height // _BLOCK_PX) * (width // _BLOCK_PX) < _LEAST_BLOCKS:
+        return None
+    before, after, product = (block_sums(p) for p in (first**2, second**2, first * second))
+    both = before + after
+    if not both.any():
+        return None
+    typical = float(np.median(both[both > 0]))
+    return (before, after, product), 1 / (both + _STRUCTURED * typical)
+
+
+def block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums of square blocks.
+
+    Parameters
+    ----------
+    terms
+        (y, x) terms of the pixels.
+
+    Returns
+    -------
+    NDArray
+        (n,) sums.
+    """
+    height, width = (size // _BLOCK_PX for size in terms.shape)
+    inner = terms[: height * _BLOCK_PX, : width * _BLOCK_PX]
+    return np.asarray(inner.reshape(height, _BLOCK_PX, width, _BLOCK_PX).sum(axis=(1, 3)).ravel())
