@@ -355,7 +355,8 @@ def test_a_preview_costs_what_the_run_costs(folder, run, recipe_file, monkeypatc
     assert preview.pictures == 4 and preview.page.read_text().count("data:image/png") >= 1
     sizes = [row["bytes"] for row in run.dataset.index]
     assert 0.5 * min(sizes) < preview.bytes_each < 2 * max(sizes)
-    assert 0 < 4 * preview.seconds_each < 3 * run.picture_seconds
+    # both are clocks: a machine that is busy during one of them makes it several times as long
+    assert 0 < 4 * preview.seconds_each < 10 * run.picture_seconds
     assert {path.name for path in folder.iterdir()} >= {"preview.html", "recipe.toml"}
     assert not [*folder.glob("*picture*")]
 

@@ -20,8 +20,8 @@ from cboxlab.validation.compare_renders.regress import (
 from cboxlab.validation.compare_renders.regress.evidence import build_evidence
 from cboxlab.validation.compare_renders.regress.explanations import from_pictures
 from cboxlab.validation.compare_renders.regress.naming import named_changes
-from cboxlab.validation.compare_renders.regress.variants import build_variants, mismatch, with_lamp_size
-from pictures import SIZE, WAVELENGTHS, noisy, rendered, variants
+from cboxlab.validation.compare_renders.regress.variants import mismatch, with_lamp_size
+from pictures import SIZE, WAVELENGTHS, noisy, remembered_variants, rendered, variants
 from scipy.ndimage import convolve1d
 
 
@@ -141,22 +141,27 @@ def test_glossy_white_paint_is_named_gloss():
     assert first.parameters["specular"] == pytest.approx(0.9, abs=0.2)
 
 
+@pytest.fixture(scope="module")
+def small_and_noisy():
+    """Two sides of 32 x 32 pixels, and variants for them."""
+    camera = cornell_camera(32)
+    sides = [
+        side_of([labelled_cube(render(RenderJob(cornell_box(), camera, WAVELENGTHS, 16, 8, seed=seed)))], ["it"])
+        for seed in (5, 6)
+    ]
+    return *sides, remembered_variants(camera, sides[0])
+
+
 @pytest.mark.parametrize("with_errors", [True, False])
-def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors):
+def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors, small_and_noisy):
     """Too few pixels for the correlation between wavelengths, and edges whose errors may not be stated: the change is
     hardly larger than noise, and what noise leaves is no evidence of anything else."""
-    first, second = (
-        side_of(
-            [labelled_cube(render(RenderJob(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed)))], ["it"]
-        )
-        for seed in (5, 6)
-    )
+    first, second, light = small_and_noisy
     if not with_errors:
         first, second = (replace(side, variance=None, degrees=0.0) for side in (first, second))
     _, names = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
     assert names.noise.correlation is None
-    changes = named_changes(names, build_variants(cornell_box(), cornell_camera(32), first))
-    probability = {change.change: change.probability for change in changes}
+    probability = {change.change: change.probability for change in named_changes(names, light)}
     assert probability["lamp-scale"] > 0.25
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 
