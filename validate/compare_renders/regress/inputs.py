@@ -202,7 +202,7 @@ def regress_pictures(
         changes = changes or named_changes(comparison, variants, progress)
         if variants is None:
             notes.append("the scene is not known: changes of paths, paints, gloss and the lamp's size cannot be named")
-    return replace(outcome, named=changes, notes=(*outcome.notes, *notes))
+    return replace(outcome, changes=changes, notes=(*outcome.notes, *notes))
 
 
 def assert_same_light(
@@ -236,14 +236,14 @@ def assert_same_light(
     outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms, declared=declared)
     if outcome.same:
         return outcome
-    mean = outcome.whole
+    mean = outcome.picture_mean
     size = as_percent(mean.difference, "the baseline", unit="%")
     lines = [f"{candidate} differs from {baseline}: mean light {size} ± {mean.sigma:.3%}"]
     lines += [
         f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}"
         for row in outcome.deciding[:_MAX_LISTED_POOLS]
     ]
-    for change in outcome.named[:_MAX_LISTED_CHANGES]:
+    for change in outcome.changes[:_MAX_LISTED_CHANGES]:
         label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
         lines.append(f"  {label}: {change_text(change)} ({change.probability:.2f})")
     raise AssertionError("\n".join(lines))
