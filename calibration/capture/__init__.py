@@ -21,7 +21,6 @@ if TYPE_CHECKING:
         TargetTable,
         split_channel,
     )
-    from .manifest_faults import nearest
     from .mosaic import (
         band_channels,
         brighter_channel_notes,
@@ -60,7 +59,6 @@ __all__ = [
     "draft_manifest",
     "file_mosaic_notes",
     "load_capture",
-    "nearest",
     "pattern_rows",
     "shares_frames",
     "split_channel",

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import struct
 import threading
 import time
 import urllib.request
@@ -18,6 +17,7 @@ from helpers.browser import open_browser
 from helpers.glare_capture import GLARE, glare_capture
 from helpers.page_faults import FAULTS
 from helpers.server import served
+from helpers.studio import finished, present, record_of, step
 from starlette.testclient import TestClient
 
 #: Effects that the diagnosis tries here; each costs seconds.
@@ -49,30 +49,6 @@ def client(bench):
     app = build_app(bench, "secret", HERE, idle_s=1e9)
     with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
         yield test_client
-
-
-def record_of(answer):
-    assert answer.status_code == 200, answer.text
-    length = struct.unpack("<I", answer.content[:4])[0]
-    return json.loads(answer.content[4 : 4 + length]), np.frombuffer(answer.content[4 + length :], "<f4")
-
-
-def present(client):
-    """Number of the state of the study."""
-    return client.get("/secret/api/state").json()["revision"]
-
-
-def step(client, name, **body):
-    return record_of(client.post(f"/secret/api/step/{name}", json={"revision": present(client), **body}))
-
-
-def finished(client, name, **body):
-    """Run a long computation to its end; returns the state after it."""
-    answer = client.post(f"/secret/api/job/{name}", json=body)
-    assert answer.status_code == 202, answer.text
-    while (state := client.get("/secret/api/state").json())["job"]:
-        time.sleep(0.05)
-    return state
 
 
 def test_only_this_machines_pages_with_the_token_are_answered(client):
@@ -109,7 +85,7 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     before = record["chi2_per_dof"]
     record, numbers = step(client, "change", which=0, values={"fraction": 0.01}, commit=False)
     assert record["chi2_per_dof"] < before and record["effects"][0]["values"]["fraction"] == 0.01
-    expected = bench.shown.predictions()[0]
+    expected = bench.study_in_view.predictions()[0]
     order = np.argsort(band_centres(bench.study.prepared[0].responses))
     np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[0], expected.signal[order].astype("f4"))
     np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[1], expected.sigma[order].astype("f4"))
@@ -160,14 +136,14 @@ def test_earlier_pictures_leave_the_study_as_it_is(client, bench):
 @pytest.mark.parametrize(
     ("path", "body", "line"),
     [
-        ("step/add", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("step/add", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("step/add", {"effect": "veiling-glare", "values": {"fraction": 9}}, "from 0 to 0.5"),
         ("step/add", {}, "found nothing; expected a name"),
         ("step/change", {"which": 3, "values": {}}, "found 3"),
         ("step/change", {"which": "x"}, "an index from 0"),
         ("step/adopt", {}, "no diagnosis"),
         ("step/dance", {}, "one of add"),
-        ("pattern", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("pattern", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("job/profile", {"effect": 3, "parameter": "fraction"}, "found 3"),
         ("job/open", {"capture": "../other"}, "leaves the folder"),
     ],
@@ -364,6 +340,45 @@ def test_a_reload_during_a_computation_shows_the_last_state_at_work(page, bench,
     assert not page.run("document.getElementById('job').hidden") and page.questions == ["beforeunload"]
     go.set()
     page.until("page.job === null && !document.getElementById('add').disabled")
+
+
+def test_a_pattern_a_flip_and_a_curve_are_shown_and_put_away(page, bench):
+    pixel = "JSON.stringify(page.viewer.values(16, 20).bands.map((b) => b.rendered))"
+    opened = page.run(pixel)
+    page.run("document.getElementById('new-effect').value = 'veiling-glare'")
+    press(page, "pattern")
+    page.until("document.getElementById('pattern-words').textContent.includes('veiling-glare, fraction')")
+    assert page.run("page.viewer.state.b") == "pattern-fraction" and bench.study.effects == ()
+    add(page, "veiling-glare")
+    assert page.run("page.viewer.state.b") == "rendered" and not page.run("page.viewer.picture.maps.length")
+    page.run("move({which: 0, values: {fraction: 0.01}, commit: true})")
+    page.until("page.record.effects[0].values.fraction === 0.01 && !page.asking")
+    present_pixel = page.run(pixel)
+    press(page, "before")
+    page.until("document.getElementById('earlier').textContent.includes('before the last change')")
+    assert page.run(pixel) != present_pixel and page.run("page.record.effects[0].values.fraction") == 0.01
+    page.key("b")
+    page.until("document.getElementById('earlier').textContent === ''")
+    assert page.run(pixel) == present_pixel != opened
+    page.run("document.querySelector('.parameter button.small').click()")
+    page.until("document.querySelector('.profile svg') !== null && !page.job")
+    assert "at the ends" in page.run("document.querySelector('.profile').innerText")
+    page.run("document.getElementById('parts').open = true")
+    page.until("document.querySelectorAll('#parts tbody tr').length === 14")
+    per_band = page.run("[...document.querySelectorAll('#parts table')][0].innerText")
+    assert "550 nm" in per_band and "NaN" not in per_band
+
+
+def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(page):
+    add(page, "veiling-glare")
+    page.size(400, 800)
+    page.run("document.querySelector('#effects input[type=range]').scrollIntoView({block: 'end'})")
+    inside = (
+        "['mini', 'glance-chi2', 'p-0-fraction'].every((id) => {const b = document.getElementById(id)"
+        ".getBoundingClientRect(); return b.width > 0 && b.top >= 0 && b.bottom <= innerHeight})"
+    )
+    page.until(inside)
+    assert float(page.run("document.getElementById('glance-chi2').textContent")) == chi2(page)
 
 
 def test_effects_are_grouped_and_searched(page):
