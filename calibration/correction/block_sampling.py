@@ -67,7 +67,7 @@ def sampling_variance(
 
 
 def _line_of_medians(sums: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) scatter by noise, linear in the sums, from the medians of groups."""
+    """(y, x) scatter by noise, linear in the sums, from medians: most blocks see no edge."""
     from scipy.stats import theilslopes  # slow to import, rarely needed
 
     groups = np.array_split(np.argsort(sums, axis=None), _LEVELS)

@@ -1,10 +1,13 @@
-"""Requests to the workbench's server, by its test client."""
+"""Steps of the workbench, by requests of a test client and in its page."""
 
 import json
 import struct
 import time
 
 import numpy as np
+
+#: Host names of this computer.
+HERE = frozenset({"127.0.0.1", "localhost"})
 
 
 def record_of(answer):
@@ -29,3 +32,18 @@ def finished(client, name, **body):
     while (state := client.get("/secret/api/state").json())["job"]:
         time.sleep(0.05)
     return state
+
+
+def chi2(page):
+    return float(page.run("document.getElementById('chi2').textContent"))
+
+
+def press(page, identifier):
+    page.run(f"document.getElementById('{identifier}').click()")
+
+
+def add(page, effect):
+    count = page.run("page.controls.length")
+    page.run(f"document.getElementById('new-effect').value = '{effect}'")
+    press(page, "add")
+    page.until(f"page.controls.length === {count + 1}")

@@ -10,45 +10,15 @@ import numpy as np
 import pytest
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.progress import NO_PROGRESS
-from cboxlab.validation.app.studio import Workbench, build_app
+from cboxlab.validation.app.studio import Workbench
 from cboxlab.validation.compare import band_centres
 from cboxlab.validation.diagnose import stepwise
-from helpers.browser import open_browser
-from helpers.glare_capture import GLARE, glare_capture
+from helpers.glare_capture import GLARE
 from helpers.page_faults import FAULTS
-from helpers.server import served
-from helpers.studio import finished, present, record_of, step
-from starlette.testclient import TestClient
+from helpers.studio import add, chi2, finished, present, press, record_of, step
 
 #: Effects that the diagnosis tries here; each costs seconds.
 TRIED = ("veiling-glare", "ghost", "lamp-drift")
-HERE = frozenset({"127.0.0.1", "localhost"})
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    root = tmp_path_factory.mktemp("studio")
-    glare_capture(root / "capture")
-    workbench = Workbench(root, root / ".cache", noise=3.0, seed=1)
-    workbench.open("capture", None, NO_PROGRESS)
-    return workbench
-
-
-@pytest.fixture(autouse=True)
-def fresh(request):
-    """Every test begins with the study as it was opened."""
-    if "bench" in request.fixturenames:
-        workbench = request.getfixturevalue("bench")
-        while workbench.study.history.can_undo:
-            workbench.undo()
-        workbench.show(0, True)
-
-
-@pytest.fixture
-def client(bench):
-    app = build_app(bench, "secret", HERE, idle_s=1e9)
-    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
-        yield test_client
 
 
 def test_only_this_machines_pages_with_the_token_are_answered(client):
@@ -95,42 +65,6 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     assert record["effects"][0]["values"]["fraction"] == 0.0 and record["can_redo"]
     assert step(client, "redo")[0]["effects"][0]["values"]["fraction"] == 0.01
     assert step(client, "remove", which=0)[0]["effects"] == []
-
-
-def test_the_pattern_of_an_effect_that_is_not_added(client, bench):
-    record, numbers = record_of(client.post("/secret/api/pattern", json={"effect": "veiling-glare"}))
-    assert [each["name"] for each in record["numbers"]] == ["fraction"] and bench.study.effects == ()
-    without = bench.study.predictions()[0]
-    added = bench.study.add("veiling-glare", fraction=record["numbers"][0]["value"]).predictions()[0]
-    order = np.argsort(band_centres(bench.study.prepared[0].responses))
-    expected = ((added.signal - without.signal) / without.sigma)[order]
-    np.testing.assert_allclose(numbers.reshape(7, 32, 32), expected, atol=1e-5)
-    assert np.percentile(np.abs(numbers), 99) == pytest.approx(3.0, rel=0.1)
-
-
-def test_chi_square_over_a_number_holds_until_anything_else_changes(client, bench):
-    step(client, "add", effect="veiling-glare", values={"fraction": 0.01})
-    finished(client, "profile", effect=0, parameter="fraction", revision=present(client))
-    profile = client.get("/secret/api/state").json()["profile"]
-    assert (profile["which"], profile["name"], profile["values"][0]) == (0, "fraction", 0.0)
-    at_present = profile["chi2_per_dof"][profile["values"].index(0.01)]
-    assert at_present == pytest.approx(bench.prediction.chi2.per_dof)
-    assert profile["chi2_per_dof"][0] == pytest.approx(
-        bench.study.change(0, fraction=0.0).predictions()[0].chi2.per_dof
-    )
-    moved, _ = step(client, "change", which=0, values={"fraction": 0.004}, commit=True)
-    assert moved["profile"] == profile
-    assert step(client, "add", effect="ghost")[0]["profile"] is None
-
-
-def test_earlier_pictures_leave_the_study_as_it_is(client, bench):
-    first = step(client, "add", effect="veiling-glare", values={"fraction": 0.02})[0]
-    step(client, "change", which=0, values={"fraction": 0.01}, commit=True)
-    before, numbers = record_of(client.post("/secret/api/earlier", json={"first": False}))
-    assert before["chi2_per_dof"] == pytest.approx(first["chi2_per_dof"]) and numbers.size == 2 * 7 * 32 * 32
-    opened, _ = record_of(client.post("/secret/api/earlier", json={"first": True}))
-    assert opened["chi2_per_dof"] == pytest.approx(bench.moves[0], rel=1e-6)
-    assert bench.study.effects[0].values["fraction"] == 0.01 and not bench.study.history.can_redo
 
 
 @pytest.mark.parametrize(
@@ -208,40 +142,6 @@ def test_a_fit_is_saved_and_opened_again(client, bench):
     assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
     assert "below" in finished(client, "open", capture="nowhere")["error"]
     assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with open_browser() as page:
-        yield page
-
-
-@pytest.fixture
-def page(browser, bench):
-    browser.errors.clear()
-    with served(bench) as address:
-        browser.open(address)
-        browser.until("document.body.dataset.open === 'true' && !document.getElementById('undo').hidden")
-        browser.until("page.viewer !== null && page.controls !== null && !page.job")
-        yield browser
-        browser.open("about:blank?")
-    # the browser asks only where a person has touched the page, and says so
-    assert [error for error in browser.errors if "'beforeunload'" not in error] == []
-
-
-def chi2(page):
-    return float(page.run("document.getElementById('chi2').textContent"))
-
-
-def press(page, identifier):
-    page.run(f"document.getElementById('{identifier}').click()")
-
-
-def add(page, effect):
-    count = page.run("page.controls.length")
-    page.run(f"document.getElementById('new-effect').value = '{effect}'")
-    press(page, "add")
-    page.until(f"page.controls.length === {count + 1}")
 
 
 def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
@@ -340,45 +240,6 @@ def test_a_reload_during_a_computation_shows_the_last_state_at_work(page, bench,
     assert not page.run("document.getElementById('job').hidden") and page.questions == ["beforeunload"]
     go.set()
     page.until("page.job === null && !document.getElementById('add').disabled")
-
-
-def test_a_pattern_a_flip_and_a_curve_are_shown_and_put_away(page, bench):
-    pixel = "JSON.stringify(page.viewer.values(16, 20).bands.map((b) => b.rendered))"
-    opened = page.run(pixel)
-    page.run("document.getElementById('new-effect').value = 'veiling-glare'")
-    press(page, "pattern")
-    page.until("document.getElementById('pattern-words').textContent.includes('veiling-glare, fraction')")
-    assert page.run("page.viewer.state.b") == "pattern-fraction" and bench.study.effects == ()
-    add(page, "veiling-glare")
-    assert page.run("page.viewer.state.b") == "rendered" and not page.run("page.viewer.picture.maps.length")
-    page.run("move({which: 0, values: {fraction: 0.01}, commit: true})")
-    page.until("page.record.effects[0].values.fraction === 0.01 && !page.asking")
-    present_pixel = page.run(pixel)
-    press(page, "before")
-    page.until("document.getElementById('earlier').textContent.includes('before the last change')")
-    assert page.run(pixel) != present_pixel and page.run("page.record.effects[0].values.fraction") == 0.01
-    page.key("b")
-    page.until("document.getElementById('earlier').textContent === ''")
-    assert page.run(pixel) == present_pixel != opened
-    page.run("document.querySelector('.parameter button.small').click()")
-    page.until("document.querySelector('.profile svg') !== null && !page.job")
-    assert "at the ends" in page.run("document.querySelector('.profile').innerText")
-    page.run("document.getElementById('parts').open = true")
-    page.until("document.querySelectorAll('#parts tbody tr').length === 14")
-    per_band = page.run("[...document.querySelectorAll('#parts table')][0].innerText")
-    assert "550 nm" in per_band and "NaN" not in per_band
-
-
-def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(page):
-    add(page, "veiling-glare")
-    page.size(400, 800)
-    page.run("document.querySelector('#effects input[type=range]').scrollIntoView({block: 'end'})")
-    inside = (
-        "['mini', 'glance-chi2', 'p-0-fraction'].every((id) => {const b = document.getElementById(id)"
-        ".getBoundingClientRect(); return b.width > 0 && b.top >= 0 && b.bottom <= innerHeight})"
-    )
-    page.until(inside)
-    assert float(page.run("document.getElementById('glance-chi2').textContent")) == chi2(page)
 
 
 def test_effects_are_grouped_and_searched(page):
