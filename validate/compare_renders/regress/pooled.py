@@ -57,6 +57,10 @@ _MIN_PIXELS = 12
 _MIN_INDEPENDENT = 6.0
 #: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
 _MAX_BLOCK_DEGREES = 12.0
+#: Scatter of the statistics of blocks, from which their standard deviations are too small.
+_MOST_SPREAD = 1.2
+#: Largest factor by which they are enlarged: what scatters more is a change all over the picture.
+_WIDEST_SPREAD = 3.0
 #: Kinds of pools of few pixels.
 _SMALL_POOLS = ("block", "stratum")
 #: Steps of this many standard deviations count half in patterns, larger ones more.
@@ -206,7 +210,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     for i in range(BLOCKS**2):
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
         blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
-    tested = [row for row in blocks if row is not None]
+    tested = _steadied(pooling, [row for row in blocks if row is not None])
     findings = {
         "spread": block_spread(tested, pooling.noise.clustering),
         "order": mirror_order(pooling.trimmed.level, pooling.trimmed.difference),
@@ -300,6 +304,33 @@ def _pool_of(
         degrees=degrees,
         count=count,
     )
+
+
+def _steadied(pooling: Pooling, blocks: list[PooledMean]) -> list[PooledMean]:
+    """Blocks whose standard deviations fit the scatter of all blocks, where noise is estimated.
+
+    Noise that reaches over a block scatters all of them. A change of a few blocks does not.
+    """
+    if not pooling.noise.estimated or len(blocks) < _MIN_PIXELS:
+        return blocks
+    statistics = np.array([block.statistic for block in blocks])
+    spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
+    if spread <= _MOST_SPREAD:
+        return blocks
+    spread = min(spread, _WIDEST_SPREAD)
+    return [
+        _row(
+            pooling,
+            "block",
+            block.name,
+            block.pixels,
+            difference=block.difference,
+            sigma=spread * block.sigma,
+            degrees=block.degrees,
+            count=BLOCKS**2,
+        )
+        for block in blocks
+    ]
 
 
 def _even(pooling: Pooling) -> list[PooledMean]:

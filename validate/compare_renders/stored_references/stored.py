@@ -65,6 +65,16 @@ class Reference(FrozenMappings):
     #: Standard deviation of each of ``shapes``.
     shape_sigma: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def least_certain(self) -> str:
+        """Surface, band or entire picture whose mean has the largest standard deviation."""
+        return max((name for name in self.sigma if not name.startswith(_BLOCK)), key=lambda name: self.sigma[name])
+
+    @property
+    def precise(self) -> bool:
+        """Whether all means have the precision that a reference needs, 0.05 %."""
+        return self.sigma[self.least_certain] <= LARGEST_SIGMA
+
 
 def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[str, str]) -> Reference:
     """Mean light of a picture, of its surfaces, bands and blocks; its patterns.
@@ -185,9 +195,8 @@ def write_reference(path: Path, reference: Reference) -> None:
     InputError
         If a mean is not known to 0.05 %; the message states the samples that are needed.
     """
-    means = [name for name in reference.sigma if not name.startswith(_BLOCK)]
-    worst = max(means, key=lambda name: reference.sigma[name])
-    if reference.sigma[worst] > LARGEST_SIGMA:
+    if not reference.precise:
+        worst = reference.least_certain
         raise InputError(
             path,
             f"{worst} known to {reference.sigma[worst]:.3%}",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .dark import dark_pixels
-from .difference import Difference
+from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
 from .lines import odd_lines, odd_tiles, tile_steps
 from .moved import moved_texture
@@ -18,6 +18,14 @@ from .texture import textures
 from .wave import ripple
 
 __all__ = ["all_patterns"]
+
+
+def _dark(
+    difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64], critical: float
+) -> Finding:
+    """Black pixels of one side."""
+    with_errors = difference.variance is not None
+    return dark_pixels(baseline, candidate, difference.smooth, critical, with_errors=with_errors)
 
 
 def all_patterns(
@@ -52,7 +60,7 @@ def all_patterns(
         ("line", odd_lines(difference)),
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
-        ("dark", dark_pixels(baseline, candidate, difference.smooth, critical["dark"])),
+        ("dark", _dark(difference, baseline, candidate, critical["dark"])),
         ("place", moved_texture(baseline, candidate)),
         ("slow", slow_change(difference)),
         ("contrast", other_contrast(difference)),

@@ -11,6 +11,8 @@ __all__ = ["difference_variance", "of_blocks", "of_filter", "of_neighbours"]
 
 #: Pixels a side of the blocks whose means show the correlation between pixels: four, larger than a pixel filter.
 _BLOCK_PX = 4
+#: Part of a block that is smooth at least, where few blocks are so all over.
+_LEAST_PART = 0.5
 #: Blocks along a side below which clustering is not estimated.
 _MIN_BLOCKS = 4
 #: Part by which second differences of neighbours are smaller than those of pixels two apart in correlated noise.
@@ -54,15 +56,19 @@ def of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved:
     if height < _MIN_BLOCKS * _BLOCK_PX or width < _MIN_BLOCKS * _BLOCK_PX:
         return 1.0
     shape = height // _BLOCK_PX, _BLOCK_PX, width // _BLOCK_PX, _BLOCK_PX
-    means = values[:height, :width].reshape(shape).mean(axis=(1, 3))
-    inside = np.asarray(smooth[:height, :width].reshape(shape).all(axis=(1, 3)))
-    if curved:
-        square, count = _second_differences(means, inside, 1)
-        scatter = square / _SECOND_DIFFERENCE if count >= _MIN_PAIRS else float("nan")
-    else:
-        scatter = difference_variance(means, inside)
-    blocks = scatter * _BLOCK_PX**2
-    return blocks / max(difference_variance(values, smooth), 1e-12) if np.isfinite(blocks) else 1.0
+    mask = smooth[:height, :width].reshape(shape)
+    pixels = mask.sum(axis=(1, 3))
+    sums = np.where(mask, values[:height, :width].reshape(shape), 0.0).sum(axis=(1, 3)) / np.sqrt(np.maximum(pixels, 1))
+    single = max(difference_variance(values, smooth), 1e-12)
+    for part in (1.0, _LEAST_PART):
+        inside = pixels >= part * _BLOCK_PX**2
+        square, count = _second_differences(sums, inside, 1)
+        if curved and count >= _MIN_PAIRS:
+            return square / _SECOND_DIFFERENCE / single
+        scatter = difference_variance(sums, inside)
+        if np.isfinite(scatter):
+            return scatter / single
+    return 1.0
 
 
 def of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:

@@ -6,6 +6,8 @@ never dark by chance: all samples would have to be.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
@@ -18,6 +20,8 @@ __all__ = ["dark_pixels"]
 _DARK_PART = 0.02
 #: Part of the neighbours' median that the other side has at least.
 _LIT_PART = 0.5
+#: Dark pixels over dim ones, from which noise does not make them.
+_DARK_OVER_DIM = 2.0
 #: Largest relative scatter of neighbours at which a dark pixel is no noise.
 _MAX_SCATTER = 0.15
 #: Pixels a side of the neighbourhood.
@@ -25,7 +29,12 @@ _WINDOW_PX = 7
 
 
 def dark_pixels(
-    baseline: NDArray[np.float64], candidate: NDArray[np.float64], smooth: NDArray[np.bool_], critical: float
+    baseline: NDArray[np.float64],
+    candidate: NDArray[np.float64],
+    smooth: NDArray[np.bool_],
+    critical: float,
+    *,
+    with_errors: bool = True,
 ) -> Finding:
     """Count of pixels that are dark in one picture alone.
 
@@ -37,25 +46,58 @@ def dark_pixels(
         (y, x) pixels away from edges, lamp and border.
     critical
         Probability that a finding states as its own.
+    with_errors
+        Whether both sides state their noise. Otherwise a pixel may be one sample. Noise that makes dark pixels then
+        makes them at edges and in penumbras, too.
 
     Returns
     -------
     Finding
         The size is the part of smooth pixels.
     """
-    medians = [median_filter(picture, _WINDOW_PX, mode="nearest") for picture in (baseline, candidate)]
-    dark = [_dark(p, m, smooth) for p, m in zip((baseline, candidate), medians, strict=True)]
-    bright = [p > _LIT_PART * m for p, m in zip((baseline, candidate), medians, strict=True)]
-    count = int((dark[0] & bright[1]).sum() + (dark[1] & bright[0]).sum())
+    sides = [_Side(picture, median_filter(picture, _WINDOW_PX, mode="nearest")) for picture in (baseline, candidate)]
+    of_baseline, of_candidate = (
+        first.between(0.0, _DARK_PART) & second.between(_LIT_PART, np.inf) for first, second in (sides, sides[::-1])
+    )
+    quiet = [smooth & side.quiet & (not side.mostly_dim(smooth)) for side in sides]
+    counts = [int((dark & calm).sum()) for dark, calm in zip((of_baseline, of_candidate), quiet, strict=True)]
+    count = sum(counts)
+    elsewhere = int((of_baseline | of_candidate).sum()) - count
+    if not with_errors and count <= _DARK_OVER_DIM * elsewhere:
+        count, counts = 0, [0, 0]
     size = count / max(int(smooth.sum()), 1)
     probability = critical / 1e6 if count else 1.0
-    side = "" if not count else " of the candidate" if (dark[1] & bright[0]).any() else " of the baseline"
+    side = "" if not count else " of the candidate" if counts[1] else " of the baseline"
     return Finding(f"black pixels{side}", count, size, size / 10 if count else 1.0, 12.0, probability)
 
 
-def _dark(picture: NDArray, median: NDArray, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(y, x) dark pixels among quiet lit ones."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.where(median > 0, np.abs(picture / median - 1), np.inf)
-    scatter = 1.4826 * median_filter(np.where(np.isfinite(off), off, 1e9), _WINDOW_PX, mode="nearest")
-    return smooth & (picture >= 0) & (picture < _DARK_PART * median) & (scatter < _MAX_SCATTER)
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One picture, and the medians of neighbours."""
+
+    #: (y, x) picture.
+    picture: NDArray[np.float64]
+    #: (y, x) medians around each pixel.
+    median: NDArray[np.float64]
+
+    def between(self, low: float, high: float) -> NDArray[np.bool_]:
+        """(y, x) pixels in a range of parts of the light around them."""
+        with np.errstate(invalid="ignore"):  # infinity times 0
+            return (self.median > 0) & (self.picture >= low * self.median) & (self.picture < high * self.median)
+
+    @property
+    def quiet(self) -> NDArray[np.bool_]:
+        """(y, x) pixels whose neighbours scatter little."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.where(self.median > 0, np.abs(self.picture / self.median - 1), np.inf)
+        scatter = 1.4826 * median_filter(np.where(np.isfinite(off), off, 1e9), _WINDOW_PX, mode="nearest")
+        return np.asarray(scatter < _MAX_SCATTER)
+
+    def mostly_dim(self, smooth: NDArray[np.bool_]) -> bool:
+        """Whether noise makes the dark pixels, since it makes about as many dim ones.
+
+        A denoiser leaves some pixels as noisy as they were.
+        """
+        inside = smooth & self.quiet
+        dark, dim = (int((inside & self.between(*part)).sum()) for part in ((0, _DARK_PART), (_DARK_PART, _LIT_PART)))
+        return dark <= _DARK_OVER_DIM * dim

@@ -103,7 +103,7 @@ def _finding(
     name: str, difference: Difference, size: float, statistic: float, count: int, probability: float, unit: str = "1"
 ) -> Finding:
     """Finding of a sum over blocks."""
-    sigma = abs(size) / max(abs(statistic), 1e-3)
+    sigma = abs(size) / max(abs(float(statistic)), 1e-3)
     return Finding(name, int(difference.smooth.size), size, max(sigma, 1e-9), count - 1.0, probability, unit=unit)
 
 
