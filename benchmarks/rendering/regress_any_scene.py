@@ -289,7 +289,7 @@ def judged(outcome: Outcome, names: set[str]) -> str:
         return "same"
     if "pattern" in names and outcome.cancelling:
         return "right"
-    first = outcome.named[0]
+    first = outcome.changes[0]
     if first.change == UNKNOWN or not first.fits:
         return "unknown" if names else "right"
     return "right" if first.change in names else "wrong"
@@ -308,7 +308,7 @@ def spoilt(scenes: list[str], folder: Path, kinds: dict[str, tuple[set[str], Cal
             best = outcome.best_name
             high = best is not None and best.probability > 0.9 and best.change not in names
             counts["wrong above 0.9"] += high
-            said = ", ".join(f"{n.change} {n.probability:.2f}{' fits' * n.fits}" for n in outcome.named[:2])
+            said = ", ".join(f"{n.change} {n.probability:.2f}{' fits' * n.fits}" for n in outcome.changes[:2])
             print(f"{name:10s} {kind:28s} {verdict:8s} {said} ({time.perf_counter() - start:.0f} s)", flush=True)
     print(", ".join(f"{verdict} {count}" for verdict, count in counts.items()))
 

@@ -9,15 +9,25 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .capture import Capture, FrameTable, load_capture
     from .first_manifest import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+    from .frames import split_name
     from .labels import Label
-    from .manifest import BandTable, BracketTable, DarkTable, FlatTable, LensTable, ReferenceTable, TargetTable
-    from .manifest_faults import nearest
+    from .manifest import (
+        BandTable,
+        BracketTable,
+        DarkTable,
+        FlatTable,
+        LensTable,
+        ReferenceTable,
+        TargetTable,
+        split_channel,
+    )
     from .mosaic import (
         band_channels,
         brighter_channel_notes,
         channel_lattice,
         channel_letters,
         channel_mask,
+        channel_of_filter,
         checked_pattern,
         chosen_channel_notes,
         file_mosaic_notes,
@@ -43,14 +53,16 @@ __all__ = [
     "channel_lattice",
     "channel_letters",
     "channel_mask",
+    "channel_of_filter",
     "checked_pattern",
     "chosen_channel_notes",
     "draft_manifest",
     "file_mosaic_notes",
     "load_capture",
-    "nearest",
     "pattern_rows",
     "shares_frames",
+    "split_channel",
+    "split_name",
     "write_first_manifest",
 ]
 

@@ -66,6 +66,8 @@ class Capture(FrozenMappings):
     #: By reference to a channel of a named camera, its peak quantum efficiency over the largest one, measured from the
     #: references; empty where not measured.
     channel_levels: Mapping[str, float] = field(default_factory=FrozenDict)
+    #: By letter of the mosaic, relative sensitivity from a chart in the picture; empty where not estimated.
+    chart_sensitivities: Mapping[str, Spectrum] = field(default_factory=FrozenDict)
     #: Window and blocks of the stored frames that are the pixels in use; None where the stored pixels are.
     reduction: Reduction | None = None
     #: Reduced frames that were read; copies of the capture share them.
@@ -205,8 +207,8 @@ class Capture(FrozenMappings):
         depth = self.manifest.camera.bit_depth
         return np.concatenate([read_frames(file, *self.shape, depth, pictures) for file, pictures in files])
 
-    def sampling_variance(self, table: FrameTable) -> NDArray[np.float64] | None:
-        """Variance of a table's mean counts because sums behind a mosaic leave pixels out.
+    def block_scatter(self, table: FrameTable) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Mean sums of blocks behind a mosaic, and the scatter of the pixels in them.
 
         Parameters
         ----------
@@ -215,14 +217,14 @@ class Capture(FrozenMappings):
 
         Returns
         -------
-        NDArray | None
-            (y, x) variance, DN^2, the same in all repeats; None where all pixels count.
+        tuple | None
+            (y, x) mean sum, DN, and scatter about it, DN^2, the means over repeats; None where all pixels count.
         """
         reduction = self.reduction
         if reduction is None or self.is_merged or reduction.step_px == 1 or reduction.summed == 1:
             return None
         sums, spreads = zip(*(self._reduced(name, reduction) for name in table.frames), strict=True)
-        return reduction.sampling_variance(np.mean(sums, axis=0), np.mean(spreads, axis=0))
+        return np.mean(sums, axis=0), np.mean(spreads, axis=0)
 
     def _reduced(self, path: str, reduction: Reduction) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
         """Sums of a frame and the scatter in its blocks."""
@@ -344,6 +346,8 @@ class Capture(FrozenMappings):
             If the sensor has a mosaic and no channel is given.
         """
         column = self.manifest.camera.quantum_efficiency
+        if column is None and self.chart_sensitivities and channel is not None:
+            return self.chart_sensitivities.get(split_channel(channel)[0])
         if isinstance(column, tuple | dict):
             if channel is None:
                 raise ValueError("the sensor has a mosaic: say which channel, such as R, G or B")

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.distributions import chi2_quantile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows
 from cboxlab.utils.numbers import number_of
@@ -44,12 +45,8 @@ _EDGES = 1000
 #: Parts of a pixel across, for its coverage by an edge.
 _PARTS = 4
 
-#: Groups of blocks of similar counts, through whose median spreads the line of the noise goes.
-_LEVELS = 40
-
-#: Spread over that of the noise from which a block sees an edge: 2 % of blocks of nine pixels reach it by noise, which
-#: raises the mean variance by 1 to 2 %.
-_EDGE_SPREAD = 2.5
+#: Share of the blocks whose pixels scatter by noise as if they saw an edge: it raises the mean variance by 1 %.
+_FALSE_EDGES = 0.02
 
 
 @dataclass(frozen=True)
@@ -130,9 +127,10 @@ class Reduction:
         return window.reshape(height, n, width, n)[:, :: self.step_px, :, :: self.step_px]
 
     def spread(self, frame: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Scatter of the pixels that are summed about a plane.
+        """Scatter of the pixels that are summed about the light's gradient.
 
-        A gradient does no harm to their mean.
+        A gradient does no harm to their mean. It is that of the neighbouring blocks of the same channel. A plane
+        through three by three pixels would take up much of a corner between two walls.
 
         Parameters
         ----------
@@ -142,36 +140,32 @@ class Reduction:
         Returns
         -------
         NDArray
-            (height, width) variance of a block's counts about a plane, DN^2; 0 where it sums a single one.
+            (height, width) variance of a block's counts, DN^2; 0 where it sums a single one.
         """
-        return _about_plane(self._pixels(frame))
+        return _about_neighbours(self._pixels(frame), self.side_px, self.step_px)
 
-    def sampling_variance(self, sums: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def sampling_variance(
+        self, spread: NDArray[np.float64], noise: NDArray[np.float64], repeats: int
+    ) -> NDArray[np.float64]:
         """Variance of sums by edges between the pixels that are summed.
 
         Parameters
         ----------
-        sums
-            (height, width) sums, DN.
         spread
-            (height, width) scatter of a block's pixels, DN^2, see ``spread``.
+            (height, width) scatter of a block's pixels, DN^2, see ``spread``; the mean over repeats.
+        noise
+            (height, width) scatter that noise and the pixels' sensitivities give, DN^2.
+        repeats
+            Number of repeats.
 
         Returns
         -------
-        NDArray | None
-            (height, width) variance, DN^2; 0 where the pixels scatter as their neighbours at that count do, by noise.
-            None where a block sums all its pixels.
+        NDArray
+            (height, width) variance, DN^2; 0 where the pixels scatter as noise makes them.
         """
-        if self.step_px == 1 or self.summed == 1:
-            return None
-        from scipy.stats import theilslopes  # slow to import, rarely needed
-
-        # noise is linear in the counts; most blocks see no edge, but all of a few groups may
-        groups = np.array_split(np.argsort(sums, axis=None), _LEVELS)
-        pairs = [np.median([sums.ravel()[g], spread.ravel()[g]], axis=1) for g in groups if g.size]
-        slope, constant, *_ = theilslopes([pair[1] for pair in pairs], [pair[0] for pair in pairs])
-        noise = np.maximum(constant + slope * sums, 0.0)
-        by_edges = np.where(spread > _EDGE_SPREAD * noise, spread - noise, 0.0)
+        degrees = repeats * (self.summed**2 - 1)
+        largest = float(chi2_quantile(_FALSE_EDGES, degrees)) / degrees
+        by_edges = np.where(spread > largest * noise, spread - noise, 0.0)
         return _edge_error(self.side_px, self.step_px) * self.summed**4 * by_edges
 
     def labels(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -209,30 +203,47 @@ class Reduction:
         return (stored_px - [self.u0_px, self.v0_px] + 0.5) / self.side_px - 0.5
 
 
-def _about_plane(pixels: NDArray) -> NDArray[np.float64]:
-    """Variances about a plane of the pixels of each block.
+def _about_neighbours(pixels: NDArray, side: int, step: int) -> NDArray[np.float64]:
+    """Variances of blocks about the gradients of their neighbours, or about none.
 
-    pixels : (height, n, width, n). Returns (height, width), 0 for n = 1.
+    The smaller counts: next to an edge the neighbours lie beyond it.
+    pixels : (height, n, width, n), ``step`` px apart in blocks of ``side`` px. Returns (height, width), 0 for n = 1.
     """
     n = pixels.shape[1]
     if n == 1:
         return np.zeros((pixels.shape[0], pixels.shape[2]))
     values = pixels.astype(float)
-    centred = np.arange(n) - (n - 1) / 2
-    square = n * (centred**2).sum()
-    down, across = (np.einsum(f"hiwj,{axis}->hw", values, centred) for axis in "ij")
-    squares = np.einsum("hiwj,hiwj->hw", values, values) - values.sum(axis=(1, 3)) ** 2 / n**2
-    return np.maximum(squares - (down**2 + across**2) / square, 0.0) / (n**2 - 3)
+    means = values.mean(axis=(1, 3))
+    offsets = step * (np.arange(n) - (n - 1) / 2)
+    down, across = (_slope_of_neighbours(means, axis, step, side) for axis in (0, 1))
+    plane = means[:, None, :, None] + down[:, None, :, None] * offsets[:, None, None]
+    plane = plane + across[:, None, :, None] * offsets
+    squares = [((values - each) ** 2).sum(axis=(1, 3)) for each in (plane, means[:, None, :, None])]
+    return np.asarray(np.minimum(*squares) / (n**2 - 1), np.float64)
+
+
+def _slope_of_neighbours(means: NDArray[np.float64], axis: int, step: int, side: int) -> NDArray[np.float64]:
+    """(height, width) slope per pixel through the blocks before and after each; 0 at the border."""
+    slope = np.zeros_like(means)
+    size = means.shape[axis]
+    if size > 2 * step:
+        blocks = [np.take(means, range(start, start + size - 2 * step), axis) for start in (0, 2 * step)]
+        inside = [slice(None), slice(None)]
+        inside[axis] = slice(step, size - step)
+        slope[tuple(inside)] = (blocks[1] - blocks[0]) / (2 * step * side)
+    return slope
 
 
 @lru_cache
 def _edge_error(side_px: int, step_px: int) -> float:
-    """Square of the error of the summed pixels' mean over their variance about a plane.
+    """Square of the error of the summed pixels' mean over their variance about the gradient.
 
     The mean over straight edges.
     """
     generator = np.random.default_rng(0)
     position = (np.arange(side_px * _PARTS) + 0.5) / _PARTS - side_px / 2
+    offsets = position.reshape(side_px, _PARTS).mean(axis=1)[::step_px]
+    distance = step_px * side_px
     angle, offset = generator.uniform(0, np.pi, _EDGES), generator.uniform(-side_px, side_px, _EDGES) / np.sqrt(2)
     errors, variances = 0.0, 0.0
     for turn, shift in zip(angle, offset, strict=True):
@@ -240,7 +251,13 @@ def _edge_error(side_px: int, step_px: int) -> float:
         pixels = bright.reshape(side_px, _PARTS, side_px, _PARTS).mean(axis=(1, 3))
         summed = pixels[::step_px, ::step_px]
         errors += (summed.mean() - pixels.mean()) ** 2
-        variances += float(_about_plane(summed[None, :, None, :])[0, 0])
+        down, across = (
+            (float(part * distance > shift) - float(-part * distance > shift)) / (2 * distance)
+            for part in (np.sin(turn), np.cos(turn))
+        )
+        plane = summed.mean() + np.add.outer(down * offsets, across * offsets)
+        squares = [float(((summed - each) ** 2).sum()) for each in (plane, summed.mean())]
+        variances += min(squares) / (summed.size - 1)
     return float(errors / variances)
 
 

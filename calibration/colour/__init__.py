@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from .chain_check import ChainCheck, check_chain
+    from .chart_sensitivity import chart_sensitivities
     from .colorimetry import FilterWeights, xyz_image
     from .colour_error import ColourError
     from .colour_study import ColourStudy, study_colour
@@ -15,11 +17,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ILLUMINANT",
+    "ChainCheck",
     "ColourError",
     "ColourStudy",
     "FilterWeights",
     "PatchErrors",
     "PatchTable",
+    "chart_sensitivities",
+    "check_chain",
     "measure_patches",
     "patch_errors",
     "patch_xyz",

@@ -27,9 +27,10 @@ from ..detector import Linearity
 from ..instrument import Mask
 from ..radiometry import response_curve
 from .chart import find_chart
+from .joined_channels import BandColumns, joined_channels
 from .shading import PatchPixels, Shading, fit_shading
 
-__all__ = ["PatchTable", "band_filter", "measure_patches"]
+__all__ = ["PatchTable", "band_filter", "measure_patches", "patch_levels", "patch_pixels", "white_patch"]
 
 #: Wavelength range in which reflectances of charts are tabulated.
 _GRID = FILTER_GRID.between(380.0, 730.0)
@@ -103,22 +104,45 @@ def _spectral_weights(
     band, lamp = capture.manifest.band[index], capture.manifest.lamp
     channel = None if capture.manifest.mosaic is None else str(bands.images["channel"].values[index])
     curve = response_curve(capture, band, channel)
-    if curve is None or lamp is None:
+    if curve is None or lamp is None or not np.any(curve):
         return band_filter(capture.light(str(band.transmittance)), wavelength_nm)
     product = Spectrum(WAVELENGTH_NM, curve * capture.light(lamp.radiance).at(WAVELENGTH_NM), "zero")
     values = product.at(wavelength_nm)
     return values / values.sum()
 
 
-def _white(capture: Capture, labels: Sequence[Label]) -> Label | None:
-    """White patch with a tabulated reflectance: number 19, or one named white, or None."""
+def _has_weights(capture: Capture, bands: CorrectedBands, index: int) -> bool:
+    """Whether a band has a filter, or else a stated response and a lamp."""
+    band = capture.manifest.band[index]
+    if band.transmittance is not None:
+        return True
+    channel = None if capture.manifest.mosaic is None else str(bands.images["channel"].values[index])
+    curve = response_curve(capture, band, channel)
+    return curve is not None and bool(np.any(curve)) and capture.manifest.lamp is not None
+
+
+def white_patch(capture: Capture, labels: Sequence[Label]) -> Label | None:
+    """White patch of a chart.
+
+    Parameters
+    ----------
+    capture
+        Capture with [labels].
+    labels
+        Its labels.
+
+    Returns
+    -------
+    Label | None
+        Number 19, or one named white, with a tabulated reflectance; None without one.
+    """
     reflectances = capture.label_reflectances()
     usable = [label for label in labels if label.column in reflectances]
     whites = [label for label in usable if "white" in label.name.lower()]
     return next((label for label in (*usable,) if label.label == _WHITE_LABEL), whites[0] if whites else None)
 
 
-def _patch_pixels(
+def patch_pixels(
     capture: Capture,
     bands: CorrectedBands,
     noise: NoiseModel,
@@ -127,7 +151,30 @@ def _patch_pixels(
     labels: Sequence[Label],
     image: NDArray[np.uint8],
 ) -> list[PatchPixels | None]:
-    """Usable pixels of each patch in one band, without its rim; None for a patch with too few."""
+    """Usable pixels of each patch in one band, without its rim.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    bands
+        Its corrected bands.
+    noise
+        Its noise model.
+    index
+        Position of the band.
+    black_dn
+        Black level that the correction left, DN.
+    labels
+        Labels of the patches.
+    image
+        (y, x) label of each pixel.
+
+    Returns
+    -------
+    list
+        One for each label; None for a patch with too few pixels.
+    """
     manifest = capture.manifest
     band = manifest.band[index]
     usable = bands.images["mask"].values[index] & np.uint8(Mask.SATURATED | Mask.HOT | Mask.DEAD) == 0
@@ -153,6 +200,35 @@ def _relative_signals(
     patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(n,) signals over the white patch's, without shading, and standard deviations."""
+    level, sigma = patch_levels(patches, shading, white)
+    relative_white = sigma[white] / level[white]
+    ratio = level / level[white]
+    spread = np.hypot(sigma / level[white], ratio * relative_white)
+    spread[white] = relative_white
+    return ratio, spread
+
+
+def patch_levels(
+    patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Signals of patches as if they stood where the shading is 1.
+
+    Parameters
+    ----------
+    patches
+        Usable pixels of n patches.
+    shading
+        Illumination of the chart; None for a uniform one.
+    white
+        Position of the white patch.
+
+    Returns
+    -------
+    NDArray
+        (n,) signals, DN; NaN for patches without pixels, and for all without a white one.
+    NDArray
+        (n,) standard deviations, DN, with those of the shading relative to the white patch.
+    """
     level, sigma = np.full(len(patches), np.nan), np.full(len(patches), np.nan)
     reference = patches[white]
     if reference is None:
@@ -169,11 +245,7 @@ def _relative_signals(
             uneven = float(shading.relative_sigma(patch.u_px.mean(), patch.v_px.mean(), position))
         noise = patch.sigma * np.sqrt(patch.signal.size) / light.sum()
         sigma[index] = np.hypot(noise, level[index] * uneven)
-    relative_white = sigma[white] / level[white]
-    ratio = level / level[white]
-    spread = np.hypot(sigma / level[white], ratio * relative_white)
-    spread[white] = relative_white
-    return ratio, spread
+    return level, sigma
 
 
 def _subtract_offsets(
@@ -230,8 +302,8 @@ def measure_patches(
     if capture.manifest.labels is None:
         return None
     labels = capture.label_names()
-    white = _white(capture, labels)
-    if white is None or any(band.transmittance is None for band in capture.manifest.band):
+    white = white_patch(capture, labels)
+    if white is None or not all(_has_weights(capture, bands, index) for index in range(len(capture.band_ids))):
         return None
     image = capture.labels() if capture.manifest.labels.image is not None else find_chart(capture, bands)
     count = len(capture.band_ids)
@@ -241,7 +313,7 @@ def measure_patches(
     position = labels.index(white)
     columns, spreads, shadings, notes = [], [], {}, []
     for index, identifier in enumerate(capture.band_ids):
-        patches = _patch_pixels(capture, bands, noise, index, black, labels, image)
+        patches = patch_pixels(capture, bands, noise, index, black, labels, image)
         shading = fit_shading([patch for patch in patches if patch is not None])
         if shading is None:
             notes.append(f"{identifier}: too few bright patches; uniform illumination was assumed")
@@ -251,17 +323,21 @@ def measure_patches(
         columns.append(ratio * white_reflectance[index])
         spreads.append(spread * white_reflectance[index])
     reflectance, sigma = np.stack(columns, axis=1), np.stack(spreads, axis=1)
-    offset = np.zeros(len(capture.band_ids))
-    if len(capture.band_ids) >= 3 and np.all(np.isfinite(reflectance)):
+    joined = joined_channels(capture, BandColumns(capture.band_ids, reflectance, sigma, filters, white_reflectance))
+    names, reflectance, sigma = joined.bands, joined.reflectance, joined.sigma
+    filters, white_reflectance = joined.filters, joined.white
+    notes += joined.notes
+    offset = np.zeros(len(names))
+    if len(names) >= 3 and np.all(np.isfinite(reflectance)):
         reflectance, sigma, offset, darkest = _subtract_offsets(reflectance, sigma, white_reflectance)
-        offsets_text = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
+        offsets_text = ", ".join(f"{b} {o:+.3f}" for b, o in zip(names, offset, strict=True))
         notes.append(
             f"patches: '{labels[darkest].name}' was assumed spectrally neutral; offsets subtracted "
             f"(above 0: stray light; below 0: unexplained): {offsets_text}"
         )
     return PatchTable(
         labels,
-        capture.band_ids,
+        names,
         reflectance,
         sigma,
         offset,

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..capture import Capture, FrameTable
+from .block_sampling import sampling_variance
 from .dark import DarkLibrary
 from .noise import NoiseModel
 
@@ -266,7 +267,7 @@ def correct(
     signal = (stack.mean(axis=0) - dark.at(table.exposure_s)) / response
     weights = dark.weights(table.exposure_s)
     frame_variance = noise.variance(dark.thermal(table.exposure_s)) / repeats
-    between_pixels = capture.sampling_variance(table)
+    between_pixels = sampling_variance(capture, table, dark, noise)
     if between_pixels is not None:
         frame_variance = frame_variance + between_pixels
     dark_variance = np.zeros((3, *capture.shape))

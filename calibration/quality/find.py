@@ -37,7 +37,7 @@ def _check_counts(
     yield from check_darks(stacks, noise, capture.saturation_dn)
     yield from check_bias_drift(stacks, capture.manifest.camera.readout_s)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
-    yield from check_flat_shapes(stacks, dark)
+    yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     yield from check_fingerprint(stacks, dark)
     yield from check_light_in_darks(stacks, dark)
     yield from check_fields(capture, stacks, dark)
@@ -89,6 +89,7 @@ def find_suspicions(
         For a faulty frame.
     """
     stacks = read_stacks(capture, dict(channels) if channels is not None else None)
+    stacks = tuple(stack for stack in stacks if stack.band not in bands.faint)
     suspicions = [
         *already,
         *check_numbers(capture),

@@ -221,7 +221,16 @@ def _movement(
     return None
 
 
-def check_flat_shapes(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
+def _mean_nearby(image: NDArray[np.float64], usable: NDArray[np.bool_], sigma_px: float) -> NDArray[np.float64]:
+    """Gaussian mean (y, x) over usable pixels nearby; the median of the image where none are."""
+    if usable.all():
+        return np.asarray(gaussian_filter(image, sigma_px), np.float64)
+    weight = gaussian_filter(usable.astype(float), sigma_px)
+    total = gaussian_filter(np.where(usable, image, 0.0), sigma_px)
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.median(image))
+
+
+def check_flat_shapes(stacks: Sequence[Stack], dark: DarkLibrary, saturation_dn: float) -> Iterator[Suspicion]:
     """Detect flats and references with structure, which a uniform field does not have.
 
     Parameters
@@ -230,6 +239,8 @@ def check_flat_shapes(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
         All frames.
     dark
         Dark frames.
+    saturation_dn
+        Count from which a pixel is saturated, DN: hot pixels of long exposures are no structure.
 
     Yields
     ------
@@ -241,11 +252,11 @@ def check_flat_shapes(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
         if stack.kind not in ("flat", "reference") or min(stack.mean.shape) < SMALLEST_FLAT_PX:
             continue
         net = stack.mean - stack.thinned(dark.at(stack.exposure_s))
-        smooth = gaussian_filter(net, narrow)
+        usable = stack.counts.max(axis=0) < saturation_dn
         level = float(np.median(net))
         if level <= 0:
             continue
-        broad = gaussian_filter(net, wide)
+        smooth, broad = (_mean_nearby(net, usable, width) for width in (narrow, wide))
         inner = tuple(slice(n // 5, n - n // 5) for n in net.shape)
         detail = ((smooth - broad) / np.maximum(broad, 0.1 * level))[inner]
         structure = float(np.sqrt(np.mean(detail**2)))

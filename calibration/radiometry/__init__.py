@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from .broad_light_sensitivity import smooth_wiener
     from .hyperspectral import HyperspectralCube, as_scene, hyperspectral_cube, region_mask
     from .named_camera_levels import channel_levels, level_notes
     from .radiometry import Radiometry, measure_constant
@@ -19,10 +20,12 @@ if TYPE_CHECKING:
         optical_factor,
         response_curve,
     )
+    from .spectral_sensitivity import NarrowBandReadings
     from .uncertainty import Uncertainty, measure_uncertainty, xyz_parts
 
 __all__ = [
     "HyperspectralCube",
+    "NarrowBandReadings",
     "Radiometry",
     "Uncertainty",
     "as_scene",
@@ -39,6 +42,7 @@ __all__ = [
     "region_mask",
     "register",
     "response_curve",
+    "smooth_wiener",
     "xyz_parts",
 ]
 

@@ -54,11 +54,11 @@ def nominal_constant(capture: Capture) -> float | None:
     Returns
     -------
     float | None
-        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain, and for a camera by name, whose
-        sensitivities have no level.
+        C, mm^2 m^2 / (e-/DN); None without focal length, pixel pitch or gain, and for sensitivities without
+        a level, those of a camera by name or of a chart.
     """
     camera, focal = capture.manifest.camera, capture.manifest.lens.focal_length_mm
-    if _is_named(capture):
+    if _is_relative(capture):
         return None
     if camera.pixel_pitch_um is None or camera.gain_e_per_dn is None or focal is None:
         return None
@@ -115,12 +115,12 @@ def _filter_of(capture: Capture, band: BandTable) -> Spectrum | None:
 def _lens_of(capture: Capture) -> Spectrum | None:
     """Transmittance of the lens; None where it is not stated.
 
-    It is 1 within a free scale or for a named camera.
+    It is 1 within a free scale, and where the sensitivities are relative.
     """
     column = capture.manifest.lens.transmittance
     if column is not None:
         return capture.light(column)
-    return None if capture.manifest.is_absolute and not _is_named(capture) else _CLEAR
+    return None if capture.manifest.is_absolute and not _is_relative(capture) else _CLEAR
 
 
 def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> NDArray[np.float64] | None:
@@ -131,8 +131,10 @@ def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> 
     return rest_curve(efficiency, lens, grid)
 
 
-def _is_named(capture: Capture) -> bool:
-    """Whether the sensitivities are those of a camera by name, which are relative."""
+def _is_relative(capture: Capture) -> bool:
+    """Whether the sensitivities are relative, as those of a camera by name or of a chart are."""
+    if capture.chart_sensitivities:
+        return True
     efficiency = capture.manifest.camera.quantum_efficiency
     return isinstance(efficiency, dict) and any(column.startswith(NAMED_CAMERA) for column in efficiency.values())
 
@@ -203,7 +205,7 @@ def missing_keys(capture: Capture) -> tuple[str, ...]:
         Names of the keys, empty if none is missing.
     """
     manifest, missing = capture.manifest, []
-    if manifest.camera.quantum_efficiency is None:
+    if manifest.camera.quantum_efficiency is None and not capture.chart_sensitivities:
         missing.append("camera.quantum_efficiency")
     if _lens_of(capture) is None:
         missing.append("lens.transmittance")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,17 @@ from ..capture import (
     chosen_channel_notes,
     file_mosaic_notes,
 )
-from ..colour import ColourStudy, FilterWeights, PatchTable, measure_patches, study_colour, xyz_image
+from ..colour import (
+    ChainCheck,
+    ColourStudy,
+    FilterWeights,
+    PatchTable,
+    chart_sensitivities,
+    check_chain,
+    measure_patches,
+    study_colour,
+    xyz_image,
+)
 from ..correction import (
     CorrectedBands,
     DarkLibrary,
@@ -85,6 +95,8 @@ class Calibration(FrozenMappings):
     notes: tuple[str, ...]
     #: Likely mistakes of the capture, apart from `notes`.
     suspicions: tuple[Suspicion, ...] = ()
+    #: The colour chain held against the patches.
+    chain: ChainCheck | None = None
 
     @property
     def camera(self) -> Camera | None:
@@ -192,6 +204,33 @@ def _patches(
     return patches, [*remarks, *patches.notes]
 
 
+def _with_chart_sensitivities(capture: Capture, bands: CorrectedBands, noise: NoiseModel) -> tuple[Capture, list[str]]:
+    """The capture with sensitivities from its chart, where it states none, and a note on them."""
+    try:
+        estimate = chart_sensitivities(capture, bands, noise)
+    except InputError as fault:
+        labels = capture.manifest.labels
+        if labels is None or labels.image is not None:
+            raise
+        return capture, [f"no sensitivities from a chart: {fault}"]
+    if estimate is None or isinstance(estimate, str):
+        return capture, [] if estimate is None else [estimate]
+    return replace(capture, chart_sensitivities=estimate.curves), [estimate.note]
+
+
+def _chain(
+    capture: Capture, patches: PatchTable | None, colour: ColourStudy | None, responses: Sequence[BandResponse] | None
+) -> ChainCheck | None:
+    """The check of the colour chain; None without patches of every band, lamp or weights."""
+    lamp = capture.manifest.lamp
+    if patches is None or colour is None or responses is None or lamp is None:
+        return None
+    if patches.bands != capture.band_ids:
+        return None
+    weights = colour.weights[colour.recommended]
+    return check_chain(patches, weights, responses, capture.light(lamp.radiance), capture.label_reflectances())
+
+
 def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
     """Axis of the lens, for a capture with a free scale.
 
@@ -241,6 +280,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     channels = band_channels(capture)
     camera_fit, target_fit, camera_notes, explained = _camera(capture)
     bands = correct_bands(capture, dark, noise, channels, _nominal_axis(capture, camera_fit))
+    capture, chart_notes = _with_chart_sensitivities(capture, bands, noise)
     radiometry = measure_constant(capture, bands, dark, noise, channels)
     if levels := channel_levels(capture, radiometry, channels):
         capture = replace(capture, channel_levels=levels)
@@ -249,6 +289,7 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         *([] if capture.reduction is None else [capture.reduction.note]),
         *file_mosaic_notes(capture),
         *level_notes(capture),
+        *chart_notes,
         *noise.notes,
         *bands.notes,
         *chosen_channel_notes(capture, channels),
@@ -289,6 +330,9 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
     if responses is not None:
         colour = study_colour(capture, responses, _typical_noise(bands.images))
         notes.append(colour.reason)
+    chain = _chain(capture, patches, colour, responses)
+    if chain is not None:
+        notes.append(chain.note)
     return Calibration(
         capture,
         dark,
@@ -306,4 +350,5 @@ def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibr
         patches,
         tuple(dict.fromkeys(notes)),
         find_suspicions(capture, bands, dark, noise, radiometry, camera_fit, channels=channels, already=explained),
+        chain,
     )

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ..geometry import CameraFit, SurveyedPoints
@@ -93,6 +91,9 @@ def plot_geometry(
     length = float(np.median(np.linalg.norm(residuals[fit.in_use], axis=1)))
     # The enlargement is a round number; a typical residual is about a fortieth of the picture.
     enlarged = float(f"{photograph.shape[1] / 40 / max(length, 1e-6):.1g}")
+    from matplotlib.collections import LineCollection  # slow to import, and only needed here
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8, 8 * photograph.shape[0] / photograph.shape[1] + 0.5), layout="constrained")
     axes = figure.subplots()
     low, high = np.nanpercentile(photograph, [1, 99])

@@ -12,13 +12,12 @@ import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import origin, replacing, writing_hdf5
 
-from ..colour import ILLUMINANT, patch_errors, patches_csv
+from ..colour import ILLUMINANT, ChainCheck, patch_errors, patches_csv
 from ..detector import dark_level_sigma
 from ..geometry import CameraFit, capture_points
 from ..instrument import Mask
 from .calibrate import Calibration
 from .geometry_plot import plot_geometry
-from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
 from .study_record import colour_record, sensor_record, uncertainty_record, weights_record
 
 __all__ = ["calibration_record", "camera_record", "write_calibration", "write_geometry"]
@@ -129,6 +128,16 @@ def _patch_errors(calibration: Calibration) -> dict[str, Any] | None:
     }
 
 
+def _chain(check: ChainCheck) -> dict[str, Any]:
+    """Check of the colour chain for JSON."""
+    return {
+        "patches": list(check.labels),
+        "delta_e_2000": {"mean": float(check.measured.mean()), "max": float(check.measured.max())},
+        "delta_e_2000_of_weights": float(check.of_weights.mean()),
+        "delta_e_2000_by_noise": check.by_noise,
+    }
+
+
 def calibration_record(calibration: Calibration) -> dict[str, Any]:
     """Content of calibration.json; None where the capture lacks the data (see its ``notes``).
 
@@ -205,6 +214,7 @@ def _record(calibration: Calibration) -> dict[str, Any]:
             "offset": dict(zip(patches.bands, patches.offset.tolist(), strict=True)),
             "shading_order": {band: shading.order for band, shading in patches.shading.items()},
             "error": _patch_errors(calibration),
+            **({} if calibration.chain is None else {"chain": _chain(calibration.chain)}),
         },
         "notes": list(calibration.notes),
         "suspicions": [suspicion.record for suspicion in calibration.suspicions],
@@ -242,6 +252,9 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
     tuple[Path, ...]
         Files written.
     """
+    # matplotlib is slow to import, and only needed here
+    from .plots import plot_curve, plot_dark, plot_filters, plot_noise, plot_response
+
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(calibration_record(calibration), indent=1, allow_nan=False) + "\n"
     jobs: dict[str, Callable[[Path], object]] = {"calibration.json": lambda path: path.write_text(text)}

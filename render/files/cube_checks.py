@@ -255,7 +255,8 @@ def require_wavelengths_of_light(cube: xr.Dataset, path: Path) -> None:
     InputError
         If a wavelength lies outside 100 nm to 0.1 mm.
     """
-    low, high = float(cube["wavelength"].min()), float(cube["wavelength"].max())
+    wavelengths = cube["wavelength"].values
+    low, high = float(wavelengths.min()), float(wavelengths.max())
     if not (low >= SHORTEST_NM and high <= LONGEST_NM):
         raise InputError(
             f"{path}: wavelength",

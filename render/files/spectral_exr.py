@@ -16,7 +16,6 @@ from .cube_checks import PROVENANCE, RADIANCE_UNIT, as_cube, float32_samples
 from .declared import AS_STATED, Declared, scaled, sorted_planes, spectral_factor, with_declarations
 from .exr_channels import ExrChannels, write_channels
 from .headers import exr_window, window_of
-from .previews import cube_to_linear_srgb
 
 __all__ = ["cube_of_spectral_channels", "spectral_channels", "write_exr"]
 
@@ -44,6 +43,8 @@ def write_exr(path: Path, cube: xr.Dataset) -> None:
         Radiance (y, x, wavelength), W m^-2 sr^-1 nm^-1. Where it comes from (``PROVENANCE``) and its place in a larger
         picture go into the header.
     """
+    from .previews import cube_to_linear_srgb  # slow to import, and only needed here
+
     samples, picture = float32_samples(cube), cube_to_linear_srgb(cube)
     channels = {name: np.ascontiguousarray(picture[..., i], np.float32) for i, name in enumerate("RGB")}
     for index, wavelength in enumerate(cube["wavelength"].values):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from cboxlab.calibration.capture import Capture, load_capture
-from cboxlab.calibration.geometry import calibrate_camera
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
@@ -46,6 +45,8 @@ def view_of(camera: Camera | Capture | str | Path) -> tuple[Camera, Spectrum | N
 
 def _camera_and_lamp(capture: Capture) -> tuple[Camera, Spectrum | None]:
     """Calibrated camera and measured lamp of a capture; None for a lamp that it does not state."""
+    from cboxlab.calibration.geometry import calibrate_camera  # slow to import, and only needed here
+
     fit, target, _ = calibrate_camera(capture)
     entry = capture.manifest.lamp
     lamp = None if entry is None else capture.light(entry.radiance)

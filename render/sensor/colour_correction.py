@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.scenes.spectra import Spectrum
@@ -60,6 +59,8 @@ def demosaic(linear: NDArray[np.float64], camera: SensorCamera, white_dn: float)
     InputError
         If the mosaic is not 2 x 2 letters R, G and B.
     """
+    import cv2  # slow to import, and only needed here
+
     pattern = camera.pattern or ()
     is_square = [len(row) for row in pattern] == [2, 2]
     code = getattr(cv2, f"COLOR_Bayer{''.join(pattern)}2RGB", None) if is_square else None

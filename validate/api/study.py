@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, names_in
 from cboxlab.rendering.model import Model, named_effect, write_model
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
+from numpy.typing import NDArray
 
 from .. import diagnose as engine
 from ..compare import CalibratedCapture, Validation, prepare, validate_prepared, with_model
@@ -23,10 +26,14 @@ from ..study import (
     Base,
     Correlations,
     History,
+    Pattern,
     Prediction,
+    Profile,
     State,
     StudyFile,
+    chi2_profile,
     fitted_correlations,
+    pattern_of,
     predict,
     read_study,
     write_study,
@@ -449,6 +456,103 @@ class Study(Result):
             None if fewer than two numbers are fitted.
         """
         return fitted_correlations(self._bases(progress), self.effects)
+
+    def profile(
+        self,
+        which: int | str,
+        parameter: str,
+        /,
+        *,
+        refit: bool = True,
+        draft: bool = False,
+        progress: Progress = NO_PROGRESS,
+    ) -> Profile:
+        """Reduced chi-square over one number of an effect, the other effects held.
+
+        Parameters
+        ----------
+        which
+            Index of the effect from 0, or its identifier: the last effect of that name.
+        parameter
+            Name of a number of the effect.
+        refit
+            Whether camera and lamp are fitted at each value.
+        draft
+            Whether light transport is predicted with a quarter of the rays.
+        progress
+            Receiver of the completed share.
+
+        Returns
+        -------
+        Profile
+            Values from null to beyond the present value, and chi-square of each capture there.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect, and a parameter that is no number of it.
+
+        Examples
+        --------
+        >>> curve = study.profile("veiling-glare", "fraction")  # doctest: +SKIP
+        >>> curve.best()  # doctest: +SKIP
+        """
+        index = self._index(which)
+        applied, bases = self.effects[index], self._bases(progress)
+        numbers = {each.name: each for each in applied.effect.numbers}
+        if parameter not in numbers:
+            raise InputError(
+                "parameter", repr(parameter)[:80], f"one of {', '.join(numbers)}", suggestion(parameter, list(numbers))
+            )
+
+        def chi2_at(value: float) -> tuple[float, ...]:
+            effects = self.change(index, **{parameter: value}).effects
+            return tuple(predict(base, effects, refit=refit, draft=draft).chi2.per_dof for base in bases)
+
+        value, sigma = float(applied.values[parameter]), applied.sigma.get(parameter)
+        return chi2_profile(applied.id, numbers[parameter], value, sigma, chi2_at, progress)
+
+    def patterns(
+        self, effect: str, /, capture: int = 0, *, refit: bool = True, draft: bool = False, **values: str | float
+    ) -> tuple[Pattern, ...]:
+        """Changes of the picture by each number of an effect that is not in the model.
+
+        Parameters
+        ----------
+        effect
+            Identifier of the catalogue, or an effect file.
+        capture
+            Index of the capture, from 0.
+        refit
+            Whether camera and lamp are fitted to the changed picture, so that only what they leave is shown.
+        draft
+            Whether light transport is predicted with a quarter of the rays.
+        **values
+            Other parameters, such as the material; one that is omitted gets its default.
+
+        Returns
+        -------
+        tuple of Pattern
+            One for each number with a null value, at a value that changes a hundredth of the samples by three standard
+            deviations or more.
+
+        Raises
+        ------
+        InputError
+            For an unknown effect or parameter.
+        """
+        base = self._bases(NO_PROGRESS)[capture]
+        without = predict(base, self.effects, refit=refit, draft=draft)
+        checked = self._checked(named_effect(effect, Path()), values)
+        numbers = checked.effect.within(self.prepared[capture].scene).numbers
+
+        def change(parameter: str, value: float) -> NDArray[np.float64]:
+            effects = self.add(effect, **{**values, parameter: value}).effects
+            present = predict(base, effects, refit=refit, draft=draft)
+            return np.asarray((present.signal - without.signal) / without.sigma)
+
+        with_null = [each for each in numbers if each.null is not None]
+        return tuple(pattern_of(each, partial(change, each.name)) for each in with_null or numbers)
 
     def render(self, progress: Progress = NO_PROGRESS) -> Study:
         """Study with pictures rendered with the present effects, as ``validate`` renders them.

@@ -171,7 +171,7 @@ def test_edges_add_the_error_of_a_sum_to_its_variance(tmp_path):
     light = 200.0 + 1800.0 * disk.reshape(400, fine, 400, fine).mean(axis=(1, 3))
     counts = np.random.default_rng(1).poisson(light).astype(np.uint16)
     sums, spread = part.counts(counts), part.spread(counts)
-    variance = part.sampling_variance(sums.astype(float), spread)
+    variance = part.sampling_variance(spread, sums / part.summed**2, 1)  # electrons are counted one by one
     block_means = light.reshape(80, 5, 80, 5).mean(axis=(1, 3)) * part.summed**2
     edge = np.ptp(light.reshape(80, 5, 80, 5).transpose(0, 2, 1, 3).reshape(80, 80, -1), axis=-1) > 0
     assert variance[~edge].mean() < 0.02 * block_means[~edge].mean()
@@ -179,6 +179,26 @@ def test_edges_add_the_error_of_a_sum_to_its_variance(tmp_path):
     assert np.mean(squares[~edge] / block_means[~edge]) == pytest.approx(1.0, abs=0.06)
     assert squares[edge].sum() / (block_means + variance)[edge].sum() == pytest.approx(1.0, abs=0.25)
     assert squares[edge].sum() > 20 * block_means[edge].sum()
+
+
+def test_weak_steps_count_and_gradients_do_not(tmp_path):
+    """A slanted step of 20 %, six times the noise of a pixel, on a gradient of 0.1 % a pixel."""
+    part = written(tmp_path, "binning = 5", CHANNELS.format("RGGB"), repeats=1, shape=(400, 400)).reduction
+    fine = 4
+    position = (np.arange(400 * fine) + 0.5) / fine - 0.5
+    bright = np.add.outer(0.2 * position, position) > 240
+    gradient = 1 + 0.001 * np.arange(400)
+    light = 800 * gradient * (1 + 0.2 * bright.reshape(400, fine, 400, fine).mean(axis=(1, 3)))
+    counts = np.random.default_rng(2).poisson(light).astype(np.uint16)
+    sums = part.counts(counts)
+    means = light.reshape(80, 5, 80, 5).mean(axis=(1, 3)) * part.summed**2
+    variance = part.sampling_variance(part.spread(counts), means / part.summed**2, 1)
+    share = bright.reshape(80, 5 * fine, 80, 5 * fine).mean(axis=(1, 3))
+    edge = (share > 0) & (share < 1)
+    chi2 = (sums - means) ** 2 / (means + variance)
+    assert np.mean(chi2[edge]) == pytest.approx(1.0, abs=0.35)
+    assert np.mean(chi2[~edge]) == pytest.approx(1.0, abs=0.07)
+    assert np.mean(variance[~edge] > 0) < 0.06
 
 
 def test_the_constant_counts_the_area_that_is_summed(tmp_path):

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
 from cboxlab.calibration.quality.constants import check_constant, check_flats_and_references
+from cboxlab.calibration.quality.fingerprint import check_flat_shapes
+from cboxlab.calibration.quality.stacks import read_stacks
 from cboxlab.calibration.radiometry import measure_constant
 from helpers.places import ROOT
 
@@ -44,3 +47,20 @@ def test_constants_off_by_reciprocal_factors_are_no_exchange():
         replace(c, constant=level * radiometry.constant) for c, level in zip(radiometry.by_band, levels, strict=True)
     )
     assert not [*check_constant(capture, replace(radiometry, by_band=by_band), noise, None, None)]
+
+
+def test_hot_pixels_that_saturate_the_sums_of_a_flat_are_no_picture():
+    """Blocks of a large frame have sums far below the count that marks them as saturated; a scene stays a picture."""
+    capture, largest = load_capture(ROOT / "validate" / "data" / "demo-capture"), 2**24
+    dark = read_darks(capture)
+    stacks = read_stacks(capture)
+    scene = next(stack for stack in stacks if stack.kind == "band")
+    flat = next(stack for stack in stacks if stack.kind == "flat" and stack.band == scene.band)
+    hot = np.random.default_rng(1).random(capture.shape) < 0.04
+
+    def suspicions(frames):
+        saturated = np.where(hot, largest, frames.astype(np.uint32))
+        return [*check_flat_shapes([replace(flat, frames=saturated)], dark, largest)]
+
+    assert not suspicions(flat.frames)
+    assert "show a picture" in suspicions(scene.frames)[0].what

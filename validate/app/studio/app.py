@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib import resources
 from ipaddress import ip_address
 from typing import Any
@@ -21,23 +21,21 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
-from .first_capture import first_draft, write_first
+from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
+from .first_capture import first_draft, first_thumbnails, write_first
 from .jobs import Jobs
 from .picker import Picker
 from .places import list_inputs
-from .wire import catalogue_record, study_record, view
+from .wire import catalogue_record, earlier_view, pattern_view, study_record, view
 from .workbench import EarlierStateError, Workbench
 
-__all__ = ["ANY_ADDRESS", "build_app"]
+__all__ = ["ANY_ADDRESS", "IDLE_S", "build_app"]
 
 #: Entry of the host names of ``build_app`` that stands for every IP address.
 ANY_ADDRESS = "*"
 
-#: Largest body of a request, bytes: a step or a job has a few hundred.
-_MAX_BODY = 1 << 16
-
 #: Time without a step of the user after which light transport is rendered in the background, s.
-_IDLE_S = 1.5
+IDLE_S = 1.5
 
 #: Interval of comments that keep the stream of events open, s.
 _KEEP_ALIVE_S = 15.0
@@ -158,53 +156,67 @@ class _Handlers:
         content = await self._latest("view", lambda: view(self.bench))
         return Response(content, media_type="application/octet-stream", headers=_HEADERS)
 
+    async def pattern(self, request: Request) -> Response:
+        """Patterns of an effect that is not added."""
+        effect = text_of(await json_body(request), "effect")
+        content = await self.jobs.quick(lambda: pattern_view(self.bench, effect))
+        self._render_later()
+        return Response(content, media_type="application/octet-stream", headers=_HEADERS)
+
+    async def earlier(self, request: Request) -> Response:
+        """Predicted pictures of an earlier state."""
+        is_first = flag_of(await json_body(request), "first")
+        content = await self.jobs.quick(lambda: earlier_view(self.bench, is_first))
+        self._render_later()
+        return Response(content, media_type="application/octet-stream", headers=_HEADERS)
+
     async def effects(self, request: Request) -> Response:
         """Catalogue of effects."""
         return JSONResponse(await self._latest("effects", lambda: catalogue_record(self.bench)), headers=_HEADERS)
 
-    async def places(self, request: Request) -> Response:
+    async def inputs(self, request: Request) -> Response:
         """Captures, studies and models that can be opened."""
         names = await asyncio.to_thread(list_inputs, self.bench.root)
         return JSONResponse(names, headers=_HEADERS)
 
     async def step(self, request: Request) -> Response:
         """Do a short step; the answer is the study after it."""
-        name, body, bench = request.path_params["name"], await _body(request), self.bench
-        which = _index(body, "which")
+        name, body, bench = request.path_params["name"], await json_body(request), self.bench
+        which = index_of(body, "which")
         steps: Mapping[str, Callable[[], None]] = {
-            "add": lambda: bench.add(_text(body, "effect"), _values(body)),
-            "change": lambda: bench.change(which, _values(body), _flag(body, "commit")),
+            "add": lambda: bench.add(text_of(body, "effect"), values_of(body)),
+            "change": lambda: bench.change(which, values_of(body), flag_of(body, "commit")),
             "remove": lambda: bench.remove(which),
             "undo": bench.undo,
             "redo": bench.redo,
             "adopt": bench.adopt,
-            "show": lambda: bench.show(_index(body, "capture"), _flag(body, "refit", True)),
+            "show": lambda: bench.show(index_of(body, "capture"), flag_of(body, "refit", True)),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
 
         def run() -> bytes:
-            bench.require_revision(_index(body, "revision"))
+            bench.require_revision(index_of(body, "revision"))
             steps[name]()
             return view(bench)
 
         before = bench.revision
         content = self._last["view"] = await self.jobs.quick(run)
         if bench.revision != before:
-            self.jobs.send({"event": "moved", "revision": bench.revision, "tab": _optional(body, "tab")})
+            self.jobs.send({"event": "moved", "revision": bench.revision, "tab": optional_text(body, "tab")})
         self._render_later()
         headers = {**_HEADERS, _REVISION_HEADER: str(bench.revision)}
         return Response(content, media_type="application/octet-stream", headers=headers)
 
     async def points(self, request: Request) -> Response:
         """Corners of a capture's photograph, their positions, or the file of them."""
-        name, body, picker = request.path_params["name"], await _body(request), self._picker
-        capture, marks = _text(body, "capture"), body.get("points", [])
+        name, body, picker = request.path_params["name"], await json_body(request), self._picker
+        capture, marks = text_of(body, "capture"), body.get("points", [])
         if not isinstance(marks, list):
             raise InputError("points", repr(marks)[:80], "a list of marked corners")
         steps: Mapping[str, Callable[[], dict[str, Any]]] = {
             "picture": lambda: picker.picture(capture),
-            "locate": lambda: picker.locate(capture, marks, _flag(body, "by_edges")),
+            "locate": lambda: picker.locate(capture, marks, flag_of(body, "by_edges")),
             "write": lambda: picker.write(capture, marks),
         }
         if name not in steps:
@@ -213,34 +225,40 @@ class _Handlers:
 
     async def first(self, request: Request) -> Response:
         """Draft of a folder's first capture.toml, or its file."""
-        steps = {"draft": first_draft, "write": write_first}
-        name, body = request.path_params["name"], await _body(request)
-        folder, entries = _text(body, "folder"), body.get("entries", [])
+        root = self.bench.root
+        steps: Mapping[str, Callable[[str, list[Any]], dict[str, Any]]] = {
+            "draft": partial(first_draft, root),
+            "write": partial(write_first, root),
+            "thumbnails": lambda folder, _: first_thumbnails(root, folder),
+        }
+        name, body = request.path_params["name"], await json_body(request)
+        folder, entries = text_of(body, "folder"), body.get("entries", [])
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
         if not isinstance(entries, list):
             raise InputError("entries", repr(entries)[:80], "a list of entries")
-        record = await self.jobs.quick(lambda: steps[name](self.bench.root, folder, entries))
+        record = await self.jobs.quick(lambda: steps[name](folder, entries))
         return JSONResponse(record, headers=_HEADERS)
 
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
-        name, body, bench = request.path_params["name"], await _body(request), self.bench
-        which, report = body.get("which", []), _flag(body, "report")
-        if not isinstance(which, list) or not all(map(_is_index, which)):
+        name, body, bench = request.path_params["name"], await json_body(request), self.bench
+        which, report = body.get("which", []), flag_of(body, "report")
+        if not isinstance(which, list) or not all(map(is_index, which)):
             raise InputError("which", repr(which)[:80], "a list of indices of effects")
-        if which:
-            bench.require_revision(_index(body, "revision"))
+        if which or name == "profile":
+            bench.require_revision(index_of(body, "revision"))
 
         def save(progress: Progress) -> None:
-            self._saved = bench.save(_text(body, "folder"), report, progress)
+            self._saved = bench.save(text_of(body, "folder"), report, progress)
 
         jobs: Mapping[str, Callable[[Progress], None]] = {
-            "open": lambda p: bench.open(_text(body, "capture"), _optional(body, "model"), p),
-            "model": lambda p: bench.open_model(_text(body, "model"), p),
+            "open": lambda p: bench.open(text_of(body, "capture"), optional_text(body, "model"), p),
+            "model": lambda p: bench.open_model(text_of(body, "model"), p),
             "fit": lambda p: bench.fit(which, p),
             "render": bench.render,
             "diagnose": bench.diagnose,
+            "profile": lambda p: bench.compute_profile(index_of(body, "effect"), text_of(body, "parameter"), p),
             "save": save,
         }
         if name not in jobs:
@@ -250,8 +268,8 @@ class _Handlers:
 
     async def cancel(self, request: Request) -> Response:
         """Stop the computation; with ``background`` only one that the user did not start."""
-        body = await _body(request)
-        if not (_flag(body, "background") and self.jobs.busy):
+        body = await json_body(request)
+        if not (flag_of(body, "background") and self.jobs.busy):
             await self.jobs.cancel()
         return JSONResponse({}, headers=_HEADERS)
 
@@ -296,7 +314,7 @@ def build_app(
     token: str,
     hosts: frozenset[str],
     *,
-    idle_s: float = _IDLE_S,
+    idle_s: float = IDLE_S,
     begin: Callable[[Progress], None] | None = None,
 ) -> Starlette:
     """Web application of a workbench.
@@ -328,9 +346,11 @@ def build_app(
         Route("/api/picture", handlers.picture),
         Route("/api/view", handlers.view),
         Route("/api/effects", handlers.effects),
-        Route("/api/places", handlers.places),
+        Route("/api/places", handlers.inputs),
         Route("/api/events", handlers.events),
         Route("/api/cancel", handlers.cancel, methods=["POST"]),
+        Route("/api/pattern", handlers.pattern, methods=["POST"]),
+        Route("/api/earlier", handlers.earlier, methods=["POST"]),
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),
         Route("/api/first/{name:str}", handlers.first, methods=["POST"]),
         Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
@@ -365,72 +385,3 @@ async def _earlier(request: Request, error: Exception) -> Response:
 async def _no_listener(request: Request, error: Exception) -> Response:
     """Answer to a client that closed the connection, which nobody receives."""
     return Response(status_code=400)
-
-
-async def _body(request: Request) -> dict[str, Any]:
-    """JSON object of a request; InputError for anything else."""
-    expected = "a JSON object"
-    if request.headers.get("content-type", "").partition(";")[0] != "application/json":
-        raise InputError("the request", "a body that is not application/json", expected)
-    text = b""
-    async for part in request.stream():
-        text += part
-        if len(text) > _MAX_BODY:
-            raise InputError("the request", "a body that is too long", f"at most {_MAX_BODY} bytes")
-    try:
-        content = json.loads(text or b"{}", parse_constant=_no_number)
-    except (ValueError, RecursionError):
-        content = None
-    if not isinstance(content, dict):
-        raise InputError("the request", repr(text[:40]), expected)
-    return content
-
-
-def _no_number(name: str) -> float:
-    """Refuse NaN and Infinity, which JSON lacks and Python reads."""
-    raise ValueError(name)
-
-
-def _text(body: Mapping[str, Any], key: str) -> str:
-    """Text of a key, without outer spaces; InputError if it is missing."""
-    value = body.get(key)
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(key, "nothing" if not value else repr(value)[:80], "a name")
-    return value.strip()
-
-
-def _optional(body: Mapping[str, Any], key: str) -> str | None:
-    """Text of a key; None if it is missing, null or empty."""
-    return None if body.get(key) in (None, "") else _text(body, key)
-
-
-def _index(body: Mapping[str, Any], key: str) -> int:
-    """Index of a key, 0 if it is missing."""
-    value = body.get(key, 0)
-    if not _is_index(value):
-        raise InputError(key, repr(value)[:80], "an index from 0")
-    return int(value)
-
-
-def _is_index(value: object) -> bool:
-    """Whether a JSON value is an integer of 0 or more."""
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
-
-
-def _flag(body: Mapping[str, Any], key: str, default: bool = False) -> bool:
-    """Truth value of a key."""
-    value = body.get(key, default)
-    if not isinstance(value, bool):
-        raise InputError(key, repr(value)[:80], "true or false")
-    return value
-
-
-def _values(body: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of an effect; "inf" stands for infinity, which JSON lacks."""
-    values = body.get("values", {})
-    if not isinstance(values, dict):
-        raise InputError("values", repr(values)[:80], "a value for each parameter")
-    for key, value in values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float | str):
-            raise InputError(f"values.{key[:40]}", repr(value)[:80], "a number or a text")
-    return {str(key): math.inf if value == "inf" else value for key, value in values.items()}

@@ -7,13 +7,29 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cboxlab.calibration.capture import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+import numpy as np
+from cboxlab.calibration.capture import (
+    FirstManifest,
+    ManifestEntry,
+    draft_manifest,
+    split_name,
+    write_first_manifest,
+)
+from cboxlab.calibration.frame_readers import read_values
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import inputs_below
+from numpy.typing import NDArray
 
+from ...report.viewer import encoded
 from .places import path_of_name
 
-__all__ = ["first_draft", "write_first"]
+__all__ = ["first_draft", "first_thumbnails", "write_first"]
+
+#: Longer side of a small picture, px.
+_THUMBNAIL_PX = 96
+
+#: Least count that is shown white, as a part of the brightest frame's: frames without light stay dark.
+_LEAST_WHITE = 0.25
 
 #: Most characters of a value.
 _MAX_LENGTH = 300
@@ -64,6 +80,58 @@ def first_draft(root: Path, folder: str, entries: Sequence[Any]) -> dict[str, An
         "left_out": [{"file": item.file, "why": item.why} for item in first.left_out],
         "faults": faults,
     }
+
+
+def first_thumbnails(root: Path, folder: str) -> dict[str, Any]:
+    """Small pictures of the first frame of each kind, filter or target in a folder of frames.
+
+    Parameters
+    ----------
+    root, folder
+        As of ``first_draft``.
+
+    Returns
+    -------
+    dict
+        The list ``thumbnails`` in the order of ``recognised`` in ``first_draft``. An entry is null for a frame that is
+        written with capture.toml only. Others have width, height, ``values`` from 0 to 1 for the viewer, and the least
+        and largest count of the frame.
+
+    Raises
+    ------
+    InputError
+        As of ``first_draft``, and for frames that cannot be read.
+    """
+    path = path_of_name(root, folder, "folder")
+    with inputs_below(root):
+        text, first, _ = draft_manifest(path)
+        tables = tomllib.loads(text)
+        names = [table["frames"][0] for kind in first.tables for table in tables.get(kind, [])]
+        blocks = [_blocks(path, name) for name in names]
+    whites = [0.0 if each is None else float(np.percentile(each[0], 99)) for each in blocks]
+    least = _LEAST_WHITE * max(whites, default=0.0) or 1.0
+    pairs = zip(blocks, whites, strict=True)
+    return {"thumbnails": [None if each is None else _thumbnail(*each, max(white, least)) for each, white in pairs]}
+
+
+def _blocks(folder: Path, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Means of blocks of a frame, and its least and largest count; None if it has no file yet."""
+    file, number = split_name(folder, name)
+    if not (folder / file).is_file():
+        return None
+    counts = read_values(folder / file, range(number or 0, (number or 0) + 1))[0]
+    block = -(-max(counts.shape) // _THUMBNAIL_PX)
+    height, width = (max(size // block, 1) for size in counts.shape)
+    blocks = counts[: height * block, : width * block].reshape(height, min(block, counts.shape[0]), width, -1)
+    return blocks.mean(axis=(1, 3)), np.array([counts.min(), counts.max()], float)
+
+
+def _thumbnail(means: NDArray[np.float64], extremes: NDArray[np.float64], white: float) -> dict[str, Any]:
+    """Record of a small picture; ``white`` is the count that is shown white."""
+    height, width = means.shape
+    least, largest = extremes.tolist()
+    values = encoded(np.clip(means / white, 0, 1))
+    return {"width": width, "height": height, "values": values, "least": least, "largest": largest}
 
 
 def write_first(root: Path, folder: str, entries: Sequence[Any]) -> dict[str, Any]:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue, names_in
+from numpy.typing import NDArray
 
 from ...api import DiagnosisResult
 from ...compare import band_centres
 from ...report import finding_sentences, ranked_values
 from .workbench import Workbench
 
-__all__ = ["catalogue_record", "study_record", "view"]
+__all__ = ["catalogue_record", "earlier_view", "pattern_view", "study_record", "view"]
 
 #: Largest number of ranked effects in the record of a diagnosis.
 _MAX_RANKED = 8
@@ -56,7 +58,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
     """
     if not bench.is_open:
         return {"open": False, "root": str(bench.root), "revision": bench.revision}
-    study, present = bench.study, bench.shown
+    study, present = bench.study, bench.study_in_view
     prediction = bench.prediction
     fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
     moved = prepared.expected_camera(present.effects).motion_px(fit.camera, prepared.scene.corners_mm)
@@ -78,10 +80,55 @@ def study_record(bench: Workbench) -> dict[str, Any]:
         "chi2_per_dof": _number(prediction.chi2.per_dof),
         "chi2_of_captures": [_number(p.chi2.per_dof) for p in bench.predictions],
         "correlations": _correlation_record(bench),
+        "profile": _profile_record(bench),
         "lamp_scale": fit.lamp_scale,
         "camera_moved_px": _number(moved),
         "diagnosis": None if bench.diagnosis is None else _diagnosis_record(bench.diagnosis),
     }
+
+
+def pattern_view(bench: Workbench, effect: str) -> bytes:
+    """Patterns of an effect in bytes.
+
+    A record as of ``view``, then the (band, y, x) change by each number, in standard deviations.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    effect
+        Identifier of the effect.
+
+    Returns
+    -------
+    bytes
+        The record has the effect, and the name, unit and value of each number.
+    """
+    patterns = bench.patterns(effect)
+    numbers = [
+        {"name": each.parameter.name, "unit": _unit(each.parameter), "value": _number(each.value)} for each in patterns
+    ]
+    return _packed(bench, {"effect": effect, "numbers": numbers}, [each.change_sigma for each in patterns])
+
+
+def earlier_view(bench: Workbench, is_first: bool) -> bytes:
+    """Prediction of an earlier state in bytes, as of ``view``.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+    is_first
+        As of ``Workbench.earlier``.
+
+    Returns
+    -------
+    bytes
+        The record has its reduced chi-square.
+    """
+    prediction = bench.earlier(is_first)
+    record = {"chi2_per_dof": _number(prediction.chi2.per_dof)}
+    return _packed(bench, record, [prediction.signal, prediction.sigma])
 
 
 def view(bench: Workbench) -> bytes:
@@ -101,13 +148,20 @@ def view(bench: Workbench) -> bytes:
     bytes
         Only the record before a capture is open.
     """
-    record = json.dumps(study_record(bench), allow_nan=False).encode()
-    record += b" " * (-len(record) % 4)
-    parts = [struct.pack("<I", len(record)), record]
-    if bench.is_open:
-        prediction = bench.prediction
-        order = np.argsort(band_centres(prediction.base.validation.prepared.responses), kind="stable")
-        parts += [each[order].astype("<f4").tobytes() for each in (prediction.signal, prediction.sigma)]
+    if not bench.is_open:
+        return _packed(bench, study_record(bench), [])
+    return _packed(bench, study_record(bench), [bench.prediction.signal, bench.prediction.sigma])
+
+
+def _packed(bench: Workbench, record: dict[str, Any], pictures: Sequence[NDArray[np.float64]]) -> bytes:
+    """A record and (band, y, x) pictures behind it, see ``view``."""
+    head = json.dumps(record, allow_nan=False).encode()
+    head += b" " * (-len(head) % 4)
+    parts = [struct.pack("<I", len(head)), head]
+    if pictures:
+        responses = bench.prediction.base.validation.prepared.responses
+        order = np.argsort(band_centres(responses), kind="stable")
+        parts += [each[order].astype("<f4").tobytes() for each in pictures]
     return b"".join(parts)
 
 
@@ -150,12 +204,33 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
     return {
         "name": p.name,
         "choices": [],
-        "unit": "" if p.unit == "1" else p.unit,
+        "unit": _unit(p),
         "scale": p.scale,
         "low": _number(p.low),
         "high": _number(p.high),
         "null": None if p.null is None else _number(p.null),
         "coordinate": [low, None if p.null is None else p.null_coordinate, high],
+    }
+
+
+def _unit(p: Parameter) -> str:
+    """Unit of a number; empty for none."""
+    return "" if p.unit == "1" else p.unit
+
+
+def _profile_record(bench: Workbench) -> dict[str, Any] | None:
+    """Effect, number, values and chi-square of the capture in view."""
+    if bench.profile is None:
+        return None
+    which, profile = bench.profile
+    return {
+        "which": which,
+        "name": profile.parameter.name,
+        "unit": _unit(profile.parameter),
+        "values": [_number(float(value)) for value in profile.values],
+        "coordinates": [profile.parameter.to_coordinate(float(value)) for value in profile.values],
+        "chi2_per_dof": [_number(float(value)) for value in profile.chi2_per_dof[bench.capture]],
+        "best": _number(profile.best(bench.capture)),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from cboxlab.utils.input_files import inputs_below
 from cboxlab.utils.progress import Progress, share
 
 from ...api import DiagnosisResult, Study, as_model
-from ...study import Correlations, History, Prediction, same_effects
+from ...study import Correlations, History, Pattern, Prediction, Profile, same_effects
 from .autosave import AUTOSAVE_FOLDER, autosave, discard_autosave
 from .places import path_of_name, require_study_folder
 
@@ -74,6 +75,7 @@ class Workbench:
         self.moves: list[float] = []
         self._saved: History | None = None
         self._correlations: tuple[tuple[AppliedEffect, ...], Correlations | None] = (), None
+        self._profile: tuple[tuple[AppliedEffect, ...], int, Profile] | None = None
 
     @property
     def study(self) -> Study:
@@ -112,7 +114,7 @@ class Workbench:
         return self._study is not None
 
     @property
-    def shown(self) -> Study:
+    def study_in_view(self) -> Study:
         """The study in view: the trial while a slider moves."""
         return self._trial or self.study
 
@@ -124,7 +126,7 @@ class Workbench:
     @property
     def predictions(self) -> tuple[Prediction, ...]:
         """Prediction of each capture; a draft if light transport is predicted."""
-        return self._predicted(self.shown)
+        return self._predicted(self.study_in_view)
 
     def _predicted(self, study: Study) -> tuple[Prediction, ...]:
         return study.predictions(refit=self.refit, draft=True)
@@ -133,7 +135,24 @@ class Workbench:
     def correlations(self) -> Correlations | None:
         """Correlations of the numbers fitted last; None for other effects."""
         effects, matrix = self._correlations
-        return matrix if same_effects(effects, self.shown.effects) else None
+        return matrix if same_effects(effects, self.study_in_view.effects) else None
+
+    @property
+    def profile(self) -> tuple[int, Profile] | None:
+        """Index of an effect, and chi-square over one of its numbers.
+
+        None before one is computed, and once anything but this number has changed.
+        """
+        if self._profile is None:
+            return None
+        effects, which, profile = self._profile
+        present = self.study_in_view.effects
+        if len(effects) != len(present) or effects[which].id != present[which].id:
+            return None
+        name = profile.parameter.name
+        as_then = replace(present[which], values={**present[which].values, name: effects[which].values[name]})
+        same = same_effects(effects, (*present[:which], as_then, *present[which + 1 :]))
+        return (which, profile) if same else None
 
     @property
     def improvable(self) -> bool:
@@ -339,6 +358,56 @@ class Workbench:
         study = self.study.render(progress)
         self._predicted(study)
         self._set(study)
+
+    def compute_profile(self, which: int, parameter: str, progress: Progress) -> None:
+        """Compute chi-square over one number of an effect, for ``profile``.
+
+        Parameters
+        ----------
+        which
+            Index of the effect, from 0.
+        parameter
+            Name of the number.
+        progress
+            Receiver of the completed share.
+        """
+        study = self.study
+        profile = study.profile(which, parameter, refit=self.refit, draft=True, progress=progress)
+        self._profile = study.effects, which, profile
+
+    def patterns(self, effect: str) -> tuple[Pattern, ...]:
+        """Changes of the picture in view by each number of an effect, which is not added.
+
+        Parameters
+        ----------
+        effect
+            Identifier of the effect.
+
+        Returns
+        -------
+        tuple of Pattern
+            As of ``Study.patterns``.
+        """
+        with self._inputs():
+            return self.study.patterns(effect, self.capture, refit=self.refit, draft=True)
+
+    def earlier(self, is_first: bool) -> Prediction:
+        """Prediction of the capture in view in an earlier state of the study.
+
+        Parameters
+        ----------
+        is_first
+            Whether it is the first state; otherwise the one before the last change.
+
+        Returns
+        -------
+        Prediction
+            That of the present state, if there is no earlier one.
+        """
+        history = self.study.history
+        effects = history.states[0 if is_first else max(history.at - 1, 0)].effects
+        # from the present picture, which is in memory
+        return self._predicted(self.study.with_effects(effects))[self.capture]
 
     def diagnose(self, progress: Progress) -> None:
         """Diagnose the capture in view, starting from the model with its effects.

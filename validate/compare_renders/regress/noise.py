@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
+from cv2 import medianBlur
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
@@ -190,9 +191,14 @@ def smooth_variance(level: NDArray[np.float64], variance: NDArray[np.float64], d
 
 
 def _smooth(relative: NDArray[np.float64], degrees: float) -> NDArray[np.float64]:
-    """(y, x) relative variances by the median of 5 x 5 pixels."""
+    """(y, x) relative variances by the median of 5 x 5 pixels, in single precision.
+
+    The filter of OpenCV takes a hundredth of the time of SciPy's.
+    """
     scale = _MEDIAN_OF_3 if degrees <= _FEW_DEGREES else 1.0
-    return np.asarray(median_filter(relative, 5, mode="nearest")) / scale
+    typical = float(np.median(relative)) or 1.0  # single precision holds values around 1 whatever the pictures' units
+    values = np.minimum(relative / typical, np.finfo(np.float32).max).astype(np.float32, order="C")
+    return np.asarray(medianBlur(values, 5), float) * (typical / scale)
 
 
 def row_sums(cube: NDArray[np.float64], weights: NDArray[np.float64], root: bool = False) -> NDArray[np.float64]:

@@ -233,7 +233,7 @@ def regress_sides(
             baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
         )
     body = comparison.strata.body
-    level = float(comparison.trimmed.level[body].sum())
+    level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
     notes = [
         *comparison.common.baseline.notes,
         *comparison.common.candidate.notes,

@@ -14,6 +14,11 @@ function numberText(value) {
   return typeof value === "number" ? String(+value.toPrecision(6)) : value === null ? "" : value;
 }
 
+/** Name of a parameter in words, without its unit. */
+function shortName({ name, unit }) {
+  return (unit ? name.replace("_" + unit, "") : name).replaceAll("_", " ");
+}
+
 /** The coordinate in which an effect grows evenly; "inf" has the coordinate 0 of an inverse square. */
 function toCoordinate(parameter, value) {
   const number = value === "inf" ? Infinity : Number(value);
@@ -54,9 +59,9 @@ function positions(parameter) {
 
 /**
  * The controls of a parameter. moved(value, commit): called while the slider moves, and once when it stops.
- * begun(): called when the user presses the slider.
+ * begun(): called when the user presses the slider. profile(): asks for chi-square over the number.
  */
-function parameterControls(parameter, id, moved, begun) {
+function parameterControls(parameter, id, moved, begun, profile) {
   if (parameter.choices.length) {
     const list = make("select", { id }, parameter.choices.map((name) => make("option", { value: name }, name)));
     list.addEventListener("change", () => moved(list.value, true));
@@ -67,9 +72,11 @@ function parameterControls(parameter, id, moved, begun) {
   const step = 10;
   const slider = make("input", { type: "range", id, min: least, max: most, step: "any" });
   const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.name + ", number" });
-  const name = parameter.unit ? parameter.name.replace("_" + parameter.unit, "") : parameter.name;
-  const label = make("label", { for: id }, name.replaceAll("_", " ") + (parameter.unit ? ", " + parameter.unit : ""));
+  const label = make("label", { for: id }, shortName(parameter) + (parameter.unit ? ", " + parameter.unit : ""));
   const bounds = make("div", { class: "bounds" });
+  const curve = make("button", { class: "small", "aria-label": `χ² over this number: ${parameter.name}` }, "χ² over this number");
+  curve.addEventListener("click", profile);
+  const drawing = make("div", { class: "profile" });
   const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];
   if (parameter.null !== null) known.push(`no effect at ${numberText(parameter.null)}`);
   const at = (value) => {
@@ -101,10 +108,37 @@ function parameterControls(parameter, id, moved, begun) {
     const fitted = sigma === undefined ? [] : [`fitted ± ${numberText(+sigma.toPrecision(2))}`];
     bounds.textContent = [...fitted, ...known].join("; ");
   };
-  return { element: make("div", { class: "parameter" }, [label, slider, number, bounds]), show };
+  const showProfile = (found, value) => drawing.replaceChildren(...(found ? profileDrawing(parameter, found, value) : []));
+  return { element: make("div", { class: "parameter" }, [label, slider, number, bounds, curve, drawing]), show, showProfile };
 }
 
-/** The controls of an applied effect. does: {moved(name, value, commit), begun(), fit(), remove()}. */
+/** Size of the drawing of a profile, CSS px. */
+const PROFILE = { width: 300, height: 96, margin: 4 };
+
+/** Chi-square over a number, logarithmic, with a line at the present value and its main figures in words. */
+function profileDrawing(parameter, found, present) {
+  const { width, height, margin } = PROFILE;
+  const logs = found.chi2_per_dof.map(Math.log), places = found.coordinates;
+  const [low, high] = [Math.min(...logs, 0), Math.max(...logs)];
+  const [first, last] = [Math.min(...places), Math.max(...places)];
+  const x = (c) => margin + ((width - 2 * margin) * (c - first)) / (last - first || 1);
+  const y = (log) => height - margin - ((height - 2 * margin) * (log - low)) / (high - low || 1);
+  const short = (value) => (typeof value === "number" ? numberText(+value.toPrecision(3)) : value);
+  const unit = found.unit ? " " + found.unit : "";
+  const at = (value) => short(found.chi2_per_dof[found.values.indexOf(value)]);
+  const [start, end] = [found.values[0], found.values.at(-1)];
+  const text = `χ² per degree of freedom from ${short(start)} to ${short(end)}${unit}: ${at(start)} and ${at(end)} at the ends; ` +
+    `of these values the least, ${at(found.best)}, at ${short(found.best)}${unit}. Logarithmic; dashed: noise alone, 1; vertical: present value.`;
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  for (const [key, value] of Object.entries({ viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": text })) svg.setAttribute(key, value);
+  const mark = Math.min(Math.max(x(toCoordinate(parameter, present)), 0), width).toFixed(1), one = y(0).toFixed(1);
+  svg.innerHTML = `<line class="one" x1="0" x2="${width}" y1="${one}" y2="${one}"/><line x1="${mark}" x2="${mark}" y1="0" y2="${height}"/>` +
+    `<polyline points="${places.map((c, i) => `${x(c).toFixed(1)},${y(logs[i]).toFixed(1)}`).join(" ")}"/>` +
+    places.map((c, i) => `<circle cx="${x(c).toFixed(1)}" cy="${y(logs[i]).toFixed(1)}" r="2"/>`).join("");
+  return [svg, make("p", { class: "soft" }, text)];
+}
+
+/** The controls of an applied effect. does: {moved(name, value, commit), begun(), fit(), remove(), profile(name)}. */
 function effectControls(effect, index, does) {
   const tick = make("input", { type: "checkbox", "aria-label": `Tick ${effect.id}` });
   const head = make("h3", {}, [tick, make("span", {}, effect.id)]);
@@ -112,8 +146,8 @@ function effectControls(effect, index, does) {
   const shows = {};
   for (const parameter of effect.parameters) {
     const controls = parameterControls(parameter, `p-${index}-${parameter.name}`,
-      (value, commit) => does.moved(parameter.name, value, commit), does.begun);
-    shows[parameter.name] = controls.show;
+      (value, commit) => does.moved(parameter.name, value, commit), does.begun, () => does.profile(parameter.name));
+    shows[parameter.name] = controls;
     element.append(controls.element);
   }
   const fit = make("button", {}, "Fit");
@@ -122,8 +156,12 @@ function effectControls(effect, index, does) {
   remove.addEventListener("click", does.remove);
   element.append(make("div", { class: "row" }, [fit, remove]));
   const show = (now) => {
-    for (const [name, each] of Object.entries(shows)) each(now.values[name], now.sigma[name]);
+    for (const [name, each] of Object.entries(shows)) each.show(now.values[name], now.sigma[name]);
+  };
+  const showProfile = (found, now) => {
+    for (const [name, each] of Object.entries(shows))
+      if (each.showProfile) each.showProfile(found && found.name === name ? found : null, now.values[name]);
   };
   show(effect);
-  return { element, show, ticked: () => tick.checked };
+  return { element, show, showProfile, ticked: () => tick.checked };
 }

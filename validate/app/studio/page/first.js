@@ -3,7 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 
-const page = { entries: new Map(), asking: 0 };
+const page = { entries: new Map(), asking: 0, working: 0 };
 
 async function ask(name) {
   const entries = [...page.entries.values()];
@@ -18,25 +18,43 @@ async function ask(name) {
 
 async function attempt(step) {
   $("mistake").textContent = $("saved").textContent = "";
+  page.working += 1;
   document.body.dataset.busy = "true";
   try {
     await step();
   } catch (error) {
     $("mistake").textContent = error.message;
   }
-  document.body.dataset.busy = "false";
+  page.working -= 1;
+  document.body.dataset.busy = String(page.working > 0);
 }
 
 /** A field for a missing key; its entry is checked when it is left. */
 function fieldOf({ where, key, example, why }, number) {
-  const input = make("input", { id: `field-${number}`, placeholder: example, autocomplete: "off", "data-key": key });
+  const input = make("input", { id: `field-${number}`, placeholder: example, autocomplete: "off", "data-key": key, "data-where": where, "data-name": `${where} ${key}` });
   const name = `${where} ${key}`;
   input.value = page.entries.has(name) ? page.entries.get(name).value : "";
   input.addEventListener("change", () => {
     page.entries.set(name, { where, key, value: input.value });
+    offer();
     attempt(check);
   });
-  return make("label", { class: "field" }, [make("span", {}, `${name}, such as ${example}: ${why}`), input]);
+  const alike = () => [...document.querySelectorAll(`input[data-key="${key}"]`)].filter((other) => other !== input && !other.value);
+  const repeat = make("button", { type: "button", class: "small", hidden: "" });
+  const offer = () => {
+    const count = alike().length;
+    repeat.hidden = !input.value || !count;
+    repeat.textContent = `The same ${key} in ${count} empty ${count === 1 ? "field" : "fields"}`;
+  };
+  repeat.addEventListener("click", () => {
+    for (const other of alike()) {
+      other.value = input.value;
+      page.entries.set(other.dataset.name, { where: other.dataset.where, key, value: input.value });
+    }
+    repeat.hidden = true;
+    attempt(check);
+  });
+  return make("div", { class: "field" }, [make("label", {}, [make("span", {}, `${name}, such as ${example}: ${why}`), input]), repeat]);
 }
 
 /** Faults and text with the entries so far; an entry that is no value is marked. */
@@ -59,11 +77,27 @@ const look = () => attempt(async () => {
   $("optional").replaceChildren(...fields(found.missing.filter((key) => key.key && !key.required)));
   $("notes").replaceChildren(...found.missing.filter((key) => !key.key).map((key) => make("li", {}, `${key.where}: ${key.why}`)));
   $("recognised").replaceChildren(...found.recognised.map(({ kind, name, frames }) =>
-    make("li", {}, `${kind} ${name}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`)));
+    make("li", {}, make("span", {}, `${kind} ${name}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`))));
   $("left-out").replaceChildren(...(found.left_out.length ? found.left_out.map(({ file, why }) => `${file}: ${why}`) : ["nothing"])
     .map((text) => make("li", {}, text)));
   $("work").hidden = false;
+  const { thumbnails } = await ask("thumbnails");
+  for (const [i, item] of [...$("recognised").children].entries())
+    if (thumbnails[i]) item.prepend(await pictureOf(thumbnails[i], item.textContent));
 });
+
+/** A small picture of a frame, brightened by the eye's curve, with its counts in words. */
+async function pictureOf({ width, height, values, least, largest }, text) {
+  const counts = `counts from ${numberText(least)} to ${numberText(largest)} DN`;
+  const canvas = make("canvas", { width, height, role: "img", "aria-label": `First frame of ${text}; ${counts}`, title: counts });
+  const image = new ImageData(width, height);
+  (await decoded(values)).forEach((value, i) => {
+    const shade = 255 * value ** (1 / 2.2);
+    image.data.set([shade, shade, shade, 255], 4 * i);
+  });
+  canvas.getContext("2d").putImageData(image, 0, 0);
+  return canvas;
+}
 
 $("which").addEventListener("submit", (event) => { event.preventDefault(); look(); });
 $("write").addEventListener("click", () => attempt(async () => {

@@ -14,6 +14,8 @@ const page = {
   revision: 0, // number of the study's state; a step names the one that it was made on
   tab: Math.random().toString(36).slice(2), // name of this tab in the events of its steps
   requests: 0, // number of answers that the page waits for
+  earlier: null, // pictures before a change, while they are shown or can be shown again: {first, chi2, rendered, sigma}
+  shown: null, // the present pictures: {rendered, sigma}
   opened: {}, // chi-square of each capture when it was opened; empty in a page that is loaded later
 };
 
@@ -69,14 +71,108 @@ function parsed(buffer) {
   const record = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   const numbers = new Float32Array(buffer, 4 + length);
   const half = numbers.length / 2;
-  return { record, rendered: numbers.subarray(0, half), sigma: numbers.subarray(half) };
+  return { record, numbers, rendered: numbers.subarray(0, half), sigma: numbers.subarray(half) };
 }
 
 async function receive(answer) {
   const { record, rendered, sigma } = parsed(await answer.arrayBuffer());
   show(record);
+  [page.shown, page.earlier] = [{ rendered, sigma }, null];
+  showFlip(null);
   if (page.viewer && rendered.length) await page.viewer.update({ rendered, sigma });
+  showGlance();
+  showParts();
 }
+
+/** The difference in small, above the sliders of a narrow window. */
+function showGlance() {
+  const open = page.viewer && page.record.open;
+  $("glance").hidden = !open;
+  if (!open) return;
+  const source = page.viewer.layer("residual");
+  [$("mini").width, $("mini").height] = [source.width, source.height];
+  $("mini").getContext("2d").drawImage(source, 0, 0);
+  $("glance-chi2").textContent = $("chi2").textContent;
+}
+
+/** Mean square of the difference over sigma, by band and by surface; noise alone gives about 1. */
+function showParts() {
+  if (!$("parts").open || !page.viewer || !page.record.open) return;
+  const { measured, rendered, sigma, mask, surface, surfaces, bands, width, height } = page.viewer.picture;
+  const size = width * height, byBand = bands.map(() => [0, 0]), bySurface = surfaces.map(() => [0, 0]);
+  for (let i = 0; i < measured.length; i++) {
+    const square = ((measured[i] - rendered[i]) / sigma[i]) ** 2;
+    if (mask[i] || !Number.isFinite(square)) continue;
+    const on = bySurface[surface[i % size]];
+    for (const sums of [byBand[Math.floor(i / size)], on]) if (sums) [sums[0], sums[1]] = [sums[0] + square, sums[1] + 1];
+  }
+  const table = (kind, names, sums) => make("table", {}, [
+    make("thead", {}, make("tr", {}, [make("th", { scope: "col" }, kind), make("th", { scope: "col" }, "χ² per sample")])),
+    make("tbody", {}, names.map((name, i) => make("tr", {}, [make("th", { scope: "row" }, name),
+      make("td", {}, sums[i][1] ? numberText(+(sums[i][0] / sums[i][1]).toPrecision(3)) : "–")])))]);
+  $("parts-tables").replaceChildren(
+    table("Band", bands.map(({ id, nm }) => (nm === null ? id : `${nm.toFixed(0)} nm`)), byBand), table("Surface", surfaces, bySurface));
+}
+
+/** Words and button of a flip to earlier pictures; null for the present ones. */
+function showFlip(earlier) {
+  $("before").setAttribute("aria-pressed", String(Boolean(earlier)));
+  $("before").textContent = earlier ? "Now" : "Before";
+  $("earlier").textContent = earlier
+    ? `Shown: before ${earlier.first ? "all changes" : "the last change"}, χ² ${numberText(+earlier.chi2.toPrecision(4))}. Sliders and figures are the present ones.` : "";
+}
+
+/** Flip between the present pictures and those before a change; the study stays. */
+async function flip() {
+  if ($("before").getAttribute("aria-pressed") === "true") {
+    showFlip(null);
+    return page.viewer.update(page.shown);
+  }
+  const first = $("before-what").value === "first";
+  if (!page.earlier || page.earlier.first !== first) {
+    const { record, rendered, sigma } = parsed(await (await request("earlier", { first })).arrayBuffer());
+    page.earlier = { first, chi2: record.chi2_per_dof, rendered, sigma };
+  }
+  showFlip(page.earlier);
+  await page.viewer.update({ rendered: page.earlier.rendered, sigma: page.earlier.sigma });
+}
+
+const PATTERN = "pattern-";
+
+/** Show what an effect that is not added would change, between photograph and difference. */
+async function showPattern() {
+  if ($("pattern").getAttribute("aria-pressed") === "true") return hidePattern();
+  const effect = $("new-effect").value;
+  const { record, numbers } = parsed(await (await request("pattern", { effect })).arrayBuffer());
+  const size = numbers.length / record.numbers.length;
+  const value = ({ value: number, unit }) => `${typeof number === "number" ? numberText(+number.toPrecision(3)) : number} ${unit}`.trim();
+  const maps = record.numbers.map((each, i) => ({
+    id: PATTERN + each.name, name: `${effect}, ${shortName(each)} ${value(each)}`, unit: "σ", perBand: true,
+    values: numbers.slice(i * size, (i + 1) * size),
+  }));
+  await page.viewer.update({ maps });
+  page.viewer.set({ mode: "side", b: maps[0].id });
+  $("pattern").setAttribute("aria-pressed", "true");
+  $("pattern").textContent = "Hide its pattern";
+  const more = maps.length > 1 ? ` ${maps.length} numbers: choose another pattern in the list B.` : "";
+  const faint = maps.every((map) => map.values.every((v) => !(Math.abs(v) > 0.5))) ? " It changes nothing by half a standard deviation." : "";
+  $("pattern-words").textContent = `In the middle: change of the rendering by ${maps[0].name}, in standard deviations of the ` +
+    `difference. Compare it with the difference on the right.${more}${faint}`;
+}
+
+async function hidePattern() {
+  if ($("pattern").getAttribute("aria-pressed") === "false") return;
+  $("pattern").setAttribute("aria-pressed", "false");
+  $("pattern").textContent = "Show its pattern";
+  $("pattern-words").textContent = "";
+  if (!page.viewer) return;
+  page.viewer.set(withoutPattern(page.viewer.state));
+  await page.viewer.update({ maps: [] });
+}
+
+/** The state of a viewer that has no pattern. */
+const withoutPattern = (state) => Object.fromEntries(Object.entries({ a: "measured", b: "rendered", c: "residual" })
+  .map(([key, instead]) => [key, state[key].startsWith(PATTERN) ? instead : state[key]]));
 
 async function step(name, body = {}) {
   await receive(await request("step/" + name, { ...body, ...made() }));
@@ -112,6 +208,8 @@ function show(record) {
   $("capture").replaceChildren(...record.captures.map((name, i) => make("option", { value: i }, name)));
   $("capture").value = record.capture;
   showEffects(record, !same);
+  record.effects.forEach((effect, i) =>
+    page.controls[i].showProfile(record.profile && record.profile.which === i ? record.profile : null, effect));
   showCorrelations(record.correlations);
   showDiagnosis(record.diagnosis);
   enable(!page.job);
@@ -128,6 +226,7 @@ function showEffects(record, rebuild) {
     moved: (name, value, commit) => move({ which: index, values: { [name]: value }, commit }),
     begun: () => request("cancel", { background: true }).catch(() => null),
     fit: () => attempt(() => request("job/fit", { which: [index], ...made() })),
+    profile: (parameter) => attempt(() => request("job/profile", { effect: index, parameter, ...made() })),
     remove: () => attempt(() => step("remove", { which: index })),
   }));
   $("effects").replaceChildren(...page.controls.map((one) => one.element));
@@ -191,6 +290,7 @@ function enable(on) {
   if (!on || !record || !record.open) return;
   $("undo").disabled = !record.can_undo;
   $("redo").disabled = !record.can_redo;
+  for (const id of ["before", "before-what"]) $(id).disabled = !record.can_undo;
   $("render").disabled = record.rendered;
   for (const id of ["fit-all", "fit-chosen"]) $(id).disabled = record.effects.length === 0;
 }
@@ -219,6 +319,8 @@ async function reload() {
   showCatalogue();
   const picture = await (await request("picture")).json();
   const view = page.viewer ? page.viewer.state : { mode: "side", a: "measured", b: "rendered", c: "residual" };
+  if (page.viewer) Object.assign(view, withoutPattern(view));
+  await hidePattern();
   const fits = page.viewer && page.shape === `${picture.width} ${picture.height}`;
   if (!fits) Object.assign(view, { x: picture.width / 2, y: picture.height / 2, zoom: 1, pixel: null, region: null });
   if (!fits && page.viewer) history.replaceState(null, "", location.pathname); // a link to another picture
@@ -286,14 +388,25 @@ $("redo").addEventListener("click", () => attempt(() => step("redo")));
 $("render").addEventListener("click", () => job("render"));
 $("diagnose").addEventListener("click", () => job("diagnose"));
 $("cancel").addEventListener("click", () => attempt(() => request("cancel", {})));
-$("add").addEventListener("click", () => attempt(() => step("add", { effect: $("new-effect").value })));
+$("add").addEventListener("click", () => attempt(async () => {
+  await hidePattern();
+  await step("add", { effect: $("new-effect").value });
+}));
+$("parts").addEventListener("toggle", showParts);
+$("pattern").addEventListener("click", () => attempt(showPattern));
+$("before").addEventListener("click", () => attempt(flip));
+$("before-what").addEventListener("change", () => attempt(async () => {
+  if ($("before").getAttribute("aria-pressed") !== "true") return;
+  await flip();
+  await flip();
+}));
 $("fit-all").addEventListener("click", () => job("fit"));
 $("fit-chosen").addEventListener("click", () => attempt(async () => {
   const which = page.controls.map((one, i) => (one.ticked() ? i : -1)).filter((i) => i >= 0);
   if (!which.length) throw new Error("Tick the effects that you want to fit.");
   await request("job/fit", { which, ...made() });
 }));
-$("new-effect").addEventListener("change", showSummary);
+$("new-effect").addEventListener("change", () => { showSummary(); attempt(hidePattern); });
 $("search").addEventListener("input", showCatalogue);
 const chosen = () => ({ capture: Number($("capture").value), refit: $("refit").checked });
 $("refit").addEventListener("change", () => attempt(() => step("show", chosen())));
@@ -313,6 +426,8 @@ $("save").addEventListener("submit", (event) => {
   job("save", { folder: $("save-folder").value, report: $("save-report").checked });
 });
 addEventListener("keydown", (event) => {
+  const isTyped = event.target.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
+  if (event.key === "b" && !event.ctrlKey && !event.metaKey && !event.altKey && !isTyped) $("before").click();
   if (!(event.ctrlKey || event.metaKey) || event.target.matches("input[type=text], input:not([type])")) return;
   const button = { z: event.shiftKey ? "redo" : "undo", Z: "redo", y: "redo" }[event.key];
   if (!button) return;

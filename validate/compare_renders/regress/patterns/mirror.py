@@ -25,13 +25,15 @@ _WAYS = {
 }
 
 
-def mirror_order(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
+def mirror_order(baseline: NDArray[np.float64], difference: NDArray[np.float64]) -> Finding | None:
     """Sign test of what is not symmetric in both pictures.
 
     Parameters
     ----------
-    baseline, candidate
-        (y, x, w) pictures.
+    baseline
+        (y, x, w) picture.
+    difference
+        (y, x, w) other picture minus the baseline.
 
     Returns
     -------
@@ -41,7 +43,8 @@ def mirror_order(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) 
     """
     if min(baseline.shape[:2]) < 2 * _BLOCKS:
         return None
-    before, after = _block_means(baseline), _block_means(candidate)
+    before = _block_means(baseline)
+    after = before + _block_means(difference)
     pairs = _BLOCKS**2 // 2
     findings = []
     for name, way in _WAYS.items():
