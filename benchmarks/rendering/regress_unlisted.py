@@ -30,25 +30,25 @@ Picture = NDArray[np.float64]
 
 def per_pixel(of: Callable[[Variants], Picture]) -> Picture:
     """(y, x, 1) a quantity of the surface seen, averaged over a pixel's surfaces."""
-    found = build_variants(cornell_box(), cornell_camera(SIZE), surfaces())
-    values = found.light.transport.pixels(np.stack([of(found), np.ones_like(of(found))], axis=1))
+    variants = build_variants(cornell_box(), cornell_camera(SIZE), surfaces())
+    values = variants.light.transport.pixels(np.stack([of(variants), np.ones_like(of(variants))], axis=1))
     return (values[0] / np.maximum(values[1], 1e-6))[..., None]
 
 
-def towards_camera(found: Variants) -> Picture:
-    transport = found.light.transport
+def towards_camera(variants: Variants) -> Picture:
+    transport = variants.light.transport
     away = cornell_camera(SIZE).position_mm - transport.position
     return np.abs((away * transport.normal).sum(axis=1)) / np.linalg.norm(away, axis=1)
 
 
-def towards_lamp(found: Variants) -> Picture:
-    transport = found.light.transport
-    away = found.scene.lamp.surface.vertices_mm.mean(axis=0) - transport.position
+def towards_lamp(variants: Variants) -> Picture:
+    transport = variants.light.transport
+    away = variants.scene.lamp.surface.vertices_mm.mean(axis=0) - transport.position
     return np.maximum(np.abs((away * transport.normal).sum(axis=1)) / np.linalg.norm(away, axis=1), 0.2)
 
 
-def distance(found: Variants) -> Picture:
-    return np.linalg.norm(cornell_camera(SIZE).position_mm - found.light.transport.position, axis=1) / 1000.0
+def distance(variants: Variants) -> Picture:
+    return np.linalg.norm(cornell_camera(SIZE).position_mm - variants.light.transport.position, axis=1) / 1000.0
 
 
 def lamp_black(picture: Picture) -> Picture:

@@ -40,6 +40,8 @@ _STEPS = 5
 _SCREEN_EXPONENTS = (1 / 2.2, 2.2)
 #: Largest relative distance of an exponent from one of these that it is taken for.
 _EXPONENT_TOLERANCE = 0.05
+#: Bounds of an exponent.
+_EXPONENTS = (0.05, 20.0)
 #: Smallest distance of an exponent from 1.
 _MIN_EXPONENT_CHANGE = 1e-3
 #: Fewest wavelengths for which shifts of wavelengths are fitted.
@@ -194,9 +196,16 @@ def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterat
             best = Explanation("power", parameters, fit, 2)
         step = evidence.fit([picture, picture * np.log(base)], picture - evidence.baseline).amplitudes
         factor *= float(np.clip(1 + step[0], 0.5, 2.0))
-        exponent = float(np.clip(exponent + step[1], 0.05, 20.0))
-    if best is not None and abs(best.parameters["exponent"] - 1) > _MIN_EXPONENT_CHANGE:
+        exponent = float(np.clip(exponent + step[1], *_EXPONENTS))
+    # an exponent at its bound has not been found, as of a picture with hardly any contrast
+    if best is not None and _sound_exponent(best.parameters["exponent"]):
         yield best
+
+
+def _sound_exponent(exponent: float) -> bool:
+    """Whether an exponent changes a picture, and lies inside its bounds."""
+    low, high = _EXPONENTS
+    return 2 * low < exponent < high / 2 and abs(exponent - 1) > _MIN_EXPONENT_CHANGE
 
 
 def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:

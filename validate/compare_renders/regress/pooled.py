@@ -317,19 +317,11 @@ def _steadied(pooling: Pooling, blocks: list[PooledMean]) -> list[PooledMean]:
     spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
     if spread <= _MOST_SPREAD:
         return blocks
-    spread = min(spread, _WIDEST_SPREAD)
+    factor, count = min(spread, _WIDEST_SPREAD), BLOCKS**2
+    by_name = {block.name: (block.pixels, block.difference, factor * block.sigma, block.degrees) for block in blocks}
     return [
-        _row(
-            pooling,
-            "block",
-            block.name,
-            block.pixels,
-            difference=block.difference,
-            sigma=spread * block.sigma,
-            degrees=block.degrees,
-            count=BLOCKS**2,
-        )
-        for block in blocks
+        _row(pooling, "block", name, pixels, difference=difference, sigma=sigma, degrees=degrees, count=count)
+        for name, (pixels, difference, sigma, degrees) in by_name.items()
     ]
 
 
