@@ -166,7 +166,7 @@ def _curves(results: Sequence[TrendResult]) -> list[Drawing]:
 
 
 def _texts(pairs: Sequence[tuple[float, float]]) -> list[str]:
-    """Values with their standard deviations; without these, with so many decimals that they differ."""
+    """Values with their standard deviations, or else with the decimals that differ."""
     values = np.array([value for value, _ in pairs if math.isfinite(value)])
     spread = float(np.ptp(values)) if len(values) else 0.0
     decimals = 0 if spread == 0 else max(0, _DIGITS_OF_SPREAD - 1 - math.floor(math.log10(spread)))

@@ -132,7 +132,7 @@ class Picker:
         }
 
     def write(self, capture: str, marks: Sequence[Any]) -> dict[str, Any]:
-        """Write the marked corners to points.csv in the capture's folder, and name it in capture.toml.
+        """Write the marked corners to points.csv and name it in capture.toml.
 
         An existing points.csv stays, and so does a capture.toml with a table of geometry.
 
@@ -186,7 +186,7 @@ class Picker:
 
 
 def _add_table(manifest: Path, lines: str) -> bool:
-    """Add a table at the end of a manifest, unless it has a table of geometry; returns whether it did."""
+    """Add a table to a manifest without geometry; returns whether it did."""
     text = manifest.read_text(encoding="utf-8")
     if "geometry" in tomllib.loads(text):
         return False
