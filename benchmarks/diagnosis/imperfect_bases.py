@@ -22,7 +22,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from blind_diagnosis import drawn
+from blind_diagnosis import random_effect
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings, over_field, scene_light
 from cboxlab.rendering.effects import AppliedEffect, Effect, catalogue
@@ -103,19 +103,19 @@ def cases(options: argparse.Namespace) -> list[Case]:
     return [several[i] for i in draw.permutation(len(several))]
 
 
-_MODEL = Model(load_scene("cornell-box"))
-_SCENE = photographed_scene(_MODEL)
+MODEL = Model(load_scene("cornell-box"))
+SCENE = photographed_scene(MODEL)
 
 
 @cache
-def _laboratory(seed: int, size: int) -> tuple[Camera, Any]:
+def laboratory_of(seed: int, size: int) -> tuple[Camera, Any]:
     return perturbed_camera(size, seed), varied_settings(seed)
 
 
 @cache
 def _strengths(seed: int, size: int) -> Scale:
-    camera, settings = _laboratory(seed, size)
-    return scale_of(_MODEL, camera, settings, seed)
+    camera, settings = laboratory_of(seed, size)
+    return scale_of(MODEL, camera, settings, seed)
 
 
 def _relative_strength(laboratory: int, size: int, unit: float, effect: AppliedEffect) -> float:
@@ -123,11 +123,11 @@ def _relative_strength(laboratory: int, size: int, unit: float, effect: AppliedE
 
 
 @cache
-def _image(flaw: str, seed: int, laboratory: int, size: int, bounces: int | None = None) -> RenderedImage:
+def image_of(flaw: str, seed: int, laboratory: int, size: int, bounces: int | None = None) -> RenderedImage:
     """What is photographed of a box with a flaw and no effect."""
-    camera, _ = _laboratory(laboratory, size)
+    camera, _ = laboratory_of(laboratory, size)
     change = FLAWS[flaw].scene
-    scene = _SCENE if change is None else change(np.random.default_rng(seed), _SCENE)
+    scene = SCENE if change is None else change(np.random.default_rng(seed), SCENE)
     return render_to_precision(
         RenderJob(scene, camera, WAVELENGTH_NM, seed=laboratory + 1, max_bounces=bounces),
         _PICTURE_ERROR,
@@ -135,14 +135,14 @@ def _image(flaw: str, seed: int, laboratory: int, size: int, bounces: int | None
 
 
 def _signal(image: RenderedImage, laboratory: int, size: int) -> NDArray[np.float64]:
-    camera, settings = _laboratory(laboratory, size)
+    camera, settings = laboratory_of(laboratory, size)
     curves = over_field(unit_factors(settings, camera.width_px, grid=FILTER_GRID), camera)
     return np.asarray(scene_light(image, curves, camera).signal)
 
 
 def _excess(signal: NDArray, other: NDArray, laboratory: int, size: int, lamp: NDArray) -> float:
     """Chi2 per sample by which two pictures differ, the lamp's power free."""
-    _, settings = _laboratory(laboratory, size)
+    _, settings = laboratory_of(laboratory, size)
     full = settings.level * settings.full_scale_dn * settings.gain_e_per_dn
     used = np.broadcast_to(~lamp, signal.shape)
     level = np.percentile(signal[:, ~lamp], 99.5, axis=1)[:, None, None]
@@ -153,18 +153,18 @@ def _excess(signal: NDArray, other: NDArray, laboratory: int, size: int, lamp: N
 
 
 @cache
-def _flaw(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEffect | None, float]:
+def flaw_of(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEffect | None, float]:
     """A flaw of a size between the limits, as an effect on light, and its chi2 per sample over shot and read noise."""
     if name == "none":
         return None, 0.0
     draw, flaw = np.random.default_rng(seed), FLAWS[name]
-    sound = _image("none", 0, laboratory, size)
+    sound = image_of("none", 0, laboratory, size)
     signal = _signal(sound, laboratory, size)
     if flaw.light is not None:
-        direct = _signal(_image("none", 0, laboratory, size, 1), laboratory, size)
+        direct = _signal(image_of("none", 0, laboratory, size, 1), laboratory, size)
         factor = flaw.light(draw, Picture(signal, direct, *_reflectance(sound), sound))
     else:
-        changed = _signal(_image(name, seed, laboratory, size), laboratory, size)
+        changed = _signal(image_of(name, seed, laboratory, size), laboratory, size)
         factor = np.divide(changed, signal, out=np.ones_like(signal), where=signal > 0)
     factor = np.clip(factor, 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
     target = float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
@@ -177,7 +177,7 @@ def _flaw(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEffe
 def _reflectance(image: RenderedImage) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(band, y, x) reflectance of what pixels show, and (y, x) whether they show walls alone."""
     nm = np.array([curve.wavelength_nm[np.argmax(curve.values)] for curve in varied_settings(0).filters.values()])
-    values = {s.name: _SCENE.materials[s.material].reflectance.at(nm) for s in _SCENE.surfaces}
+    values = {s.name: SCENE.materials[s.material].reflectance.at(nm) for s in SCENE.surfaces}
     names = image.surface_names
     of_face = np.array([values[names[i]] if i < len(names) else np.zeros(len(nm)) for i in image.facet_surface])
     walls = np.array([i < len(names) and "block" not in names[i] for i in image.facet_surface])
@@ -187,13 +187,13 @@ def _reflectance(image: RenderedImage) -> tuple[NDArray[np.float64], NDArray[np.
 def run(case: Case, size: int, laboratories: int, draws: int) -> Row | None:
     """Make one capture, diagnose it, and note the answer; None where the effect cannot be so strong."""
     laboratory = 8800 + case.seed % laboratories
-    camera, settings = _laboratory(laboratory, size)
-    flaw, excess = _flaw(case.flaw, laboratory, size, 100 + case.seed % draws)
+    camera, settings = laboratory_of(laboratory, size)
+    flaw, excess = flaw_of(case.flaw, laboratory, size, 100 + case.seed % draws)
     draw, effects = np.random.default_rng([case.seed, 7]), []
     strength = _WEAK if case.kind == "weak" else STRENGTHS["medium"]
     for name in case.names:
         scale = partial(_relative_strength, laboratory, size, strength / STRENGTHS["medium"])
-        effect = drawn(name, "medium", draw, scale, _SCENE, tuple(settings.filters))
+        effect = random_effect(name, "medium", draw, scale, SCENE, tuple(settings.filters))
         if effect is None:
             return None
         effects.append(effect)
@@ -201,13 +201,13 @@ def run(case: Case, size: int, laboratories: int, draws: int) -> Row | None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "capture"
         if all(e.stage in ("optics", "filter", "counts") for e in inside):
-            image = _image("none", 0, laboratory, size)
-            photograph_image(path, image, inside, _SCENE, _SCENE, camera, settings=settings, seed=case.seed)
+            image = image_of("none", 0, laboratory, size)
+            photograph_image(path, image, inside, SCENE, SCENE, camera, settings=settings, seed=case.seed)
         else:
-            model = replace(_MODEL, effects=inside, render=RenderSettings(seed=case.seed))
+            model = replace(MODEL, effects=inside, render=RenderSettings(seed=case.seed))
             write_model_capture(path, model, camera, settings, case.seed, relative_error=_PICTURE_ERROR)
         cpu = time.process_time()
-        diagnosis = diagnose(validate_capture(load_capture(path), _MODEL))
+        diagnosis = diagnose(validate_capture(load_capture(path), MODEL))
     return {**_row(case, effects, diagnosis), "flaw_chi2": excess, "cpu_seconds": time.process_time() - cpu}
 
 
@@ -231,7 +231,7 @@ def _row(case: Case, effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> 
     }
 
 
-def named(row: Row) -> bool:
+def is_right(row: Row) -> bool:
     """Whether all effects of a capture are selected, each or in a group with what cannot be distinguished."""
     groups = [set(group) for group in row["groups"]]
     return all(
@@ -267,7 +267,7 @@ def tables(rows: Sequence[Row]) -> list[str]:
         of = [r for r in rows if r["kind"] == kind]
         right = [b for r in of for b in numbers_right(r)]
         lines.append(
-            f"{kind}: named {sum(map(named, of))} of {len(of)}, "
+            f"{kind}: named {sum(map(is_right, of))} of {len(of)}, "
             f"with a false name {sum(map(bool, map(false_names, of)))}, "
             f"numbers within {_SIGMAS} standard deviations {sum(right)} of {len(right)}"
         )
@@ -280,7 +280,7 @@ def tables(rows: Sequence[Row]) -> list[str]:
     sure = [r for r in weak if r["ranking"][0][0] != "unknown" and r["ranking"][0][3] >= 0.9 and r["selected"]]
     lines.append(f"weak causes outside the catalogue: an effect at 0.9 or more {len(sure)} of {len(weak)}")
     for row in rows:
-        wrong = not named(row) or false_names(row) or (row["kind"] == "none" and "unknown" in row["selected"])
+        wrong = not is_right(row) or false_names(row) or (row["kind"] == "none" and "unknown" in row["selected"])
         if (wrong and row["kind"] != "weak") or row in sure or not all(numbers_right(row)):
             first = row["ranking"][0]
             lines.append(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import LIST_OF_FAULTS, expectation, shown, suggestion
+from cboxlab.utils.faults import LIST_OF_FAULTS, expectation, suggestion, value_text
 from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
@@ -90,7 +90,7 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
     if error["type"] == "extra_forbidden":
         keys = list(_table_at(location[:-1]).model_fields)
         return InputError(where, "an unknown key", f"one of {', '.join(keys)}", suggestion(str(location[-1]), keys))
-    return InputError(where, shown(error["input"]), expectation(error))
+    return InputError(where, value_text(error["input"]), expectation(error))
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:

@@ -291,7 +291,8 @@ def correct_bands(
         for band in manifest.band
         if len(merged_tables(capture, band)) > 1
     }
-    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()})
+    cell = capture.cell or (1, 1)
+    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()}, cell)
     merged: dict[str, MergedFrames] = {}
     for band in manifest.band:
         flat = flats[band.id]

@@ -18,9 +18,9 @@ __all__ = [
     "faults_of_validation",
     "path_inside",
     "referred",
-    "shown",
     "suggestion",
     "validated",
+    "value_text",
 ]
 
 Content = TypeVar("Content", bound=BaseModel)
@@ -228,7 +228,7 @@ def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> Input
         return InputError(where, "an unknown key", f"one of {', '.join(keys)}", hint)
     if kind == "missing":
         return InputError(where, "nothing", "a value: this key is required")
-    return InputError(where, shown(value), expectation(details))
+    return InputError(where, value_text(value), expectation(details))
 
 
 def expectation(details: Mapping[str, Any]) -> str:
@@ -256,7 +256,7 @@ def expectation(details: Mapping[str, Any]) -> str:
     return "a value as the documentation of this file describes it"
 
 
-def shown(value: object) -> str:
+def value_text(value: object) -> str:
     """A value of a file in at most 80 characters.
 
     Parameters

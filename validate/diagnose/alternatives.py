@@ -30,6 +30,7 @@ __all__ = [
     "holds_with_remainder",
     "is_edge_artefact",
     "likeliest_causes",
+    "tested_without_errors",
     "with_alternatives",
     "with_better_alternatives",
 ]
@@ -166,12 +167,51 @@ def with_alternatives(
     return assessed
 
 
+def tested_without_errors(linearised: LinearisedFit, assessed: Sequence[SelectedEffect]) -> list[SelectedEffect]:
+    """Effects with the results of the tests where nothing but noise is in the covariance.
+
+    Errors in the covariance take most weight from what is smooth. What is left of an imitation may hold everywhere.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    assessed
+        Effects fitted together, with their alternatives.
+
+    Returns
+    -------
+    list of SelectedEffect
+        Alternatives, chi2 and dispersion stay.
+    """
+    effects = [effect.candidate for effect in assessed]
+    model, together, tested = linearised.model, residual_with(linearised, effects), list[SelectedEffect]()
+    for index, effect in enumerate(assessed):
+        if effect.candidate.by_priors:
+            tested.append(effect)
+            continue
+        others = [candidate for i, candidate in enumerate(effects) if i != index]
+        residual, projected = residual_with(linearised, others), linearised.problem(others).model
+        shape = residual - together
+        tested.append(
+            replace(
+                effect,
+                heldout_pixels=heldout_pixels(model, residual, shape),
+                heldout_bands=heldout_bands(model, residual, shape),
+                amplitude_sigma=_amplitude_sigma(projected, *map(projected.project, (shape, together))),
+                edge_artefact=is_edge_artefact(model, residual, shape),
+            )
+        )
+    return tested
+
+
 def with_better_alternatives(
     linearised: LinearisedFit, selected: Sequence[Candidate], signatures: Sequence[Signature]
 ) -> tuple[list[Candidate], list[SelectedEffect]]:
     """Replace a selected effect by an alternative as long as one fits better.
 
-    The first of several effects is selected while the others are still missing, so it may resemble their sum.
+    The first of several effects is selected while the others are still missing, so it may resemble their sum. Of two
+    that are indistinguishable, the likelier one is selected.
 
     Parameters
     ----------
@@ -194,8 +234,7 @@ def with_better_alternatives(
         better = [
             (gain, index)
             for index, effect in enumerate(assessed)
-            if effect.alternatives
-            and (gain := penalised(effect.candidate) - penalised(effect.alternatives[0])) > INDISTINGUISHABLE_CHI2
+            if effect.alternatives and (gain := penalised(effect.candidate) - penalised(effect.alternatives[0])) > 0
         ]
         if not better:
             break
@@ -255,7 +294,8 @@ def holds_with_remainder(assessed: Sequence[SelectedEffect], explained: float) -
     """Whether effects stay the answer although something else remains.
 
     Flaws of the base do not explain that remainder. A cause that no effect describes is imitated by effects in part.
-    Those explain less, and hold less where they were not fitted.
+    Those explain less, and hold less where they were not fitted. Effects that priors judge explain a pull on these,
+    whatever remains in the picture.
 
     Parameters
     ----------
@@ -269,6 +309,8 @@ def holds_with_remainder(assessed: Sequence[SelectedEffect], explained: float) -
     bool
         False for no effect.
     """
+    if assessed and all(effect.candidate.by_priors for effect in assessed):
+        return True
     ratios = [ratio for effect in assessed for ratio in (effect.heldout_pixels, effect.heldout_bands)]
     return (
         bool(assessed)

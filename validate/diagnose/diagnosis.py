@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
@@ -22,11 +22,27 @@ from .evidence import (
     prior_pull,
     something_remains,
     square,
+    tolerance_notes,
 )
-from .explain import Explanation, explain, explain_masked_families
+from .explain import (
+    LEAST_PROBABILITY,
+    Explanation,
+    Signs,
+    explain,
+    explain_masked_families,
+    imitation_probability,
+)
 from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
-from .judgement import BaseFlaws, Verdict, confirmed_with_flaws, cost_in_power, selected_with_flaws
+from .judgement import (
+    BaseFlaws,
+    Verdict,
+    confirmed_with_flaws,
+    cost_in_power,
+    scores_with_flaws,
+    selected_with_flaws,
+    verdicts_with_flaws,
+)
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
@@ -46,15 +62,6 @@ __all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "di
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
 _MIN_CHI2_FOR_FAMILY = 0.03
-
-#: Probability of an unknown cause where effects leave nothing: of 116 such blind captures on perfect bases, 1 hid one
-#: (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
-_UNKNOWN_EXPLAINED = 0.02
-
-#: Chi2 of flaws of the base that nobody listed, over that of the fitted ones. Of 24 flawed captures with an effect
-#: (`benchmarks/measured/imperfect_bases.jsonl`, mystery-8) the mean log loss is 0.37 without, 0.22 with 0.25, 0.20
-#: with 0.5 or 1. The smallest of the three keeps right names first.
-_UNLISTED_FLAWS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +165,9 @@ class _Answer:
     #: Explanation of what remains; None where nothing does.
     explanation: Explanation | None = None
     #: Probability of an unknown cause: where effects are selected, that they only imitate it.
-    unknown: float = _UNKNOWN_EXPLAINED
+    unknown: float = LEAST_PROBABILITY
+    #: By effect, the probability that it only imitates an unknown cause.
+    imitations: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,16 +230,20 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     if not effects:
         linearised = first
     answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
+    answer = replace(answer, imitations=_imitations(judged, assessed))
     progress.stage("explaining what remains")
     answer = _explained(first, answer, judged.flaws, prepared.calibration.capture, progress)
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
+    tolerated = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
     return Diagnosis(
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=ranking(by_size.singles, search, answer.assessed, start, answer.unknown, answer.selected),
+        ranking=ranking(
+            by_size.singles, search, answer.assessed, start, answer.unknown, answer.imitations, answer.selected
+        ),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -244,7 +257,7 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=scale_notes(prepared.free_scale, judged.imitated),
+        notes=scale_notes(prepared.free_scale, judged.imitated) + tolerated,
         flaws=judged.flaws.reported,
         flaws_cost=judged.flaws_cost,
         verdicts=judged.verdicts,
@@ -280,18 +293,29 @@ def _explained(
     by_effects = start.chi2 - square(residual)
     explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
     selected = tuple(c.hypothesis.effect.id for c in effects)
-    unknown = _unknown_next_to_flaws(by_effects / model.count, flaws.imitable_chi2) if effects else _UNKNOWN_EXPLAINED
+    by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]
+    imitations = dict(answer.imitations)
+    unknown = max(imitations.values(), default=LEAST_PROBABILITY)
     if explanation is not None:
         explained = explained_part(start, residual)
         # an imitation of another cause explains a part of it
-        unknown = max(unknown, best.cause_probability * (1 - max(explained, 0.0)))
+        remaining = best.cause_probability * (1 - max(explained, 0.0))
+        imitations |= {name: max(imitations[name], remaining) for name in by_picture}
+        unknown = max(unknown, remaining)
         # no effect imitates single pixels
         hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
         selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
-    if effects and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
+    if by_picture and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
-        beaten = family_beats_effects(alone, start, effects, model, residual, explanation)
+        before_flaws = answer.residual
+
+        def scores(by_family: NDArray[np.float64]) -> tuple[float, float]:
+            of_effects, of_family = scores_with_flaws((answer.linearised, before_flaws), (first, by_family))
+            return of_effects, of_family
+
+        scoring = scores if flaws.imitated and not by_flaws else None
+        beaten = family_beats_effects(alone, start, effects, model, residual, explanation, scoring)
         if selected == (UNKNOWN,) or (beaten and not alone.single_pixels):
             explanation, selected = alone, (UNKNOWN,)
     if explanation is not None:
@@ -300,19 +324,25 @@ def _explained(
         if explanation is not None:
             unknown = explanation.cause_probability
         return _Answer(first, [], [], first.model.residual, selected, explanation, unknown)
-    return replace(answer, selected=selected, explanation=explanation, unknown=unknown)
+    return replace(answer, selected=selected, explanation=explanation, unknown=unknown, imitations=imitations)
 
 
-def _unknown_next_to_flaws(by_effects: float, by_flaws: float) -> float:
-    """Probability that effects only imitate an unknown cause, where the base is off.
+def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str, float]:
+    """By effect, the probability that it only imitates a cause that nobody listed.
 
-    An effect that explains no more than flaws that nobody listed may be one of them.
-    by_effects, by_flaws : chi2 per sample that effects and fitted flaws explain.
+    What the picture shows says nothing about an effect that priors judge.
     """
-    gain = max(by_effects, 0.0)
-    unlisted = _UNLISTED_FLAWS * by_flaws
-    effect_share = gain / (gain + unlisted) if unlisted > 0 else 1.0
-    return 1 - (1 - _UNKNOWN_EXPLAINED) * effect_share
+    verdicts, imitations = {verdict.effect: verdict for verdict in judged.verdicts}, dict[str, float]()
+    for effect in assessed:
+        name = effect.candidate.hypothesis.effect.id
+        imitations[name] = LEAST_PROBABILITY
+        if not effect.candidate.by_priors:
+            gain = (effect.chi2_without - effect.candidate.chi2) / effect.count
+            if name in verdicts:
+                gain = verdicts[name].gain
+            heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
+            imitations[name] = imitation_probability(Signs(gain, judged.flaws.imitable_chi2, heldout))
+    return imitations
 
 
 def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[Step, ...]:
@@ -354,6 +384,11 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
+        if search.selected:
+            fitted_flaws, small_verdicts = verdicts_with_flaws(search.linearised, search.selected)
+            flaws, verdicts = fitted_flaws.base_flaws, tuple(small_verdicts)
+            if flaws.imitated and not all(verdict.holds for verdict in verdicts):
+                search = replace(search, selected=[], assessed=[])
     return _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
 
 

@@ -36,6 +36,7 @@ __all__ = [
     "prior_pull",
     "something_remains",
     "square",
+    "tolerance_notes",
 ]
 
 #: Minimum chi2 gain per sample of an effect as smooth as rendering errors: those could gain less.
@@ -275,6 +276,39 @@ def beyond_tolerance(candidate: Candidate) -> bool:
         (candidate.numbers[p.name] - (p.null or 0.0)) / p.tolerance for p in candidate.hypothesis.free if p.tolerance
     ]
     return not pulls or float(np.linalg.norm(pulls)) > _beyond_chance(len(pulls))
+
+
+def tolerance_notes(candidates: Sequence[Candidate], residual: NDArray, model: LinearModel) -> tuple[str, ...]:
+    """Sentences on effects that the picture shows, but that setting up the box may have made.
+
+    Parameters
+    ----------
+    candidates
+        Effects tried alone.
+    residual
+        (n + 11,) residual without effects.
+    model
+        Linear model in which they were fitted.
+
+    Returns
+    -------
+    tuple of str
+        One for each effect whose gain is large and whose numbers are within their tolerances.
+    """
+    notes = []
+    for candidate in candidates:
+        if beyond_tolerance(candidate) or square(residual) - candidate.chi2 <= least_gain(candidate, model):
+            continue
+        free = [p for p in candidate.hypothesis.free if p.tolerance]
+        least = _beyond_chance(len(free))
+        fitted = ", ".join(f"{p.name} {candidate.numbers[p.name]:.3g}" for p in free)
+        limits = ", ".join(f"{p.name} {least * p.tolerance:.2g}" for p in free)
+        way = ", ".join(str(value) for value in candidate.hypothesis.fixed.values())
+        notes.append(
+            f"{candidate.hypothesis.effect.id} of about this size is not named, since setting up a box leaves as much "
+            f"uncertain: {', '.join(filter(None, (way, fitted)))}. Each number by itself counts from {limits}."
+        )
+    return tuple(notes)
 
 
 def _beyond_chance(count: int) -> float:

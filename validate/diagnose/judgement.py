@@ -10,7 +10,13 @@ from cboxlab.rendering.chain import after_stage
 from numpy.typing import NDArray
 
 from ..compare import Validation
-from .alternatives import SelectedEffect, confirmed_where_held_out, with_alternatives
+from .alternatives import (
+    SelectedEffect,
+    confirmed_where_held_out,
+    tested_without_errors,
+    with_alternatives,
+    with_better_alternatives,
+)
 from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
 from .linear_model import LinearModel
@@ -29,9 +35,14 @@ __all__ = [
     "FlawsWithEffects",
     "SelectionWithFlaws",
     "Verdict",
+    "best_with_flaws",
     "confirmed_with_flaws",
     "cost_in_power",
+    "flaws_of",
+    "scores_with_flaws",
     "selected_with_flaws",
+    "verdict_of",
+    "verdicts_with_flaws",
 ]
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
@@ -77,6 +88,8 @@ class Verdict:
 
     #: Identifier of the effect.
     effect: str
+    #: Chi2 per sample that it explains, all other effects in place.
+    gain: float
     #: 2 ln evidence of effect and flaws over flaws alone, the price of the effect's numbers paid.
     evidence: float
     #: Amplitude with flaws fitted as well, in its standard deviations.
@@ -216,9 +229,7 @@ def confirmed_with_flaws(
     """
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
-        residual = residual_with(linearised, confirmed)
-        flaws = _flaws_of(linearised, confirmed)
-        verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
+        flaws, verdicts = verdicts_with_flaws(linearised, confirmed)
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
@@ -229,6 +240,30 @@ def confirmed_with_flaws(
         confirmed = refitted_together(linearised, confirmed) if confirmed else []
 
 
+def verdicts_with_flaws(
+    linearised: LinearisedFit, selected: Sequence[Candidate]
+) -> tuple[FlawsWithEffects, list[Verdict]]:
+    """Judgement of each of several effects.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    selected
+        Effects fitted together.
+
+    Returns
+    -------
+    flaws : FlawsWithEffects
+        What the base is off by with them.
+    verdicts : list of Verdict
+        In the order of the effects.
+    """
+    residual = residual_with(linearised, selected)
+    flaws = flaws_of(linearised, residual)
+    return flaws, [_verdict(linearised, selected, index, flaws, residual) for index in range(len(selected))]
+
+
 def _verdict(
     linearised: LinearisedFit,
     selected: Sequence[Candidate],
@@ -236,13 +271,36 @@ def _verdict(
     flaws: FlawsWithEffects,
     residual: NDArray[np.float64],
 ) -> Verdict:
-    candidate, model = selected[index], flaws.model
     others = [c for i, c in enumerate(selected) if i != index]
     others = refitted_together(linearised, others) if others else []
-    without = residual_with(linearised, others)
-    name = candidate.hypothesis.effect.id
+    return verdict_of(selected[index], residual_with(linearised, others), residual, flaws)
+
+
+def verdict_of(
+    candidate: Candidate, without: NDArray[np.float64], residual: NDArray[np.float64], flaws: FlawsWithEffects
+) -> Verdict:
+    """Judgement of an effect next to flaws of the base.
+
+    Parameters
+    ----------
+    candidate
+        The effect.
+    without
+        (n + 11,) residual without it.
+    residual
+        (n + 11,) residual with it.
+    flaws
+        Flaws in the latter.
+
+    Returns
+    -------
+    Verdict
+        An effect that priors judge holds.
+    """
+    name, model = candidate.hypothesis.effect.id, flaws.model
+    gain = (square(without) - square(residual)) / model.model.count
     if candidate.by_priors:
-        return Verdict(name, square(without) - square(residual), np.inf, 1.0, True)
+        return Verdict(name, gain, square(without) - square(residual), np.inf, 1.0, True)
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
@@ -252,7 +310,7 @@ def _verdict(
     certainty = amplitude / sigma
     steady = abs(amplitude - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma)
     holds = bool(evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady)
-    return Verdict(name, evidence, certainty, amplitude, holds)
+    return Verdict(name, gain, evidence, certainty, amplitude, holds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,35 +350,59 @@ def selected_with_flaws(
     SelectionWithFlaws
         The effects that hold in the end.
     """
-    selected, flaws = list(confirmed), _flaws_of(linearised, confirmed)
+    selected, flaws = list(confirmed), flaws_of(linearised, residual_with(linearised, confirmed))
     while len(selected) < MAX_EFFECTS:
-        present = {c.hypothesis.effect.id for c in selected}
+        present = _names(selected)
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
         residual = residual_with(linearised, selected)
         exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
         least = gain_of_shape_errors(residual, exact, rendered)
-        best = _best_with_flaws(linearised.problem(selected), rest, flaws, residual, least)
+        best = best_with_flaws(linearised.problem(selected), rest, flaws, residual, least)
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
         selected = refitted_together(_judged(linearised, flaws), [*selected, best])
         del flaws  # the next one is as large
-        flaws = _flaws_of(linearised, selected)
+        flaws = flaws_of(linearised, residual_with(linearised, selected))
     del flaws
     selected, flaws, verdicts = confirmed_with_flaws(linearised, selected)
     if selected:
-        selected = refitted_together(_judged(linearised, flaws), selected)
-        assessed = with_alternatives(linearised, selected, signatures)
-        selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
-        names = {c.hypothesis.effect.id for c in selected}
-        verdicts = tuple(replace(verdict, holds=verdict.effect in names) for verdict in verdicts)
+        # rivals meet the same flaws as the effects: without flaws, the best one imitates these as well
+        judged = _judged(linearised, flaws)
+        better, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
+        if _names(better) != _names(selected):
+            del flaws, judged
+            better, flaws, verdicts = confirmed_with_flaws(linearised, better)
+            judged = _judged(linearised, flaws)
+            better = refitted_together(judged, better) if better else []
+            assessed = with_alternatives(judged, better, signatures)
+        assessed = tested_without_errors(linearised, assessed)
+        selected, assessed = confirmed_where_held_out(judged, better, assessed, signatures)
+        assessed = tested_without_errors(linearised, assessed)
+        verdicts = tuple(replace(verdict, holds=verdict.effect in _names(selected)) for verdict in verdicts)
         return SelectionWithFlaws(linearised, selected, assessed, flaws, verdicts)
     return SelectionWithFlaws(linearised, [], [], flaws, verdicts)
 
 
-def _flaws_of(linearised: LinearisedFit, selected: Sequence[Candidate]) -> FlawsWithEffects:
-    """Flaws of the base with effects in place."""
-    residual = residual_with(linearised, selected)
+def _names(selected: Sequence[Candidate]) -> set[str]:
+    return {c.hypothesis.effect.id for c in selected}
+
+
+def flaws_of(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawsWithEffects:
+    """Flaws of the base in a residual.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    residual
+        (n + 11,) residual with the effects in question.
+
+    Returns
+    -------
+    FlawsWithEffects
+        Their widths, amounts and evidence.
+    """
     model = _flaw_model(linearised, residual)
     whitened = model.whitened(residual)
     fitted = model.fit(whitened)
@@ -334,12 +416,30 @@ def _flaws_of(linearised: LinearisedFit, selected: Sequence[Candidate]) -> Flaws
     )
 
 
+def scores_with_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> list[float]:
+    """Score of each of several residuals of one capture next to flaws of the base.
+
+    Parameters
+    ----------
+    *fits
+        Linearised fit without errors in its covariance, and (n + 11,) its residual. The first one decides how much
+        single pixels deviate.
+
+    Returns
+    -------
+    list of float
+        -2 ln(evidence), the flaws' widths fitted to each.
+    """
+    model = _flaw_model(*fits[0])
+    return [model.fit(model.whitened(residual)).score for _, residual in fits]
+
+
 def _judged(linearised: LinearisedFit, flaws: FlawsWithEffects) -> LinearisedFit:
     """The same fit with the flaws in its covariance."""
     return replace(linearised, model=flaws.model.counted_in(linearised.model, flaws.fitted))
 
 
-def _best_with_flaws(
+def best_with_flaws(
     problem: Problem,
     signatures: Sequence[Signature],
     flaws: FlawsWithEffects,
@@ -349,7 +449,25 @@ def _best_with_flaws(
     """The effect with the largest evidence to first order; None where none is needed.
 
     The widths of the flaws are fitted again with each of the best few in place, so that flaws no longer stand for it.
-    Its change must be as large as that of an effect that is selected by size. least : chi2 by errors of shapes.
+    Its change must be as large as that of an effect that is selected by size.
+
+    Parameters
+    ----------
+    problem
+        The capture with the effects already in its model.
+    signatures
+        Signatures of the hypotheses.
+    flaws
+        Flaws in the residual.
+    residual
+        (n + 11,) residual with those effects.
+    least
+        Chi2 that errors of their shapes may let a further effect gain.
+
+    Returns
+    -------
+    Candidate or None
+        With its numbers to first order.
     """
     model, whitened = flaws.model, flaws.model.whitened(residual)
     gains = []

@@ -46,12 +46,13 @@ def ranking(
     assessed: Sequence[SelectedEffect],
     start: LinearModel,
     unknown: float,
+    imitations: Mapping[str, float],
     selected: tuple[str, ...],
 ) -> tuple[Ranked, ...]:
     """Effects by probability: the selected ones, then their alternatives, then all others.
 
-    A selected effect and its alternatives share its probability. Where none was selected, most of it is that nothing
-    is missing. Chi2 without errors counted is that of the model as given minus the gain of the effect, in
+    A selected effect and its alternatives share what an unlisted cause leaves. Where none was selected, most of it is
+    that nothing is missing. Chi2 without errors counted is that of the model as given minus the gain of the effect, in
     whatever covariance the gain was computed.
 
     Parameters
@@ -66,6 +67,8 @@ def ranking(
         Linear model of the model as given.
     unknown
         Probability of an unknown cause, 0 to 1.
+    imitations
+        By selected effect, the probability that it only imitates such a cause.
     selected
         Identifiers of the answer.
 
@@ -82,8 +85,9 @@ def ranking(
         for effect in sorted(assessed, key=lambda e: e.chi2_without):
             rivals = [effect.candidate, *effect.alternatives]
             shares = _shares(rivals, effect.chi2_without, effect.dispersion)
+            imitated = imitations[effect.candidate.hypothesis.effect.id]
             for candidate, share in zip(rivals, shares, strict=True):
-                entry = _ranked(candidate, offset, effect.count, (1 - unknown) * share)
+                entry = _ranked(candidate, offset, effect.count, (1 - imitated) * share)
                 listed = entries.get(entry.effect)
                 if candidate is effect.candidate or listed is None or entry.probability > listed.probability:
                     entries[entry.effect] = entry

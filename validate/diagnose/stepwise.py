@@ -174,7 +174,7 @@ def selection(
         plain, selected = _with_best_set(validation, first, signatures, plain, selected)
         linearised = plain
     if _explain_too_little(plain, selected):
-        plain, linearised, selected = first, judging(first), []
+        plain, linearised, selected = _by_priors_alone(validation, first, judging(first), judging, singles)
     selected = pairs_replaced(linearised, backward_elimination(linearised, selected), signatures)
     selected, assessed = with_better_alternatives(linearised, selected, signatures)
     selected, assessed = confirmed_where_held_out(linearised, selected, assessed, signatures)
@@ -241,9 +241,35 @@ def _has_remainder(linearised: LinearisedFit, selected: Sequence[Candidate]) -> 
 
 
 def _explain_too_little(linearised: LinearisedFit, selected: Sequence[Candidate]) -> bool:
-    """Whether effects explain so little each that they only resemble the cause."""
+    """Whether effects explain so little each that they only resemble the cause.
+
+    An effect that priors judge explains a pull on them, whatever the picture shows.
+    """
+    count = sum(not c.by_priors for c in selected)
+    if not count:
+        return False
     explained = explained_part(linearised.model, residual_with(linearised, selected))
-    return explained < MIN_EXPLAINED_PART_EACH * len(selected) and _has_remainder(linearised, selected)
+    return explained < MIN_EXPLAINED_PART_EACH * count and _has_remainder(linearised, selected)
+
+
+def _by_priors_alone(
+    validation: Validation,
+    first: LinearisedFit,
+    linearised: LinearisedFit,
+    judging: Callable[[LinearisedFit], LinearisedFit],
+    singles: Sequence[Candidate],
+) -> tuple[LinearisedFit, LinearisedFit, list[Candidate]]:
+    """The best effect that relieves the priors by itself, if any, with its pictures.
+
+    Where no effect suits the picture, camera and lamp may still miss what is known of them.
+    """
+    start = linearised.model.residual
+    by_priors = [c for c in singles if c.by_priors]
+    best = first_significant(by_priors, start, linearised.model, start, start)
+    if best is None:
+        return first, linearised, []
+    plain = refitted(validation, first, [best])
+    return plain, judging(plain), refitted_together(judging(plain), [best])
 
 
 def _with_best_set(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -51,6 +51,7 @@ def family_beats_effects(
     fitted: LinearModel,
     residual: NDArray[np.float64],
     remainder_explanation: Explanation | None = None,
+    scores: Callable[[NDArray[np.float64]], tuple[float, float]] | None = None,
 ) -> bool:
     """Whether one family explains more of the excess of the given model than selected effects.
 
@@ -73,6 +74,9 @@ def family_beats_effects(
     remainder_explanation
         Explanation of what the effects leave; None where nothing remains. A smear has a round part: one effect that
         looks like a blur, with a smear in the remainder, are one cause.
+    scores
+        From the residual that the family leaves to the scores of effects and of family, each next to flaws of the base.
+        None: the base is sound. A free field explains flaws, too, which no effect does.
 
     Returns
     -------
@@ -95,10 +99,13 @@ def family_beats_effects(
         family_gain = _gain(explanation, model, model.residual) - complexity
         return family_gain > (1 + SHAPE_ERROR) * by_effects - effects_price + INDISTINGUISHABLE_CHI2
     by_family = model.residual - model.whiten(explanation.change)
-    of_effects, of_family = (
-        square(linear_model.without_shared_errors(vector))
-        for linear_model, vector in ((fitted, residual), (model, by_family))
-    )
+    if scores is not None:
+        of_effects, of_family = scores(by_family)
+    else:
+        of_effects, of_family = (
+            square(linear_model.without_shared_errors(vector))
+            for linear_model, vector in ((fitted, residual), (model, by_family))
+        )
     margin = max(SHAPE_ERROR * by_effects, MIN_GAIN_PER_SAMPLE * model.count)
     return of_effects - of_family - complexity > margin
 

@@ -33,11 +33,11 @@ _MAX_COMPLETED_BYTES = 300e6
 #: Most samples per batch: bounds the time where the noise cannot be reached.
 _MAX_SAMPLES = 8192
 
-#: Most rays of a picture, in all its batches, at a target of ``_USUAL_NOISE``: a minute of CPU time. Photographs of many
-#: megapixels have so little noise that a third of it would take hours.
+#: Most rays of a picture, in all its batches, at a target of ``_USUAL_NOISE``: a minute of CPU time. Photographs of
+#: many megapixels have so little noise that a third of it would take hours.
 _MOST_RAYS = 2**28
 
-#: Target to which ``_MOST_RAYS`` belongs: the default of the settings. Another target has as many more rays as it needs.
+#: Target to which ``_MOST_RAYS`` belongs: the default of the settings. The limit grows as another target requires.
 _USUAL_NOISE = 0.3
 
 #: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (benchmarks/measured/history.md).

@@ -11,7 +11,7 @@ from helpers.places import ROOT
 from helpers.recipes import write_recipe
 
 
-def drawn(value, count=4000):
+def samples_of(value, count=4000):
     distribution, generator = numbers(value), np.random.default_rng(1)
     return np.array([distribution.draw(generator) for _ in range(count)])
 
@@ -26,7 +26,7 @@ def test_distributions_have_their_moments():
         ({"choice": [0, 10], "weights": [3, 1]}, 2.5, np.sqrt(0.75 * 0.25) * 10),
     ]
     for value, mean, sigma in cases:
-        values = drawn(value)
+        values = samples_of(value)
         assert abs(values.mean() - mean) < 5 * sigma / np.sqrt(len(values))
         low, high = numbers(value).support
         assert low <= values.min() and values.max() <= high

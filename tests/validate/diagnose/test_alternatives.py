@@ -5,14 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose import alternatives
-from cboxlab.validation.diagnose.alternatives import SelectedEffect, confirmed_where_held_out
+from cboxlab.validation.diagnose.alternatives import (
+    SelectedEffect,
+    confirmed_where_held_out,
+    holds_with_remainder,
+    with_better_alternatives,
+)
 from cboxlab.validation.diagnose.evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR
 
 
-def _candidate(name, chi2, tolerance=0.0):
+def _candidate(name, chi2, tolerance=0.0, by_priors=False):
     free = (SimpleNamespace(name="size", null=0.0, tolerance=tolerance),)
     hypothesis = SimpleNamespace(free=free, effect=SimpleNamespace(id=name))
-    return SimpleNamespace(chi2=chi2, hypothesis=hypothesis, by_priors=False, numbers={"size": 1.0})
+    return SimpleNamespace(chi2=chi2, hypothesis=hypothesis, by_priors=by_priors, numbers={"size": 1.0})
 
 
 def _selected(behind, dispersion, gain):
@@ -52,3 +57,26 @@ def test_a_number_that_is_within_its_tolerance_in_the_end_is_dropped(monkeypatch
     effect = SelectedEffect(leader, (), 2000.0, 1.0, 1.0, 0.01, 5000, 1.0)
     confirmed, _ = confirmed_where_held_out(None, [leader], [effect], [])
     assert confirmed == ([leader] if holds else [])
+
+
+@pytest.mark.parametrize(("behind", "first"), [(3.0, "own"), (-3.0, "other")])
+def test_of_two_that_are_indistinguishable_the_likelier_is_selected(monkeypatch, behind, first):
+    """Three of chi-square are less than distinguishes two effects; the ranking shows the same one first."""
+    leader, other = _candidate("own", 1000.0), _candidate("other", 1000.0 + behind)
+
+    def assessed(linearised, selection, signatures):
+        rival = other if selection[0] is leader else leader
+        return [SelectedEffect(selection[0], (rival,), 2000.0, np.nan, np.nan, np.nan, 5000, 1.0)]
+
+    monkeypatch.setattr(alternatives, "with_alternatives", assessed)
+    monkeypatch.setattr(alternatives, "refitted_together", lambda linearised, selection: list(selection))
+    (candidate,), (effect,) = with_better_alternatives(None, [leader], [])
+    assert candidate.hypothesis.effect.id == effect.candidate.hypothesis.effect.id == first
+    assert effect.indistinguishable
+
+
+@pytest.mark.parametrize("by_priors", [True, False])
+def test_what_remains_in_the_picture_is_no_matter_to_an_effect_that_priors_judge(by_priors):
+    leader = _candidate("own", 1000.0, by_priors=by_priors)
+    effect = SelectedEffect(leader, (), 1040.0, np.nan, np.nan, np.nan, 5000, 1.0)
+    assert holds_with_remainder([effect], 0.01) is by_priors

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.scenes import cornell_box
-from cboxlab.validation.diagnose.evidence import dispersion, first_significant, least_gain_of_any, penalised
+from cboxlab.validation.diagnose.evidence import (
+    dispersion,
+    first_significant,
+    least_gain_of_any,
+    penalised,
+    tolerance_notes,
+)
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linear_model import smooth_part
 from cboxlab.validation.diagnose.search import (
@@ -161,6 +167,8 @@ def test_a_block_within_the_tolerance_of_its_survey_is_no_finding():
     for away, counts in ((0.26, False), (0.34, True)):
         moved = Candidate(match, {"dx_mm": away, "dz_mm": -away, "yaw_deg": 0.0}, {}, 0.0, change)
         assert (first_significant([moved], change, SQUARE, change, change) is moved) is counts
+        notes = tolerance_notes([moved], change, SQUARE)
+        assert notes == () if counts else "block-pose" in notes[0] and f"dx_mm {away}" in notes[0]
 
 
 def test_each_free_number_costs_half_of_what_separates_two_effects():

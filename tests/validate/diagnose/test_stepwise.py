@@ -56,3 +56,14 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     assert refitted(validation, linearised, [stand_in]) is after
     assert calls == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
     assert rendered_with == [(("own",), ("found",))]
+
+
+def test_an_effect_that_priors_judge_need_not_explain_the_picture(monkeypatch):
+    """A lamp that misses its stated power gains 20 of chi-square, next to 3,000 by soft corners."""
+    monkeypatch.setattr(stepwise, "residual_with", lambda linearised, selected: np.array([np.sqrt(5980.0)]))
+    monkeypatch.setattr(stepwise, "_has_remainder", lambda linearised, selected: True)
+    picture = SimpleNamespace(model=SimpleNamespace(chi2=6000.0, count=3000))
+    by_priors, by_picture = SimpleNamespace(by_priors=True), SimpleNamespace(by_priors=False)
+    assert not stepwise._explain_too_little(picture, [by_priors])
+    assert stepwise._explain_too_little(picture, [by_picture])
+    assert stepwise._explain_too_little(picture, [by_priors, by_picture])

@@ -54,6 +54,16 @@ def test_a_family_must_leave_less_than_effects_do_by_the_errors_of_the_picture(a
     assert family_beats_effects(stand_in, model, [None], model, LEFT) == wins
 
 
+@pytest.mark.parametrize(("score", "wins"), [(1000.0, False), (-1000.0, True)])
+def test_next_to_flaws_of_the_base_scores_with_flaws_free_decide(score, wins):
+    """A free field that explains flaws as well as the cause leaves less, but no less than effects and flaws do."""
+    model = _model(left_by_family=2000.0)
+    stand_in = SimpleNamespace(family="sensor-gain", levels=False, smear=False, change=None, gain=60.0, evidence=10.0)
+    assert family_beats_effects(stand_in, model, [None], model, LEFT)
+    scores = (2000.0, 2000.0 + score)
+    assert family_beats_effects(stand_in, model, [None], model, LEFT, scores=lambda residual: scores) == wins
+
+
 def test_errors_that_a_face_shares_are_adjusted_with_family_and_effects():
     """A change of 80 standard deviations, all of the kind that a face shares to one: half of its gain of 6400 could be
     such an error. Effects imitate it but for 200."""

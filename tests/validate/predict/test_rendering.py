@@ -39,7 +39,7 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
 
 
 def test_a_photograph_of_hardly_any_noise_takes_bounded_time(monkeypatch):
-    """A thousandth of the pilot's noise would take a million times its rays; a lower target takes more than the usual."""
+    """The pilot has 300 times the noise of the target; a lower target takes more rays than the usual one."""
     calls = []
 
     def picture(samples, first_batch, batches, progress):

@@ -55,7 +55,7 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     before = record["chi2_per_dof"]
     record, numbers = step(client, "change", which=0, values={"fraction": 0.01}, commit=False)
     assert record["chi2_per_dof"] < before and record["effects"][0]["values"]["fraction"] == 0.01
-    expected = bench.shown.predictions()[0]
+    expected = bench.study_in_view.predictions()[0]
     order = np.argsort(band_centres(bench.study.prepared[0].responses))
     np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[0], expected.signal[order].astype("f4"))
     np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[1], expected.sigma[order].astype("f4"))

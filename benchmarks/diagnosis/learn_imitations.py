@@ -1,0 +1,282 @@
+"""Learn how likely an effect only imitates a cause that nobody listed, and report how far that can be believed.
+
+The first part simulates captures of several laboratories: a flaw of the base (`flawed_bases`) or none, and one effect
+of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
+rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
+The best effect to first order is judged as a diagnosis does, and what it shows goes to --results, which a later run
+continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in turn, and
+prints the reliability of what was left out. With --write the weights become the table of the package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import imperfect_bases as bases
+import numpy as np
+from cboxlab.calibration.capture import load_capture
+from cboxlab.rendering.chain import expected_signal, stages_between
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import temporary_folder
+from cboxlab.utils.progress import NO_PROGRESS
+from cboxlab.validation.compare import validate_capture
+from cboxlab.validation.diagnose.alternatives import heldout_bands, heldout_pixels, is_edge_artefact
+from cboxlab.validation.diagnose.evidence import beyond_tolerance, least_gain, penalised, square
+from cboxlab.validation.diagnose.explain.imitation import FEATURES, Signs
+from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
+from cboxlab.validation.diagnose.linearised_fit import linearised_fit
+from cboxlab.validation.diagnose.search import Candidate, columns_of, screen
+from cboxlab.validation.diagnose.stepwise import signatures_of
+from cboxlab.validation.predict import sensing
+from cboxlab.validation.synthetic.blind import draw_effect
+from cboxlab.validation.synthetic.strengths import at_strength
+from flawed_bases import FLAWS
+from numpy.typing import NDArray
+from outside_effects import KEPT_BACK, OUTSIDE
+from scipy.optimize import minimize
+from scipy.special import expit
+
+#: Side of the pictures, px.
+SIZE_PX = 48
+
+#: Chi2 per sample of a cause, the smallest and the largest.
+LEAST, MOST = 0.04, 1.0
+
+#: Least gain in samples held out of an effect that is selected.
+LEAST_HELDOUT = 0.5
+
+#: Standard deviation of the weights.
+RIDGE = 3.0
+
+#: Another name of a flaw is neither right nor wrong.
+DESCRIBES = {
+    "leaning-blocks": {"block-pose"},
+    "sizes": {"block-pose"},
+    "tilted-walls": {"block-pose"},
+    "astigmatism": {"defocus", "crosstalk"},
+    "lamp-frame": {"lamp-directional"},
+}
+
+TABLE = Path(__file__).parents[2] / "validate" / "diagnose" / "explain" / "data" / "imitations.json"
+
+Row = Mapping[str, Any]
+Signal = NDArray[np.float64]
+
+
+class Laboratory:
+    """A calibrated capture of a sound box, and the light of an independent rendering."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self.camera, self.settings = bases.laboratory_of(seed, SIZE_PX)
+        self.image = bases.image_of("none", 0, seed, SIZE_PX)
+        with temporary_folder() as folder:
+            scene = bases.SCENE
+            bases.photograph_image(
+                folder / "capture", self.image, (), scene, scene, self.camera, settings=self.settings, seed=seed
+            )
+            self.validation = validate_capture(load_capture(folder / "capture"), bases.MODEL)
+        self.fit = linearised_fit(self.validation.prepared, self.validation.rendered, ())
+        self.signatures = [s for s in signatures_of(self.fit, (), bases.MODEL.render, NO_PROGRESS) if not s.by_priors]
+        self.problem = self.fit.problem(())
+
+    @cached_property
+    def sound(self) -> Signal:
+        """(band, y, x) light of the sound box, DN."""
+        return self.light(())
+
+    def light(self, effects: Sequence[AppliedEffect]) -> Signal:
+        """(band, y, x) DN without noise; what acts before the filters by patch transport with other rays."""
+        early = tuple(e for e in effects if e.stage in stages_between("scene", "transport"))
+        late = [e for e in effects if e not in early]
+        calibration = self.validation.prepared.calibration
+        signal = expected_signal(self.image, sensing(calibration, self.camera), late, self.camera)
+        if early:
+            predictor = self.fit.predictor.resampled()
+            base = predictor.signal(())
+            signal = signal * np.divide(predictor.signal(early), base, out=np.ones_like(base), where=base > 0)
+        return np.asarray(signal)
+
+    def excess(self, effect: AppliedEffect) -> float:
+        """Chi2 per sample of an effect, the lamp's power free."""
+        used, variance = self.fit.model.used, self.validation.prepared.calibration.predicted_variance(self.sound)
+        level, change = (x[used] / np.sqrt(variance[used]) for x in (self.sound, self.light((effect,)) - self.sound))
+        return float(np.mean((change - level * (level @ change) / (level @ level)) ** 2))
+
+    def residual(self, effects: Sequence[AppliedEffect], seed: int) -> Signal:
+        """(n + 11,) residual of the model as given, with fresh noise."""
+        signal, prepared = self.light(effects), self.validation.prepared
+        noise = np.random.default_rng([seed, 3]).standard_normal(signal.shape)
+        measured = signal + noise * np.sqrt(prepared.calibration.predicted_variance(signal))
+        model = self.fit.model
+        return model.residual + model.whiten_used((measured - prepared.measured)[model.used])
+
+
+def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> AppliedEffect | None:
+    """A cause by name with numbers by chance; None where it cannot be as strong as drawn."""
+    target = float(np.exp(draw.uniform(np.log(LEAST), np.log(MOST))))
+    outside = OUTSIDE | KEPT_BACK
+    if name in outside:
+        trial = AppliedEffect(outside[name], {"amount": 0.01, "row": draw.uniform(), "column": draw.uniform()})
+    else:
+        trial = draw_effect(draw, bases.SCENE, tuple(laboratory.settings.filters), (name,))
+    return at_strength(trial, target, laboratory.excess)
+
+
+def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
+    """The effect that a diagnosis would select to first order, and what its tests show; None for none."""
+    model = replace(laboratory.fit.model, residual=residual)
+    fit = replace(laboratory.fit, model=model)
+    singles = [(screen(laboratory.problem, s, residual), s) for s in laboratory.signatures]
+    first = min((candidate for candidate, _ in singles), key=penalised)
+    row = _row(fit, first, np.asarray(first.predicted, float), residual)
+    if row is None:
+        candidate = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
+        if candidate is not None:
+            signature = next(s for s in laboratory.signatures if s.hypothesis is candidate.hypothesis)
+            steps = [
+                (p.to_coordinate(candidate.numbers[p.name]) - p.null_coordinate) / step
+                for p, step in zip(signature.hypothesis.free, signature.steps, strict=True)
+            ]
+            row = _row(fit, candidate, columns_of(laboratory.problem, signature) @ (steps or [1.0]), residual)
+    return row
+
+
+def _row(fit: Any, candidate: Candidate, change: Signal, residual: Signal) -> dict[str, Any] | None:
+    """What an effect of this change shows; None where it would not be selected."""
+    model, rest = fit.model, residual - change
+    heldout = min(heldout_pixels(model, residual, change), np.nan_to_num(heldout_bands(model, residual, change), nan=1))
+    by_size = square(residual) - square(rest) > least_gain(replace(candidate, predicted=change), model)
+    if not by_size or not beyond_tolerance(candidate) or heldout < LEAST_HELDOUT:
+        return None
+    flaws = flaws_of(fit, rest)
+    verdict = verdict_of(candidate, residual, rest, flaws)
+    if not verdict.holds or is_edge_artefact(model, residual, change):
+        return None
+    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout))
+    return {"effect": verdict.effect, "signs": asdict(signs)}
+
+
+def simulate(results: Path, laboratories: int, rounds: int) -> None:
+    """Append what is missing: every effect in each laboratory and round, and as many other causes."""
+    finished = {(row["cause"], row["seed"]) for row in rows_of(results)}
+    able = [name for name, e in catalogue().items() if e.stage not in ("settings", "camera")]
+    able = [name for name in able if not catalogue()[name].imitates_lamp_power]
+    outside = [*OUTSIDE, *KEPT_BACK]
+    for number in range(laboratories):
+        laboratory = Laboratory(8900 + number)
+        for index in range(rounds * len(able)):
+            for name in (able[index % len(able)], outside[index % len(outside)]):
+                seed = 1000 * number + index
+                draw = np.random.default_rng([seed, len(name)])
+                flaw = str(draw.choice(list(FLAWS)))
+                if (name, seed) in finished:
+                    continue
+                try:
+                    effect = cause(name, laboratory, draw)
+                except InputError:
+                    continue
+                if effect is None:
+                    continue
+                with_flaw, _ = bases.flaw_of(flaw, laboratory.seed, SIZE_PX, 100 + seed % 2)
+                inside = (*((with_flaw,) if with_flaw else ()), effect)
+                answer = signs_in(laboratory, laboratory.residual(inside, seed))
+                row = {"laboratory": laboratory.seed, "cause": name, "flaw": flaw, "seed": seed, **(answer or {})}
+                with results.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps(row, default=float) + "\n")
+
+
+def rows_of(results: Path) -> list[Row]:
+    """Rows of a file that may not exist yet."""
+    return [json.loads(line) for line in results.read_text(encoding="utf-8").splitlines()] if results.exists() else []
+
+
+def samples_of(rows: Sequence[Row]) -> list[tuple[Row, NDArray[np.float64], bool]]:
+    """Rows whose answer is an effect, their features, and whether it imitates what nobody listed.
+
+    Another effect of the catalogue than the true one, and another name of the flaw, are left out.
+    """
+    outside = OUTSIDE | KEPT_BACK
+    return [
+        (row, Signs(**row["signs"]).features, row["cause"] in outside)
+        for row in rows
+        if "effect" in row
+        and (row["cause"] in outside or row["effect"] == row["cause"])
+        and not (row["effect"] != row["cause"] and row["effect"] in DESCRIBES.get(row["flaw"], ()))
+    ]
+
+
+def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects."""
+
+    def loss(weights: NDArray[np.float64]) -> float:
+        utility = features @ weights
+        return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + 0.5 * weights @ weights / RIDGE**2)
+
+    return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="L-BFGS-B").x)
+
+
+def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], str]) -> Iterator[tuple[float, bool]]:
+    """Probability of an imitation by a fit without the sample's group, and whether it is one."""
+    groups, features = np.array([key(row) for row, *_ in samples]), np.array([f for _, f, _ in samples])
+    imitates = np.array([i for *_, i in samples])
+    for group in np.unique(groups):
+        inside = groups == group
+        weights = fit_weights(features[~inside], imitates[~inside])
+        yield from zip(expit(features[inside] @ weights).tolist(), imitates[inside].tolist(), strict=True)
+
+
+def report(samples: Sequence[tuple[Row, NDArray, bool]]) -> None:
+    """Reliability and mean log loss of what was left out."""
+    for name in ("cause", "flaw", "laboratory"):
+        answers = list(left_out(samples, lambda row, name=name: str(row[name])))  # type: ignore[misc]
+        loss = -np.mean([np.log(max(p if i else 1 - p, 1e-6)) for p, i in answers])
+        print(f"\nEach {name} left out, {len(answers)} captures, mean log loss {loss:.3f}:\n")
+        print("| probability of an imitation | captures | mean | imitations |\n|---|---|---|---|")
+        for low, high in pairwise((0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0001)):
+            some = [(p, i) for p, i in answers if low <= p < high]
+            if some:
+                mean, share = (float(np.mean(x)) for x in zip(*some, strict=True))
+                print(f"| {low:g} to {min(high, 1):g} | {len(some)} | {mean:.2f} | {share:.2f} |")
+
+
+def main() -> None:
+    """Simulate, fit, report; write the table where asked."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, default=Path("imitations.jsonl"))
+    parser.add_argument("--laboratories", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=0, help="captures of each effect; 0 simulates nothing")
+    parser.add_argument("--write", action="store_true", help="replace the table of the package")
+    options = parser.parse_args()
+    if options.rounds:
+        simulate(options.results, options.laboratories, options.rounds)
+    samples = samples_of(rows_of(options.results))
+    report(samples)
+    weights = fit_weights(np.array([f for _, f, _ in samples]), np.array([i for *_, i in samples]))
+    table = {
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "captures": len(samples),
+        "imitations": int(sum(i for *_, i in samples)),
+        "weights": {name: round(float(w), 4) for name, w in zip(FEATURES, weights, strict=True)},
+    }
+    text = json.dumps(table, indent=1) + "\n"
+    print(text)
+    if options.write:
+        TABLE.parent.mkdir(exist_ok=True)
+        TABLE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

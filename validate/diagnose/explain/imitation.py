@@ -1,0 +1,92 @@
+"""Probability, learnt from simulations, of an effect that imitates another cause.
+
+A logistic regression on what the tests of an effect show. Its weights are data, see `learnt_weights`: made by
+`benchmarks/diagnosis/learn_imitations.py --rounds 2 --write`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+__all__ = ["FEATURES", "LEAST_PROBABILITY", "Signs", "imitation_probability", "learnt_weights"]
+
+#: Names of the features, with which the table states the weights.
+FEATURES = (
+    "constant",
+    "log of what flaws of the base explain over what the effect explains",
+    "log of what is missing of its gain in samples held out",
+)
+
+#: Chi2 per sample that a sound base leaves to flaws: the smallest flaw that is reported.
+_SOUND = 0.01
+
+#: Smallest gain that counts, chi2 per sample.
+_LEAST_GAIN = 1e-3
+
+#: Share of the gain in samples held out that a true effect may miss by noise.
+_MISSED_BY_NOISE = 0.02
+
+#: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
+#: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
+LEAST_PROBABILITY = 0.02
+
+_TABLE = Path(__file__).parent / "data" / "imitations.json"
+
+
+@dataclass(frozen=True)
+class Signs:
+    """Results of an effect's tests by which an imitation differs."""
+
+    #: Chi2 per sample that it explains.
+    gain: float
+    #: Chi2 per sample of the base's flaws that an effect may imitate, fitted with it.
+    flaws: float
+    #: Gain in pixels or bands held out over that where fitted, the smaller; NaN where untested.
+    heldout: float
+
+    @property
+    def features(self) -> NDArray[np.float64]:
+        """(feature,) in the sequence of ``FEATURES``."""
+        ratio = (max(self.flaws, 0.0) + _SOUND) / max(self.gain, _LEAST_GAIN)
+        missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
+        return np.array([1.0, np.log(ratio), np.log(missing + _MISSED_BY_NOISE)])
+
+
+@lru_cache(maxsize=1)
+def learnt_weights() -> Mapping[str, Any]:
+    """Table of the weights, with the date and the numbers of simulated captures.
+
+    Returns
+    -------
+    Mapping
+        ``weights`` by feature, ``date``, ``captures``.
+    """
+    table: Mapping[str, Any] = json.loads(_TABLE.read_text(encoding="utf-8"))
+    return table
+
+
+def imitation_probability(signs: Signs) -> float:
+    """Probability that an effect imitates an unlisted cause.
+
+    Parameters
+    ----------
+    signs
+        Results of its tests.
+
+    Returns
+    -------
+    float
+        0.02 to 1.
+    """
+    weights = learnt_weights()["weights"]
+    utility = float(signs.features @ [weights[name] for name in FEATURES])
+    return max(float(expit(utility)), LEAST_PROBABILITY)
