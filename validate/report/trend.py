@@ -35,6 +35,9 @@ _FIGURES: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
 #: Plots in a row: their text is then large enough.
 _PLOTS_IN_A_ROW = 3
 
+#: Digits of the difference between the largest and the smallest value, in a row without standard deviations.
+_DIGITS_OF_SPREAD = 2
+
 #: Axes of the camera's position.
 _AXES = "xyz"
 
@@ -65,7 +68,7 @@ def _numbers(metrics: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> Iterat
     position = (metrics.get("camera_refitted") or {}).get("position_mm") or ()
     for axis, value in zip(_AXES, position, strict=False):
         yield f"camera, {axis}, mm", (_at({"value": value}, ("value",)), math.nan)
-    for band in metrics.get("bands", {}):
+    for band in sorted(metrics.get("bands", {})):
         yield (
             f"χ² per degree of freedom, {band}",
             (_at(metrics, ("bands", band, "chi2_per_dof")), _at(metrics, ("bands", band, "chi2_per_dof_sigma"))),
@@ -155,10 +158,26 @@ def _curves(results: Sequence[TrendResult]) -> list[Drawing]:
         axes.set_title(name)
         axes.set_xticks(order, [result.name[:14] for result in results], rotation=20 if len(results) > 3 else 0)
         axes.margins(x=0.12, y=0.2)
+        axes.ticklabel_format(axis="y", useOffset=False)  # an offset would stand on the title
         if name.startswith("χ²"):
             axes.axhline(1, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
         figures.append(figure)
     return [drawing(*figures[k : k + _PLOTS_IN_A_ROW]) for k in range(0, len(figures), _PLOTS_IN_A_ROW)]
+
+
+def _texts(pairs: Sequence[tuple[float, float]]) -> list[str]:
+    """Values with their standard deviations, or else with the decimals that differ."""
+    values = np.array([value for value, _ in pairs if math.isfinite(value)])
+    spread = float(np.ptp(values)) if len(values) else 0.0
+    decimals = 0 if spread == 0 else max(0, _DIGITS_OF_SPREAD - 1 - math.floor(math.log10(spread)))
+    return [
+        "–"
+        if not math.isfinite(value)
+        else with_error(value, sigma)
+        if math.isfinite(sigma) or not decimals
+        else f"{value:.{decimals}f}".replace("-", "−")
+        for value, sigma in pairs
+    ]
 
 
 def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
@@ -172,7 +191,7 @@ def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
         The results in their order.
     """
     rows = [
-        (name, *(with_error(*result.numbers[name]) if name in result.numbers else "–" for result in results))
+        (name, *_texts([result.numbers.get(name, (math.nan, math.nan)) for result in results]))
         for name in _names(results)
     ]
     captures = ", ".join(dict.fromkeys(result.capture for result in results))

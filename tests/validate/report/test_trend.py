@@ -4,7 +4,7 @@ import json
 
 import pytest
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.report import read_trend_result, trend_record, write_trend
+from cboxlab.validation.report import read_trend_result, trend, trend_record, write_trend
 from cboxlab.validation.report.metrics import metrics
 from helpers.browser import open_browser
 from helpers.fakes.box import FakeBox, fake_run
@@ -62,3 +62,10 @@ def test_what_is_no_result_is_refused(tmp_path):
         (tmp_path / "metrics.json").write_text(content)
         with pytest.raises(InputError):
             read_trend_result(tmp_path)
+
+
+def test_values_without_standard_deviation_have_the_decimals_that_differ():
+    unknown = float("nan")
+    assert trend._texts([(284.994, unknown), (285.020, unknown)]) == ["284.994", "285.020"]
+    assert trend._texts([(-784.5, unknown), (-784.7, unknown), (unknown, unknown)]) == ["−784.50", "−784.70", "–"]
+    assert trend._texts([(2.0, 0.011), (2.0, 0.011)]) == ["2.000 ± 0.011"] * 2

@@ -25,7 +25,7 @@ def trend(
         ),
     ],
     *,
-    out: Annotated[Path, typer.Option(help="Page to write.")] = Path("trend.html"),
+    out: Annotated[Path, typer.Option(help="Page to write, or a folder for trend.html.")] = Path("trend.html"),
     json: JsonOption = None,
 ) -> None:
     """Compare several results: every figure and fitted number, side by side and as a curve.
@@ -36,6 +36,7 @@ def trend(
 
     if len(results) < _FEWEST:
         raise InputError("RESULTS", f"{len(results)} folder", f"at least {_FEWEST} folders of results")
+    out = out if out.suffix else out / "trend.html"
     require_file(out)
     read = [read_trend_result(folder) for folder in results]
     write_trend(out, read)

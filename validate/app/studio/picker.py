@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -131,7 +132,9 @@ class Picker:
         }
 
     def write(self, capture: str, marks: Sequence[Any]) -> dict[str, Any]:
-        """Write the marked corners to points.csv in the capture's folder; an existing file stays.
+        """Write the marked corners to points.csv and name it in capture.toml.
+
+        An existing points.csv stays, and so does a capture.toml with a table of geometry.
 
         Parameters
         ----------
@@ -141,7 +144,7 @@ class Picker:
         Returns
         -------
         dict
-            Path of the file, and the lines that capture.toml needs to use it.
+            Path of the file, the lines that capture.toml needs to use it, and whether they were added there.
 
         Raises
         ------
@@ -160,7 +163,8 @@ class Picker:
             rows.writerow((name, *(f"{value:.2f}" for value in position_mm), *(f"{value:.3f}" for value in image)))
         with replacing(path) as temporary:
             temporary.write_text(text.getvalue(), encoding="utf-8")
-        return {"path": str(path), "lines": f'[geometry]\npoints = "{_FILE}"'}
+        lines = f'[geometry]\npoints = "{_FILE}"'
+        return {"path": str(path), "lines": lines, "added": _add_table(picture.folder / "capture.toml", lines)}
 
     def _of(self, capture: str) -> _Picture:
         folder = path_of_name(self._root, capture, "capture")
@@ -179,6 +183,16 @@ class Picker:
             without_points = capture.manifest.model_copy(update={"geometry": None, "target": ()})
             calibration = calibrate(replace(capture, manifest=without_points))
         return _Picture(folder, calibration.photograph, capture.scene, scene_corners(capture.scene))
+
+
+def _add_table(manifest: Path, lines: str) -> bool:
+    """Add a table to a manifest without geometry; returns whether it did."""
+    text = manifest.read_text(encoding="utf-8")
+    if "geometry" in tomllib.loads(text):
+        return False
+    with replacing(manifest) as temporary:
+        temporary.write_text(f"{text.rstrip()}\n\n{lines}\n", encoding="utf-8")
+    return True
 
 
 def _points(picture: _Picture, marks: Sequence[Any]) -> SurveyedPoints:

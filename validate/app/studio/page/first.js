@@ -39,12 +39,14 @@ function fieldOf({ where, key, example, why }, number) {
     offer();
     attempt(check);
   });
-  const alike = () => [...document.querySelectorAll(`input[data-key="${key}"]`)].filter((other) => other !== input && !other.value);
+  const table = where.split(" ")[0];
+  const alike = () => [...document.querySelectorAll(`input[data-key="${key}"]`)].filter((other) =>
+    other !== input && !other.value && other.dataset.where.startsWith(table));
   const repeat = make("button", { type: "button", class: "small", hidden: "" });
   const offer = () => {
     const count = alike().length;
     repeat.hidden = !input.value || !count;
-    repeat.textContent = `The same ${key} in ${count} empty ${count === 1 ? "field" : "fields"}`;
+    repeat.textContent = `The same in ${count} empty ${count === 1 ? "field" : "fields"} of ${table}`;
   };
   repeat.addEventListener("click", () => {
     for (const other of alike()) {

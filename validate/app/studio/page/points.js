@@ -148,8 +148,9 @@ $("remove").addEventListener("click", () => {
   draw();
 });
 $("write").addEventListener("click", () => attempt(async () => {
-  const { path, lines } = await ask("write");
-  $("saved").textContent = `Written: ${path}. capture.toml needs: ${lines.replace("\n", " ")}`;
+  const { path, lines, added } = await ask("write");
+  const text = lines.replace("\n", " ");
+  $("saved").textContent = `Written: ${path}. ` + (added ? `Added to capture.toml: ${text}` : `capture.toml needs: ${text}`);
 }));
 attempt(async () => {
   const found = await (await fetch("api/places")).json();
