@@ -11,18 +11,26 @@ INSTALLED := $(VENV)/.installed
 TYPECHECK := build/typecheck
 TESTS ?= tests
 
-.PHONY: demo test lint oldest newest
+.PHONY: demo test lint style types suite oldest newest
 
 demo: $(INSTALLED)
 	$(BIN)/cbox demo
 
-test: lint
+test: style
+	@# types are checked in one process: tests have the other core meanwhile
+	$(MAKE) --no-print-directory --jobs=2 types suite
+
+suite: $(INSTALLED)
 	@# two test processes share the cores
 	OMP_NUM_THREADS=1 $(BIN)/pytest
 
-lint: $(INSTALLED)
+lint: style types
+
+style: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: $(INSTALLED)
 	@# the rooms are packages inside cboxlab, which mypy sees only in a tree of that shape
 	@rm -rf $(TYPECHECK) && mkdir -p $(TYPECHECK)/cboxlab
 	@ln -s $(CURDIR)/cboxlab/* $(CURDIR)/scenes $(CURDIR)/calibration $(TYPECHECK)/cboxlab

@@ -107,7 +107,7 @@ def _files(path: Path, file: SceneFile) -> tuple[Path, ...]:
 def _read(path: Path) -> SceneFile:
     """Content of a scene file; InputError with all faults of its keys."""
     packaged = packaged_scenes()
-    hint = suggestion(str(path), packaged) or f"packaged scenes: {', '.join(packaged)}"
+    hint = suggestion(str(path), packaged) or f"Packaged scenes: {', '.join(packaged)}"
     content = read_toml(path, "a scene file in TOML", hint)
     try:
         return SceneFile.model_validate(content)

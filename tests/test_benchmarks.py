@@ -67,7 +67,7 @@ def test_blind_scores():
     )
     pair = row | {"kind": "pair", "truth": {"gloss": {}, "haze": {}}, "selected": ["gloss"]}
     rows = [alone, accompanied, grouped, wrong, missed, pair]
-    assert [scores.named(r) for r in rows] == [True, True, True, False, False, False]
+    assert [scores.is_right(r) for r in rows] == [True, True, True, False, False, False]
     assert [scores.exact(r) for r in rows] == [True, False, True, False, False, False]
     outside = row | {"kind": "outside", "truth": {"stain": {}}}
     assert scores.exact(outside | {"selected": ["unknown"]})

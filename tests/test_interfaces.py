@@ -25,7 +25,7 @@ def sentences(tree):
     ]
 
 
-def named(path):
+def relative(path):
     return str(path.relative_to(ROOT))
 
 
@@ -33,7 +33,7 @@ def speaks_of_the_command_line(text):
     return bool(re.search(r"(^|[^-\w])--[a-z]|`cbox ", text))
 
 
-@pytest.mark.parametrize("path", LIBRARY, ids=named)
+@pytest.mark.parametrize("path", LIBRARY, ids=relative)
 def test_only_commands_speak_of_options_and_commands(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     results = [(node.lineno, node.value) for node in sentences(tree) if speaks_of_the_command_line(node.value)]
@@ -54,7 +54,7 @@ def test_what_counts_as_the_command_line(text, speaks):
     assert speaks_of_the_command_line(text) is speaks
 
 
-@pytest.mark.parametrize("path", MODULES, ids=named)
+@pytest.mark.parametrize("path", MODULES, ids=relative)
 def test_long_lists_of_arguments_go_by_name(path):
     functions = [
         node

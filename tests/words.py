@@ -101,6 +101,9 @@ def _names(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
             yield line, "nameless", name
     definitions = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     defined = [(node.lineno, node.name) for node in ast.walk(tree) if isinstance(node, definitions)]
+    for line, name in defined:
+        if name.strip("_") in NAMELESS:
+            yield line, "nameless", f"{name}()"
     for line, name in (*names, *defined):
         if name not in EXEMPT_NAMES and BANNED.search(name.replace("_", " ")):
             yield line, "banned", f"name {name}"

@@ -31,7 +31,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from blind_places import BOXES, INSTRUMENTS, scene_of
-from blind_scores import named, print_tables, summary
+from blind_scores import is_right, print_tables, summary
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.chain.stages import PHOTOGRAPHED, stages_between
@@ -160,7 +160,7 @@ def code_state(root: Path = Path(__file__).parents[2]) -> str:
     return digest.hexdigest()[:12]
 
 
-def drawn(
+def random_effect(
     name: str,
     strength: str,
     generator: np.random.Generator,
@@ -259,7 +259,7 @@ def run(case: Case) -> dict[str, Any] | None:
     elif case.names:
         scale = strengths(case.laboratory, case.box, case.instrument)
         for name in case.names:
-            effect = drawn(name, case.strength, generator, scale, site.scene, bands)
+            effect = random_effect(name, case.strength, generator, scale, site.scene, bands)
             if effect is None:
                 return None
             effects.append(effect)
@@ -382,7 +382,7 @@ def main() -> None:
         with options.results.open("a") as lines:
             lines.write(json.dumps(row, default=str) + "\n")
         print(
-            f"{case.key} -> {', '.join(row['selected']) or 'adequate'} {'right' if named(row) else 'WRONG'} "
+            f"{case.key} -> {', '.join(row['selected']) or 'adequate'} {'right' if is_right(row) else 'WRONG'} "
             f"chi2 {row['chi2_per_dof']:.3f}, {row['seconds']:.0f} s",
             flush=True,
         )

@@ -55,7 +55,7 @@ def diagnosed(case: Case, effects: tuple[AppliedEffect, ...]) -> Diagnosis:
         return diagnose(validate_capture(load_capture(path), model))
 
 
-def stated(limit: Limit) -> dict[str, Any]:
+def limit_record(limit: Limit) -> dict[str, Any]:
     """What a report states of an effect that it did not find."""
     names = ("effect", "parameter", "unit", "distance", "chi2_per_sample", "visible", "beside_errors")
     return {"choices": dict(limit.choices), **{name: getattr(limit, name) for name in names}}
@@ -108,7 +108,7 @@ def main() -> None:
         sound = diagnosed(case(0), ())
         if sound.selected:
             sys.exit(f"the sound capture shows {', '.join(sound.selected)}")
-        keep(effect="", limits=[stated(limit) for limit in sound.limits])
+        keep(effect="", limits=[limit_record(limit) for limit in sound.limits])
     part, parts = (int(n) for n in options.part.split("/"))
     for index, limit in enumerate(next(row["limits"] for row in rows if not row["effect"])):
         if index % parts != part - 1:

@@ -121,11 +121,11 @@ def _ball_and_mesh(folder: Path) -> tuple[list[Entry], list[Any]]:
 
 
 def _two(left: str, right: str, rest: str, blocks: str, lamps: list[tuple[float, float, float, float]]):  # type: ignore[no-untyped-def]
-    def made(folder: Path) -> tuple[list[Entry], list[Any]]:
+    def room_and_quads(folder: Path) -> tuple[list[Entry], list[Any]]:
         ceiling, quads = _ceiling(rest, lamps)
         return [*_room(left, right, rest), ceiling, *_blocks(blocks)], quads
 
-    return made
+    return room_and_quads
 
 
 def _one_block(folder: Path) -> tuple[list[Entry], list[Any]]:

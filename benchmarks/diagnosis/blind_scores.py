@@ -20,7 +20,7 @@ import numpy as np
 from cboxlab.validation.synthetic.strengths import STRENGTHS
 from scipy.stats import binomtest
 
-__all__ = ["exact", "named", "print_tables", "summary", "with_groups"]
+__all__ = ["exact", "is_right", "print_tables", "summary", "with_groups"]
 
 Row: TypeAlias = Mapping[str, Any]
 
@@ -38,7 +38,7 @@ _OTHER_KINDS = {
 _BINS = (0.0, 0.5, 0.8, 0.95, 1.01)
 
 
-def named(row: Row) -> bool:
+def is_right(row: Row) -> bool:
     """Whether the answer names what is hidden: the effect first, or its group; each of several; nothing, or a block
     where it really stands, next to its survey; unknown first, of a made cause its family too."""
     if row["kind"] == "none":
@@ -59,7 +59,7 @@ def exact(row: Row) -> bool:
         for effect in row["selected"]
         if row["kind"] in ("single", "pair", "triple") and not set(row["truth"]) & with_groups(row, [effect])
     ]
-    return named(row) and not others and (row["kind"] != "outside" or row["selected"] == ["unknown"])
+    return is_right(row) and not others and (row["kind"] != "outside" or row["selected"] == ["unknown"])
 
 
 def with_groups(row: Row, names: Sequence[str]) -> set[str]:
@@ -84,7 +84,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     with_probability = [r for r in rows if r["selected"] and "probability" in r]
     return {
         "captures": len(rows),
-        "right": {name: _count(part, named) for name, part in parts.items()},
+        "right": {name: _count(part, is_right) for name, part in parts.items()},
         "exact": {name: _count(part, exact) for name, part in parts.items()},
         "places": _count(placed, lambda r: bool(r["place"])),
         "numbers": [sum(numbers), len(numbers)],

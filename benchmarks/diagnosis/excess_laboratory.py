@@ -247,7 +247,7 @@ def grid(lab: Laboratory) -> tuple[Stack, Stack]:
 def of_scene(maker: made_causes.Maker) -> Maker:
     """A cause of ``made_causes`` that changes scene or camera."""
 
-    def made(draw: Draw, lab: Laboratory) -> Made:
+    def build(draw: Draw, lab: Laboratory) -> Made:
         cause = maker(draw, lab.scene, lab.camera)
         total: Any = 0.0
         for picture_seen, camera, weight in cause.pictures:
@@ -261,7 +261,7 @@ def of_scene(maker: made_causes.Maker) -> Maker:
         truth = Truth(cause.truth.family, cause.truth.centre_px, cause.truth.surface)
         return truth, per_rate(lab, total), {}
 
-    return made
+    return build
 
 
 def moved_bands(lab: Laboratory, by: Stack) -> Stack:

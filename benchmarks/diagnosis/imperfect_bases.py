@@ -22,7 +22,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from blind_diagnosis import drawn
+from blind_diagnosis import random_effect
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings, over_field, scene_light
 from cboxlab.rendering.effects import AppliedEffect, Effect, catalogue
@@ -193,7 +193,7 @@ def run(case: Case, size: int, laboratories: int, draws: int) -> Row | None:
     strength = _WEAK if case.kind == "weak" else STRENGTHS["medium"]
     for name in case.names:
         scale = partial(_relative_strength, laboratory, size, strength / STRENGTHS["medium"])
-        effect = drawn(name, "medium", draw, scale, SCENE, tuple(settings.filters))
+        effect = random_effect(name, "medium", draw, scale, SCENE, tuple(settings.filters))
         if effect is None:
             return None
         effects.append(effect)
@@ -231,7 +231,7 @@ def _row(case: Case, effects: Sequence[AppliedEffect], diagnosis: Diagnosis) -> 
     }
 
 
-def named(row: Row) -> bool:
+def is_right(row: Row) -> bool:
     """Whether all effects of a capture are selected, each or in a group with what cannot be distinguished."""
     groups = [set(group) for group in row["groups"]]
     return all(
@@ -267,7 +267,7 @@ def tables(rows: Sequence[Row]) -> list[str]:
         of = [r for r in rows if r["kind"] == kind]
         right = [b for r in of for b in numbers_right(r)]
         lines.append(
-            f"{kind}: named {sum(map(named, of))} of {len(of)}, "
+            f"{kind}: named {sum(map(is_right, of))} of {len(of)}, "
             f"with a false name {sum(map(bool, map(false_names, of)))}, "
             f"numbers within {_SIGMAS} standard deviations {sum(right)} of {len(right)}"
         )
@@ -280,7 +280,7 @@ def tables(rows: Sequence[Row]) -> list[str]:
     sure = [r for r in weak if r["ranking"][0][0] != "unknown" and r["ranking"][0][3] >= 0.9 and r["selected"]]
     lines.append(f"weak causes outside the catalogue: an effect at 0.9 or more {len(sure)} of {len(weak)}")
     for row in rows:
-        wrong = not named(row) or false_names(row) or (row["kind"] == "none" and "unknown" in row["selected"])
+        wrong = not is_right(row) or false_names(row) or (row["kind"] == "none" and "unknown" in row["selected"])
         if (wrong and row["kind"] != "weak") or row in sure or not all(numbers_right(row)):
             first = row["ranking"][0]
             lines.append(

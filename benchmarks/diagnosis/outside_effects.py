@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 __all__ = ["KEPT_BACK", "OUTSIDE"]
 
 
-def _places(light: Light) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _position(light: Light) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(y, x) row and column, 0 to 1 over the image."""
     rows, columns = np.indices(light.signal.shape[1:])
     return rows / light.signal.shape[1], columns / light.signal.shape[2]
@@ -26,27 +26,27 @@ _ROOM = {"floor", "ceiling", "back", "left", "right"}
 
 
 def _stain(light: Light, amount: float, row: float, column: float) -> Light:
-    v, u = _places(light)
+    v, u = _position(light)
     spot = np.exp(-((v - row) ** 2 + (u - column) ** 2) / (2 * 0.05**2))
     return light.with_signal(light.signal * (1 - amount * spot))
 
 
 def _fringes(light: Light, amount: float, row: float, column: float) -> Light:
-    v, u = _places(light)
+    v, u = _position(light)
     waves = 6 + 10 * row
     return light.with_signal(light.signal * (1 + amount * np.sin(2 * np.pi * waves * (v + column * u))))
 
 
 def _seam(light: Light, amount: float, row: float, column: float) -> Light:
     """Light of the room through a seam between two walls."""
-    _, u = _places(light)
+    _, u = _position(light)
     mean = np.median(light.signal, axis=(1, 2))[:, None, None]
     return light.with_signal(light.signal + amount * mean * np.exp(-np.abs(u - 0.2 - 0.6 * column) / 0.03))
 
 
 def _corner_glow(light: Light, amount: float, row: float, column: float) -> Light:
     """An amplifier that glows at a corner of the sensor."""
-    v, u = _places(light)
+    v, u = _position(light)
     away = np.hypot(v - round(row), u - round(column))
     mean = np.median(light.signal, axis=(1, 2))[:, None, None]
     return light.with_signal(light.signal + amount * mean * np.exp(-away / 0.15))
@@ -73,7 +73,7 @@ def _tilted_sensor(light: Light, amount: float, row: float, column: float) -> Li
     """Sharp on one side of the image only."""
     from scipy.ndimage import gaussian_filter
 
-    _, u = _places(light)
+    _, u = _position(light)
     share = amount * np.abs(u - round(column)) ** 2
     return light.with_signal(
         (1 - share) * light.signal + share * gaussian_filter(light.signal, (0, 0.8, 0.8), mode="nearest")
@@ -127,7 +127,7 @@ def _sensor_dust(light: Light, amount: float, row: float, column: float) -> Ligh
     """Seven soft shadows of dust that came to the sensor after the flats."""
     from scipy.ndimage import gaussian_filter
 
-    draw, (v, u) = np.random.default_rng(int(1e6 * row)), _places(light)
+    draw, (v, u) = np.random.default_rng(int(1e6 * row)), _position(light)
     shadow = np.zeros_like(v)
     for _ in range(7):
         centre, radius, depth = draw.uniform(0.05, 0.95, 2), draw.uniform(0.015, 0.035), draw.uniform(0.3, 1.0)
@@ -149,7 +149,7 @@ def _shiny_plate(light: Light, amount: float, row: float, column: float) -> Ligh
 
 def _band_fringes(light: Light, amount: float, row: float, column: float) -> Light:
     """Rings of interference in one filter."""
-    (v, u), signal = _places(light), light.signal.copy()
+    (v, u), signal = _position(light), light.signal.copy()
     away = np.hypot(v - 0.3 - 0.4 * column, u - 0.5)
     signal[int(row * len(signal))] *= 1 + 5 * amount * np.sin(2 * np.pi * (25 * away**2 + 8 * column))
     return light.with_signal(signal)

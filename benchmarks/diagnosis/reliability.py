@@ -42,7 +42,7 @@ class Stated(NamedTuple):
     right: bool
 
 
-def stated(row: Row) -> Iterator[Stated]:
+def stated_probabilities(row: Row) -> Iterator[Stated]:
     """The probabilities that a row states, without those of nothing."""
     base = str(row.get("flaw", "none"))
     if "ranking" in row:
@@ -80,7 +80,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", nargs="+", type=Path)
     rows = [json.loads(line) for path in parser.parse_args().results for line in path.read_text().splitlines()]
-    answers = [answer for row in rows for answer in stated(row)]
+    answers = [answer for row in rows for answer in stated_probabilities(row)]
     print(f"{len(rows)} captures.")
     for of in ("effect", _UNKNOWN):
         for name, flawed in (("perfect bases", False), ("flawed bases", True)):

@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from blind_diagnosis import drawn
+from blind_diagnosis import random_effect
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
@@ -65,7 +65,7 @@ def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], str
     camera, settings = perturbed_camera(SIZE_PX, seed), CaptureSettings()
     scale = scale_of(Model(), camera, settings, seed)
     box, bands = photographed_scene(Model()), settings.band_ids
-    effect = drawn(truth, strength, np.random.default_rng(seed), scale, box, bands)
+    effect = random_effect(truth, strength, np.random.default_rng(seed), scale, box, bands)
     if effect is None:
         print(f"{truth}: cannot be so strong", flush=True)
         return True

@@ -256,7 +256,7 @@ def verdict_of(subject: str, constant: DecisionConstant | None, cache: Path | No
 
         baseline, candidate = subject.split(PAIR)
         outcome = regress_inputs(baseline, candidate)
-        return ", ".join(["same" if outcome.same else "different", *(change.change for change in outcome.named[:1])])
+        return ", ".join(["same" if outcome.same else "different", *(change.change for change in outcome.changes[:1])])
     records = [suspicion.record for suspicion in cboxlab.calibrate(subject).calibration.suspicions]
     first = "; ".join(sorted(f"{record['where']}: {record['what']}" for record in records)) or "no suspicion"
     if constant is not None and constant.path.startswith("calibration/"):

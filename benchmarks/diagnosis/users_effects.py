@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 from blind_diagnosis import Case, run
-from blind_scores import named
+from blind_scores import is_right
 from cboxlab.rendering.effects import catalogue
 from cboxlab.validation.app.commands.effect_picture import pictured_light, write_effect_picture
 
@@ -32,7 +32,7 @@ def main() -> None:
             for seed, name in enumerate(names, 500):
                 row = run(Case("single", (name,), "medium", seed))
                 assert row is not None, f"{name} cannot be so strong"
-                right.append(named(row))
+                right.append(is_right(row))
                 picture = Path(folder) / f"{name}.png"
                 write_effect_picture(picture, catalogue()[name], pictured_light())
                 print(

@@ -31,7 +31,7 @@ from cboxlab.calibration.result import calibrate
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.capture_checks import with_scene_checks
 
-__all__ = ["named", "suspicions_of"]
+__all__ = ["suspicions_of", "verdict_on"]
 
 
 def suspicions_of(folder: Path) -> list[str]:
@@ -47,7 +47,7 @@ def suspicions_of(folder: Path) -> list[str]:
         return [f"CRASH: {type(crash).__name__}: {crash}"]
 
 
-def named(mistake: Mistake, source: Path, others: tuple[Path, ...], seed: int) -> tuple[str, list[str]]:
+def verdict_on(mistake: Mistake, source: Path, others: tuple[Path, ...], seed: int) -> tuple[str, list[str]]:
     """("+", "~" or "-", what was suspected) of a mistake made in a copy of a capture; "" where it cannot be made."""
     with tempfile.TemporaryDirectory() as scratch:
         draft = Draft(source, Path(scratch) / "capture", others)
@@ -76,7 +76,7 @@ def main() -> None:
         for number, mistake in enumerate(MISTAKES):
             if not re.search(options.only, mistake.name):
                 continue
-            mark, suspicions_found = named(mistake, source, others, options.seed + 100 * number)
+            mark, suspicions_found = verdict_on(mistake, source, others, options.seed + 100 * number)
             counts[mark] += 1
             record.setdefault(mistake.name, {})[source.name] = {"mark": mark, "suspicions": suspicions_found}
             if mark in ("~", "-"):

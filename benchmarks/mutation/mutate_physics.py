@@ -196,15 +196,15 @@ def mutants_of(file: str) -> list[Mutant]:
     for line in lines:
         starts.append(starts[-1] + len(line))
 
-    def place(number: int, column: int) -> int:
+    def offset(number: int, column: int) -> int:
         """Of a character; columns are counted in bytes."""
         return starts[number - 1] + len(lines[number - 1].encode()[:column].decode())
 
     results = []
     functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
     for node in (node for function in functions for node in _arithmetic(function)):
-        start = place(node.lineno, node.col_offset)
-        text = source[start : place(node.end_lineno or 0, node.end_col_offset or 0)]
+        start = offset(node.lineno, node.col_offset)
+        text = source[start : offset(node.end_lineno or 0, node.end_col_offset or 0)]
         results += [Mutant(file, node.lineno, kind, text, mutated, start) for kind, mutated in _changes(node)]
     return list({mutant.name: mutant for mutant in results}.values())
 

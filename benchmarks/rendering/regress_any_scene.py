@@ -221,7 +221,7 @@ def judged(outcome: Outcome, names: set[str]) -> str:
         return "same"
     if "pattern" in names and outcome.cancelling:
         return "right"
-    first = outcome.named[0]
+    first = outcome.changes[0]
     if first.change == UNKNOWN or not first.fits:
         return "unknown" if names else "right"
     return "right" if first.change in names else "wrong"
@@ -237,7 +237,7 @@ def spoilt(scenes: list[str], folder: Path) -> None:
             outcome = regress_inputs(baseline, rendered(scene, 2, SPOILT_SAMPLES, folder / "candidate.exr", work))
             verdict = judged(outcome, names)
             counts[verdict] += 1
-            said = ", ".join(f"{n.change} {n.probability:.2f}" for n in outcome.named[:2])
+            said = ", ".join(f"{n.change} {n.probability:.2f}" for n in outcome.changes[:2])
             print(f"{name:10s} {kind:13s} {verdict:8s} {said} ({time.perf_counter() - start:.0f} s)", flush=True)
     print(", ".join(f"{verdict} {count}" for verdict, count in counts.items()))
 

@@ -215,7 +215,7 @@ def across_renderers(pairs: int) -> None:
     pools_by_renderer, rng = pools(["mitsuba", "radiance", "raysect"]), np.random.default_rng(2027)
     wrong, failed, total = dict[tuple[str, str], int](), 0, dict[tuple[str, str], int]()
 
-    def drawn(name: str) -> Side:
+    def random_side(name: str) -> Side:
         pictures, blank = pools_by_renderer[name]
         four = pictures[rng.choice(POOL, BATCHES, replace=False)]
         mean, variance = four.mean(axis=0), four.var(axis=0, ddof=1) / BATCHES
@@ -223,7 +223,7 @@ def across_renderers(pairs: int) -> None:
 
     for _ in range(pairs):
         first_name, other = sorted(rng.choice(list(pools_by_renderer), 2, replace=False).tolist())
-        first, second = drawn(first_name), drawn(other)
+        first, second = random_side(first_name), random_side(other)
         total[first_name, other] = total.get((first_name, other), 0) + 1
         wrong[first_name, other] = wrong.get((first_name, other), 0) + (not regress_sides(first, second)[0].same)
         failed += not pixel_rule(first, second)
@@ -255,7 +255,7 @@ def power(seeds: int, size: int) -> None:
             outcome = regress_sides(baseline, candidate)[0]
             detected += not outcome.same
             failed += not pixel_rule(baseline, candidate)
-            sigmas.append(abs(outcome.whole.statistic))
+            sigmas.append(abs(outcome.picture_mean.statistic))
             flips.append(mean_flip(baseline, candidate))
         usual = max(flips) if index == 0 else usual
         print(

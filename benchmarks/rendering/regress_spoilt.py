@@ -225,7 +225,7 @@ def main() -> None:
             start = time.perf_counter()
             seeds = 1000 + 20 * number + 2 * run
             outcome = regress_pictures(noisy(clean(), seeds), noisy(picture(size), seeds + 1), view)
-            first = outcome.named[0] if outcome.named else None
+            first = outcome.changes[0] if outcome.changes else None
             if outcome.same or first is None:
                 verdict = "same"
             elif "pattern" in names and outcome.cancelling:

@@ -86,7 +86,7 @@ def without(dataset: cboxlab.Dataset, lamps: list[str]) -> cboxlab.Dataset:
     rows = [
         row
         for number, row in enumerate(dataset.index)
-        if not {lamp["spectrum"] for lamp in dataset.drawn(number)["lamps"]} & set(lamps)
+        if not {lamp["spectrum"] for lamp in dataset.drawn_values(number)["lamps"]} & set(lamps)
     ]
     return cboxlab.Dataset(dataset.folder, tuple(rows))
 

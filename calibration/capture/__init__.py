@@ -21,13 +21,13 @@ if TYPE_CHECKING:
         TargetTable,
         split_channel,
     )
-    from .manifest_faults import nearest
     from .mosaic import (
         band_channels,
         brighter_channel_notes,
         channel_lattice,
         channel_letters,
         channel_mask,
+        channel_of_filter,
         checked_pattern,
         chosen_channel_notes,
         file_mosaic_notes,
@@ -53,12 +53,12 @@ __all__ = [
     "channel_lattice",
     "channel_letters",
     "channel_mask",
+    "channel_of_filter",
     "checked_pattern",
     "chosen_channel_notes",
     "draft_manifest",
     "file_mosaic_notes",
     "load_capture",
-    "nearest",
     "pattern_rows",
     "shares_frames",
     "split_channel",

@@ -10,6 +10,7 @@ import numpy as np
 from cboxlab.scenes import NAMED_CAMERA
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import suggestion
 from cboxlab.utils.input_files import kind_of
 from PIL import Image, UnidentifiedImageError
 
@@ -17,7 +18,6 @@ from ..frame_readers import MissingPackageError
 from .frames import check_frame, split_name
 from .labels import read_labels
 from .manifest import CameraTable, NoiseTable, TargetTable, channel_letters, example_of, is_channel
-from .manifest_faults import nearest
 from .reduction import mosaic_side
 from .whole_manifest import Manifest
 
@@ -84,7 +84,7 @@ def _consistency_faults(path: Path, manifest: Manifest) -> Iterator[InputError]:
                     f"{path}: {key.removesuffix('s')}[{index}].band",
                     f"'{table.band}'",
                     f"one of {', '.join(dict.fromkeys(band_ids))}",
-                    nearest(table.band, band_ids),
+                    suggestion(table.band, band_ids),
                 )
     exposures = [dark.exposure_s for dark in manifest.darks]
     for index, exposure in enumerate(exposures):
@@ -305,7 +305,7 @@ def _check_spectrum(
             f"{path}: {key}",
             f"no column '{column}' in {name}",
             f"one of {', '.join(spectra)}",
-            nearest(column, spectra),
+            suggestion(column, spectra),
         )
 
 

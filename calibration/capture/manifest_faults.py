@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import LIST_OF_FAULTS, expectation, shown
+from cboxlab.utils.faults import LIST_OF_FAULTS, expectation, suggestion, value_text
 from cboxlab.utils.input_files import parse_toml, read_text
 from pydantic import BaseModel, ValidationError
 
@@ -17,30 +17,11 @@ from .file_facts import with_file_facts
 from .manifest import example_of
 from .whole_manifest import Manifest
 
-__all__ = ["checked_keys", "nearest", "raise_faults", "read_manifest"]
+__all__ = ["checked_keys", "raise_faults", "read_manifest"]
 
 
 #: Faults listed in one message: more would hide the first ones.
 _MAX_FAULTS_LISTED = 20
-
-
-def nearest(word: str, candidates: Iterable[str]) -> str:
-    """Hint with the candidate most similar to a word.
-
-    Parameters
-    ----------
-    word
-        The unknown word.
-    candidates
-        The words that are allowed.
-
-    Returns
-    -------
-    str
-        "Did you mean ...?"; empty if none is similar.
-    """
-    close = difflib.get_close_matches(word, list(candidates), 1)
-    return f"Did you mean '{close[0]}'?" if close else ""
 
 
 def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
@@ -108,8 +89,8 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
         return InputError(where, "nothing", "this key", f"Add it, such as {example}" if example else "Add it.")
     if error["type"] == "extra_forbidden":
         keys = list(_table_at(location[:-1]).model_fields)
-        return InputError(where, "an unknown key", f"one of {', '.join(keys)}", nearest(str(location[-1]), keys))
-    return InputError(where, shown(error["input"]), expectation(error))
+        return InputError(where, "an unknown key", f"one of {', '.join(keys)}", suggestion(str(location[-1]), keys))
+    return InputError(where, value_text(error["input"]), expectation(error))
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:

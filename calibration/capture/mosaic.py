@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
 from ..frame_readers import frame_header
@@ -18,6 +19,7 @@ __all__ = [
     "channel_lattice",
     "channel_letters",
     "channel_mask",
+    "channel_of_filter",
     "checked_pattern",
     "chosen_channel_notes",
     "file_mosaic_notes",
@@ -29,6 +31,8 @@ __all__ = [
 _BLUE_TO_GREEN_NM = 490.0
 #: Wavelength at which their green and red sensitivities cross, nm.
 _GREEN_TO_RED_NM = 580.0
+#: Share of the chosen channel's light from which another channel is worth its pixels: it lowers the noise by 10 %.
+_GOOD_PART = 0.2
 
 
 def channel_mask(pattern: str, shape: tuple[int, int], channel: str) -> NDArray[np.bool_]:
@@ -115,8 +119,7 @@ def band_channels(capture: Capture) -> dict[str, str] | None:
     """
     if capture.manifest.mosaic is None:
         return None
-    pattern = capture.manifest.mosaic.pattern
-    return {band.id: band.channel or _band_channel(capture, band, pattern) for band in capture.manifest.band}
+    return {band.id: band.channel or channel_of_filter(capture, band) for band in capture.manifest.band}
 
 
 def chosen_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -> list[str]:
@@ -132,26 +135,72 @@ def chosen_channel_notes(capture: Capture, channels: Mapping[str, str] | None) -
     Returns
     -------
     list
-        One sentence; empty if every band states its channel, and without a mosaic.
+        One sentence, and another one on channels that are left out; empty if every band states its channel, and without
+        a mosaic.
     """
     if channels is None:
         return []
     selected = [f"{band.id} {channels[band.id]}" for band in capture.manifest.band if band.channel is None]
-    return [f"no channel of the mosaic is stated, so the bands see: {', '.join(selected)}"] if selected else []
+    if not selected:
+        return []
+    notes = [f"no channel of the mosaic is stated, so the bands see: {', '.join(selected)}"]
+    if others := _further_channels(capture, channels):
+        notes.append(
+            f"further channels see these filters: {', '.join(others)}. A further [[band]] of the same frames with "
+            'channel = "..." uses their pixels'
+        )
+    return notes
 
 
-def _band_channel(capture: Capture, band: BandTable, pattern: str) -> str:
+def _further_channels(capture: Capture, channels: Mapping[str, str]) -> list[str]:
+    """Bands with the letters of other channels worth their pixels, by stated efficiencies."""
+    mosaic, others = capture.manifest.mosaic, []
+    if mosaic is None or capture.manifest.camera.quantum_efficiency is None:
+        return []
+    for band in capture.manifest.band:
+        if band.channel is None and band.transmittance is not None:
+            filter_curve = capture.light(band.transmittance)
+            light = {letter: _in_band(capture, filter_curve, letter) for letter in channel_letters(mosaic.pattern)}
+            used = channels[band.id]
+            further = [each for each in light if each != used and light[each] > _GOOD_PART * light[used] > 0]
+            others += [f"{band.id} {' '.join(further)}"] if further else []
+    return others
+
+
+def _in_band(capture: Capture, filter_curve: Spectrum, channel: str) -> float:
+    """Response of a channel within a filter's pass band, in any scale."""
+    efficiency = capture.quantum_efficiency(channel)
+    return 0.0 if efficiency is None else float(np.sum(efficiency.at(filter_curve.wavelength_nm) * filter_curve.values))
+
+
+def channel_of_filter(capture: Capture, band: BandTable) -> str:
+    """Channel of a mosaic that suits a band's filter best, see ``band_channels``.
+
+    Parameters
+    ----------
+    capture
+        A capture with a mosaic.
+    band
+        One of its bands; the channel that it states does not count.
+
+    Returns
+    -------
+    str
+        Letter of the channel.
+
+    Raises
+    ------
+    ValueError
+        Without a mosaic.
+    """
+    if capture.manifest.mosaic is None:
+        raise ValueError("the sensor has no mosaic")
+    pattern = capture.manifest.mosaic.pattern
     if band.transmittance is None:
         return _brightest_channel(capture, band, pattern)
     filter_curve = capture.light(band.transmittance)
     if capture.manifest.camera.quantum_efficiency is not None:
-        grid = filter_curve.wavelength_nm
-
-        def in_band(channel: str) -> float:
-            efficiency = capture.quantum_efficiency(channel)
-            return 0.0 if efficiency is None else float(np.sum(efficiency.at(grid) * filter_curve.values))
-
-        return max(channel_letters(pattern), key=in_band)
+        return max(channel_letters(pattern), key=lambda channel: _in_band(capture, filter_curve, channel))
     peak = filter_curve.wavelength_nm[np.argmax(filter_curve.values)]
     usual = "B" if peak < _BLUE_TO_GREEN_NM else "R" if peak > _GREEN_TO_RED_NM else "G"
     return usual if usual in pattern else _brightest_channel(capture, band, pattern)

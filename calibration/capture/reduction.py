@@ -204,7 +204,7 @@ class Reduction:
 
 
 def _about_neighbours(pixels: NDArray, side: int, step: int) -> NDArray[np.float64]:
-    """Variances about the gradients that the neighbouring blocks of the same channel show, or none.
+    """Variances of blocks about the gradients of their neighbours, or about none.
 
     The smaller counts: next to an edge the neighbours lie beyond it.
     pixels : (height, n, width, n), ``step`` px apart in blocks of ``side`` px. Returns (height, width), 0 for n = 1.
@@ -223,7 +223,7 @@ def _about_neighbours(pixels: NDArray, side: int, step: int) -> NDArray[np.float
 
 
 def _slope_of_neighbours(means: NDArray[np.float64], axis: int, step: int, side: int) -> NDArray[np.float64]:
-    """(height, width) slope per pixel through the blocks ``step`` before and after each; 0 at the border."""
+    """(height, width) slope per pixel through the blocks before and after each; 0 at the border."""
     slope = np.zeros_like(means)
     size = means.shape[axis]
     if size > 2 * step:

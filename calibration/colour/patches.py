@@ -27,6 +27,7 @@ from ..detector import Linearity
 from ..instrument import Mask
 from ..radiometry import response_curve
 from .chart import find_chart
+from .joined_channels import BandColumns, joined_channels
 from .shading import PatchPixels, Shading, fit_shading
 
 __all__ = ["PatchTable", "band_filter", "measure_patches", "patch_levels", "patch_pixels", "white_patch"]
@@ -322,17 +323,21 @@ def measure_patches(
         columns.append(ratio * white_reflectance[index])
         spreads.append(spread * white_reflectance[index])
     reflectance, sigma = np.stack(columns, axis=1), np.stack(spreads, axis=1)
-    offset = np.zeros(len(capture.band_ids))
-    if len(capture.band_ids) >= 3 and np.all(np.isfinite(reflectance)):
+    joined = joined_channels(capture, BandColumns(capture.band_ids, reflectance, sigma, filters, white_reflectance))
+    names, reflectance, sigma = joined.bands, joined.reflectance, joined.sigma
+    filters, white_reflectance = joined.filters, joined.white
+    notes += joined.notes
+    offset = np.zeros(len(names))
+    if len(names) >= 3 and np.all(np.isfinite(reflectance)):
         reflectance, sigma, offset, darkest = _subtract_offsets(reflectance, sigma, white_reflectance)
-        offsets_text = ", ".join(f"{b} {o:+.3f}" for b, o in zip(capture.band_ids, offset, strict=True))
+        offsets_text = ", ".join(f"{b} {o:+.3f}" for b, o in zip(names, offset, strict=True))
         notes.append(
             f"patches: '{labels[darkest].name}' was assumed spectrally neutral; offsets subtracted "
             f"(above 0: stray light; below 0: unexplained): {offsets_text}"
         )
     return PatchTable(
         labels,
-        capture.band_ids,
+        names,
         reflectance,
         sigma,
         offset,

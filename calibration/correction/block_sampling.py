@@ -67,7 +67,7 @@ def sampling_variance(
 
 
 def _line_of_medians(sums: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) scatter by noise, linear in the sums: most blocks see no edge, but all of a few groups may."""
+    """(y, x) scatter by noise, linear in the sums, from medians: most blocks see no edge."""
     from scipy.stats import theilslopes  # slow to import, rarely needed
 
     groups = np.array_split(np.argsort(sums, axis=None), _LEVELS)

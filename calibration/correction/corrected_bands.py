@@ -11,7 +11,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_dilation
 
-from ..capture import BandTable, Capture, channel_mask
+from ..capture import BandTable, Capture, channel_mask, shares_frames
 from ..instrument import Mask, band_images
 from .black_level import black_level
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
@@ -24,6 +24,9 @@ from .nominal_fall_off import LensAxis, nominal_flat, with_pixel_scatter
 from .picture_noise import pixel_scatter
 
 __all__ = ["CorrectedBands", "correct_bands"]
+
+#: Relative noise of a flat's pixel from which its channel sees too little light: dark pixels are then masked by chance.
+_FAINT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,8 @@ class CorrectedBands(FrozenMappings):
     merged: Mapping[str, MergedFrames] = field(default_factory=dict)
     #: Stated exposure times that do not fit the counts; where one is at fault, it was left out.
     exposure_findings: tuple[ExposureFinding, ...] = ()
+    #: Bands of a mosaic's channels that see too little of their filter's light, next to others of the same frames.
+    faint: frozenset[str] = frozenset()
 
     def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Further variance by which the bands' errors of a pixel's sensitivity count as independent.
@@ -141,6 +146,26 @@ def _channel_masks(capture: Capture, channels: Mapping[str, str] | None) -> dict
     if channels is None or mosaic is None:
         return dict.fromkeys(bands)
     return {band: channel_mask(mosaic.pattern, capture.shape, channels[band]) for band in bands}
+
+
+def _faint_bands(
+    capture: Capture,
+    channels: Mapping[str, str] | None,
+    flats: Mapping[str, FlatField],
+    of_channel: Mapping[str, NDArray[np.bool_] | None],
+) -> frozenset[str]:
+    """Bands whose flat is noise, while another channel of the same frames is not."""
+    clear = []
+    for band, flat in flats.items():
+        pixels = of_channel[band]
+        spread = flat.relative_variance if pixels is None else flat.relative_variance[pixels]
+        if float(np.median(spread)) <= _FAINT**2:
+            clear.append(band)
+    return frozenset(
+        band
+        for band in flats
+        if band not in clear and any(shares_frames(capture, channels, band, other) for other in clear)
+    )
 
 
 def _nominal_flats(
@@ -266,7 +291,8 @@ def correct_bands(
         for band in manifest.band
         if len(merged_tables(capture, band)) > 1
     }
-    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()})
+    cell = capture.cell or (1, 1)
+    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()}, cell)
     merged: dict[str, MergedFrames] = {}
     for band in manifest.band:
         flat = flats[band.id]
@@ -284,6 +310,12 @@ def correct_bands(
         corrected.append(frames)
         masks.append(mask)
         notes += [note for note in (flat.note, dark.note(band.exposure_s)) if note is not None]
+    faint = _faint_bands(capture, channels, flats, of_channel)
+    if faint:
+        notes.append(
+            f"{', '.join(band for band in capture.band_ids if band in faint)}: these channels see too little through "
+            "their filters; the scale and the checks of frames leave them out"
+        )
     merged = {band: each for band, each in merged.items() if len(each.tables) > 1}
     if merged:
         times = "; ".join(
@@ -309,5 +341,5 @@ def correct_bands(
     if channels is not None:
         images = images.assign_coords(channel=("band", [channels[band] for band in capture.band_ids]))
     return CorrectedBands(
-        images, coefficients, flats, tuple(dict.fromkeys(notes)), nominal_axis, scatter, merged, findings
+        images, coefficients, flats, tuple(dict.fromkeys(notes)), nominal_axis, scatter, merged, findings, faint
     )

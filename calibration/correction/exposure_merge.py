@@ -27,7 +27,14 @@ from .correction import CorrectedFrames, FlatField, correct
 from .dark import DarkLibrary
 from .noise import NoiseModel
 
-__all__ = ["Exposure", "MergedFrames", "exposures_of", "merge_exposures", "merged_tables"]
+__all__ = [
+    "Exposure",
+    "MergedFrames",
+    "exposures_of",
+    "merge_exposures",
+    "merged_tables",
+    "neighbourhood_mean",
+]
 
 #: Standard deviations of noise below saturation that the neighbours of a pixel must keep: noise exceeds it once in 1e9.
 _SATURATION_SIGMAS = 6.0
@@ -49,6 +56,8 @@ class Exposure:
     frames: CorrectedFrames
     #: (y, x) True where it can be used.
     unsaturated: NDArray[np.bool_]
+    #: Relative standard deviation of its repeats' levels, noise included; NaN without repeats.
+    repeatability: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +144,20 @@ def exposures_of(
         sigma = float(np.sqrt(noise.variance(capture.saturation_dn) / len(table.frames)))
         near = capture.frames(table).mean(axis=0) >= capture.saturation_dn - _SATURATION_SIGMAS * sigma
         unsaturated = ~binary_dilation(near, neighbours) & ~binary_dilation(frames.saturated, spread)
-        exposures.append(Exposure(table, table.exposure_s / tables[0].exposure_s, frames, unsaturated))
+        ratio = table.exposure_s / tables[0].exposure_s
+        repeatability = _repeatability(capture, table, dark, unsaturated)
+        exposures.append(Exposure(table, ratio, frames, unsaturated, repeatability))
     return tuple(exposures)
+
+
+def _repeatability(
+    capture: Capture, table: BandTable | BracketTable, dark: DarkLibrary, usable: NDArray[np.bool_]
+) -> float:
+    """Relative standard deviation of the levels of repeats; NaN without repeats or light."""
+    level = (capture.frames(table) - dark.at(table.exposure_s))[:, usable].sum(axis=1)
+    if len(level) < 2 or not level.mean() > 0:
+        return float("nan")
+    return float(level.std(ddof=1) / level.mean())
 
 
 def merge_exposures(exposures: Sequence[Exposure], cell: tuple[int, int] = (1, 1)) -> MergedFrames:
@@ -165,7 +186,7 @@ def merge_exposures(exposures: Sequence[Exposure], cell: tuple[int, int] = (1, 1
     merged = np.sum(used * signals, axis=0) / np.sum(used * a, axis=0)
     weights = np.zeros_like(signals)
     for _ in range(_ROUNDS):
-        level = np.maximum(_neighbourhood_mean(merged, ~saturated, cell), 0.0)
+        level = np.maximum(neighbourhood_mean(merged, ~saturated, cell), 0.0)
         variance = terms[:, 0] + terms[:, 1] * a * level
         inverse = used / variance
         weights = inverse * a / np.sum(inverse * a**2, axis=0)
@@ -181,10 +202,25 @@ def merge_exposures(exposures: Sequence[Exposure], cell: tuple[int, int] = (1, 1
     return MergedFrames(CorrectedFrames(merged, coefficients, saturated), tables, ratios, weights)
 
 
-def _neighbourhood_mean(
+def neighbourhood_mean(
     signal: NDArray[np.float64], good: NDArray[np.bool_], cell: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """(y, x) mean over good pixels of the same channel nearby, else the pixel itself."""
+    """Mean over good pixels of the same channel nearby.
+
+    Parameters
+    ----------
+    signal
+        (y, x) signal.
+    good
+        (y, x) True for pixels that count.
+    cell
+        (height, width) of one repeat of the mosaic, px.
+
+    Returns
+    -------
+    NDArray
+        (y, x) mean, or the pixel itself where none is good.
+    """
     result = signal.copy()
     height, width = cell
     for row in range(height):

@@ -50,7 +50,7 @@ def _commonest(pattern: str) -> str:
     return max(letters, key=letters.count)
 
 
-def _place(target: TargetTable) -> BoardPlace | None:
+def _board_place(target: TargetTable) -> BoardPlace | None:
     """Place of a board in the box; None where it is not stated."""
     if target.origin_mm is None or target.right is None or target.down is None:
         return None
@@ -84,7 +84,7 @@ def _views(capture: Capture) -> _Views:
             stored = step * (k * corners + (k - 1) / 2) + [column, row]
             views.points.append((world, stored if capture.reduction is None else capture.reduction.positions(stored)))
             views.names.append(name)
-            views.board_places.append(_place(target))
+            views.board_places.append(_board_place(target))
     return views
 
 

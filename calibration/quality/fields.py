@@ -66,7 +66,7 @@ def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -
     if not uneven or len(uneven) < SMALLEST_SHARE * len(surfaces):
         return
     ranges = [_range(surface) for surface in uneven]
-    brightest, darkest = _places(np.mean(uneven, axis=0))
+    brightest, darkest = _extremes(np.mean(uneven, axis=0))
     yield Suspicion(
         "flats and references show fields of different shape (an uneven flat field or reference, or light from aside)",
         "flat, reference",
@@ -119,7 +119,7 @@ def _range(surface: NDArray[np.float64]) -> float:
     return float(np.ptp(surface))
 
 
-def _places(surface: NDArray[np.float64]) -> tuple[str, str]:
+def _extremes(surface: NDArray[np.float64]) -> tuple[str, str]:
     """Words for the places of the largest and the smallest mean over thirds of the picture.
 
     A surface that varies along rows much more than along columns, or the reverse, has them at its sides.

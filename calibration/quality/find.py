@@ -89,6 +89,7 @@ def find_suspicions(
         For a faulty frame.
     """
     stacks = read_stacks(capture, dict(channels) if channels is not None else None)
+    stacks = tuple(stack for stack in stacks if stack.band not in bands.faint)
     suspicions = [
         *already,
         *check_numbers(capture),

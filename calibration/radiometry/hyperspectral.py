@@ -14,12 +14,13 @@ import numpy as np
 import xarray as xr
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import suggestion
 from cboxlab.utils.numbers import whole_number_of
 from cboxlab.utils.table import Table
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ..capture import Capture, nearest
+from ..capture import Capture
 from ..correction import CorrectedBands
 from ..instrument import Mask
 from .registration import Registration, move, register
@@ -164,7 +165,7 @@ def region_mask(capture: Capture, region: str) -> NDArray[np.bool_]:
         raise InputError("region", f"'{region}' without [labels] in the capture", "u0,v0,u1,v1 in pixels")
     names = {label.name: label.label for label in capture.label_names()}
     if region not in names:
-        raise InputError("region", f"'{region}'", f"one of {', '.join(names)}", nearest(region, names))
+        raise InputError("region", f"'{region}'", f"one of {', '.join(names)}", suggestion(region, names))
     return np.asarray(capture.labels() == names[region], np.bool_)
 
 

@@ -162,6 +162,8 @@ def measure_constant(
         return _free_constant(capture)
     notes, constants = [], []
     for table in capture.manifest.reference:
+        if table.band in bands.faint:
+            continue
         channel = None if channels is None else channels[table.band]
         reference = _reference_constant(capture, table, bands, dark, noise, channel)
         if reference is None:

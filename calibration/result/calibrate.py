@@ -221,9 +221,11 @@ def _with_chart_sensitivities(capture: Capture, bands: CorrectedBands, noise: No
 def _chain(
     capture: Capture, patches: PatchTable | None, colour: ColourStudy | None, responses: Sequence[BandResponse] | None
 ) -> ChainCheck | None:
-    """The check of the colour chain; None where patches, lamp or weights are missing."""
+    """The check of the colour chain; None without patches of every band, lamp or weights."""
     lamp = capture.manifest.lamp
     if patches is None or colour is None or responses is None or lamp is None:
+        return None
+    if patches.bands != capture.band_ids:
         return None
     weights = colour.weights[colour.recommended]
     return check_chain(patches, weights, responses, capture.light(lamp.radiance), capture.label_reflectances())

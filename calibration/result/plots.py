@@ -23,6 +23,31 @@ _DOTS_PER_INCH = 110
 _MOST_NAMED = 16
 
 
+#: Margins of the figures, inches: left for numbers and a label, right, below the same, and above for a title.
+_MARGINS_INCH = (0.9, 0.15, 0.75, 0.35)
+
+#: Space between two rows of axes, and between columns, as parts of the axes: for a title, or for numbers and a label.
+_BETWEEN_AXES = (0.12, 0.35)
+
+
+def _new_figure(width_inch: float, height_inch: float) -> Figure:
+    """Empty figure with fixed margins.
+
+    A layout engine would draw every figure once more to measure its letters.
+    """
+    figure = Figure(figsize=(width_inch, height_inch))
+    left, right, bottom, top = _MARGINS_INCH
+    figure.subplots_adjust(
+        left=left / width_inch,
+        right=1 - right / width_inch,
+        bottom=bottom / height_inch,
+        top=1 - top / height_inch,
+        hspace=_BETWEEN_AXES[0],
+        wspace=_BETWEEN_AXES[1],
+    )
+    return figure
+
+
 def _save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=_DOTS_PER_INCH, metadata={"Software": None})
 
@@ -37,7 +62,7 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
     path
         File to write (PNG).
     """
-    figure = Figure(figsize=(7, 5), layout="constrained")
+    figure = _new_figure(7, 5)
     axes = figure.subplots()
     noise, capture = calibration.noise, calibration.capture
     charge = np.geomspace(0.5, capture.saturation_dn, 200)
@@ -73,7 +98,7 @@ def plot_dark(calibration: Calibration, path: Path) -> None:
     path
         File to write (PNG).
     """
-    figure = Figure(figsize=(7, 5), layout="constrained")
+    figure = _new_figure(7, 5)
     axes = figure.subplots()
     dark, fit = calibration.dark, calibration.sensor.dark_fit
     if fit is not None:
@@ -105,7 +130,7 @@ def plot_filters(calibration: Calibration, path: Path) -> None:
     weights, responses, colour_study = calibration.weights, calibration.responses, calibration.colour
     if weights is None or responses is None or colour_study is None:
         raise ValueError("the calibration has no filter weights")
-    figure = Figure(figsize=(8, 8), layout="constrained")
+    figure = _new_figure(8, 8)
     top, bottom = figure.subplots(2, 1, sharex=True)
     largest = max(float(response.response.max()) for response in responses)
     for response in responses:
@@ -137,7 +162,7 @@ def plot_response(responses: Sequence[ResponseSeries], path: Path) -> None:
         File to write (PNG).
     """
     keys = [key for key in LAWS if any(s.key == key for s in responses)]
-    figure = Figure(figsize=(4.2 * len(keys), 6), layout="constrained")
+    figure = _new_figure(4.2 * len(keys), 6)
     rows = figure.subplots(2, len(keys), sharex="col", squeeze=False, height_ratios=(3, 1))
     for key, top, bottom in zip(keys, rows[0], rows[1], strict=True):
         law = LAWS[key]
@@ -179,7 +204,7 @@ def plot_curve(calibration: Calibration, path: Path) -> None:
     curve = calibration.sensor.curve
     if curve is None:
         raise ValueError("the calibration has no curve")
-    figure = Figure(figsize=(7, 6), layout="constrained")
+    figure = _new_figure(7, 6)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     top.plot(curve.knot_count, curve.knot_value, color="black", label="calibration curve")
     start = 0

@@ -30,7 +30,7 @@ class InputError(ValueError):
     ...     cboxlab.load_scene("cornel-box")
     ... except cboxlab.InputError as error:
     ...     print(error.where, "/", error.found, "/", error.hint)
-    cornel-box / no such file / did you mean 'cornell-box'?
+    cornel-box / no such file / Did you mean 'cornell-box'?
     """
 
     def __init__(self, where: str | Path, found: str, expected: str, hint: str = "") -> None:

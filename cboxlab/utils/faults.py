@@ -18,9 +18,9 @@ __all__ = [
     "faults_of_validation",
     "path_inside",
     "referred",
-    "shown",
     "suggestion",
     "validated",
+    "value_text",
 ]
 
 Content = TypeVar("Content", bound=BaseModel)
@@ -122,13 +122,13 @@ def suggestion(name: str, candidates: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``"did you mean 'x'?"`` for the most similar candidate, else for the only one that contains the name; empty if
+        ``"Did you mean 'x'?"`` for the most similar candidate, else for the only one that contains the name; empty if
         there is none.
     """
     names = list(candidates)
     containing = [other for other in names if len(name) >= _SHORTEST_PART and name in other]
     near = difflib.get_close_matches(name, names, n=1) or (containing if len(containing) == 1 else [])
-    return f"did you mean '{near[0]}'?" if near else ""
+    return f"Did you mean '{near[0]}'?" if near else ""
 
 
 def path_inside(folder: Path, name: str, where: str | Path) -> Path:
@@ -228,7 +228,7 @@ def _fault(path: Path, details: dict[str, Any], model: type[BaseModel]) -> Input
         return InputError(where, "an unknown key", f"one of {', '.join(keys)}", hint)
     if kind == "missing":
         return InputError(where, "nothing", "a value: this key is required")
-    return InputError(where, shown(value), expectation(details))
+    return InputError(where, value_text(value), expectation(details))
 
 
 def expectation(details: Mapping[str, Any]) -> str:
@@ -256,7 +256,7 @@ def expectation(details: Mapping[str, Any]) -> str:
     return "a value as the documentation of this file describes it"
 
 
-def shown(value: object) -> str:
+def value_text(value: object) -> str:
     """A value of a file in at most 80 characters.
 
     Parameters

@@ -165,12 +165,15 @@ def replacing_folder(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If `path` exists and is not an empty folder: existing files are not overwritten.
+        If `path` exists and is not an empty folder, since existing files are not overwritten. If it is the current
+        folder.
     """
     path = Path(path)
     exists_error = InputError(path, "something that exists already", "a new or empty folder", "Name another one.")
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise exists_error
+    if path.resolve() == Path.cwd():  # it cannot be replaced
+        raise InputError(path, "the current folder", "a new or empty folder", "Name another one.")
     temporary = Path(tempfile.mkdtemp(prefix=_temporary_prefix(path), dir=path.parent))
     try:
         yield temporary

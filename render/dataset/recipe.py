@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import combined, shown, suggestion, validated
+from cboxlab.utils.faults import combined, suggestion, validated, value_text
 from cboxlab.utils.input_files import read_toml
 from cboxlab.utils.limits import MAX_CUBE_VALUES
 from numpy.typing import NDArray
@@ -415,7 +415,7 @@ def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder:
         try:
             low_and_high = numbers(value).support
         except ValueError as fault:
-            return [InputError(f"{where}.{name}", shown(value), str(fault))]
+            return [InputError(f"{where}.{name}", value_text(value), str(fault))]
         for number, end in enumerate(ends):
             end[name] = low_and_high[number % 2]
     try:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 from ..perturbation import Coat, PatchLight, Reflection, fresnel, with_albedo, with_reflection
 from .effect import Effect, Parameter, index_of
 
@@ -32,7 +32,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
     coat = Coat(specular, roughness)
     cosine = np.linspace(0.02, 1.0, 50)
     reflected = coat.albedo(cosine)
-    passed = 1 - specular * np.array(fresnel(mi.Float(cosine.astype(np.float32))))
+    passed = 1 - specular * np.array(fresnel(device_array(mi.Float, cosine)))
     through = 1 - specular * _DIFFUSE_FRESNEL
 
     def albedo(rho: NDArray, base: NDArray | float, mirrored: NDArray | float) -> NDArray:
@@ -50,7 +50,7 @@ def _apply(light: PatchLight, material: str, specular: float, roughness: float) 
 
     # an opaque number is not part of a kernel's code, so one kernel serves all values
     held_back = dr.opaque(mi.Float, through)
-    table = mi.Float(reflected.astype(np.float32))
+    table = device_array(mi.Float, reflected)
 
     def means(cosine_in: mi.Float) -> tuple[mi.Float, mi.Float]:
         row = dr.clip((cosine_in - cosine[0]) / (cosine[1] - cosine[0]), 0, len(cosine) - 1.001)

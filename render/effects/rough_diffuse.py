@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..device import dr, mi
+from ..device import device_array, dr, mi
 from ..perturbation import PatchLight, Reflection, with_albedo, with_reflection
 from .effect import Effect, Parameter, index_of
 
@@ -64,7 +64,7 @@ def _apply(light: PatchLight, material: str, sigma_rad: float) -> PatchLight:
         backward = dr.maximum(across, 0) / dr.maximum(dr.maximum(incoming.z, outgoing.z), 1e-6)
         return constant + back * dr.select((sine_in > 0) & (sine_out > 0), backward, 0)
 
-    table = mi.Float(lobe.astype(np.float32))
+    table = device_array(mi.Float, lobe)
 
     def means(cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
         row = dr.clip((cosine - _COSINES[0]) / (_COSINES[1] - _COSINES[0]), 0, len(_COSINES) - 1.001)

@@ -90,7 +90,7 @@ class Declared:
     #: Layer of channels R, G, B that is the picture, where a file holds several; None if not declared.
     layer: str | None = None
 
-    def given(self) -> set[str]:
+    def declared_fields(self) -> set[str]:
         """Names of the fields that are declared.
 
         Returns
@@ -141,7 +141,7 @@ class DeclaredPair:
             Those of this file, and those of both that it lacks.
         """
         single = self.by_file[index]
-        return replace(self.both, **{name: getattr(single, name) for name in single.given()})
+        return replace(self.both, **{name: getattr(single, name) for name in single.declared_fields()})
 
     def require_used(
         self, used: tuple[Iterable[str], Iterable[str]], file_values: tuple[Mapping[str, str], Mapping[str, str]]
@@ -294,18 +294,18 @@ def with_declarations(
     """
     used = tuple(used)
     names = [name for name in used if getattr(declared, name) is not None]
-    applied = [f"{_KEYS[n]} as declared: {_shown(getattr(declared, n))}" for n in names]
+    applied = [f"{_KEYS[n]} as declared: {_value_text(getattr(declared, n))}" for n in names]
     noted = with_notes(dataset, [*notes, *applied])
     of_file = dict(file_values or {})
     if "wavelength" in dataset.coords:
         of_file["wavelengths_nm"] = tuple(map(float, np.atleast_1d(dataset["wavelength"].values)))
     if "units" in of_file:
         of_file.setdefault("scale", 1.0)
-    others = {name: of_file[name] for name in declared.given() & set(of_file) - set(used)}
+    others = {name: of_file[name] for name in declared.declared_fields() & set(of_file) - set(used)}
     agreeing = [name for name, value in others.items() if _agrees(name, getattr(declared, name), value)]
     if names or agreeing:
         noted = noted.assign_attrs({_USED: ",".join([*names, *agreeing])})
-    differing = {name: _shown(value) for name, value in others.items() if name not in agreeing}
+    differing = {name: _value_text(value) for name, value in others.items() if name not in agreeing}
     return noted.assign_attrs({_STATED: json.dumps(differing)}) if differing else noted
 
 
@@ -324,7 +324,7 @@ def _agrees(name: str, declared: object, file_values: object) -> bool:
     return first_nm.shape == second_nm.shape and bool(np.allclose(first_nm, second_nm, rtol=1e-6, atol=0))
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     """A declared value in a message; of wavelengths their number and range."""
     if isinstance(value, tuple):
         return f"{len(value)} from {min(value):g} to {max(value):g} nm"
@@ -385,11 +385,11 @@ def require_used(
         If every file states another value, or has no such property.
     """
     otherwise = file_values or {}
-    for name in sorted(declared.given() - set(used)):
+    for name in sorted(declared.declared_fields() - set(used)):
         allowed = "none: no file needs it"
         if name in otherwise:
             allowed = f"{otherwise[name]}, or none: the file states it itself"
-        raise InputError(f"declared {which}{_KEYS[name]}", _shown(getattr(declared, name)), allowed)
+        raise InputError(f"declared {which}{_KEYS[name]}", _value_text(getattr(declared, name)), allowed)
 
 
 def scaled(values: NDArray, factor: float) -> NDArray:

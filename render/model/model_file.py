@@ -12,7 +12,7 @@ import tomli_w
 from cboxlab.scenes import Scene, cornell_box
 from cboxlab.scenes.scene_file import load_scene, packaged_scenes
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import validated
+from cboxlab.utils.faults import suggestion, validated
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_toml
 from pydantic import BaseModel, ConfigDict, Field
@@ -144,7 +144,9 @@ def load_model(path_or_name: str | Path) -> Model:
     if str(path_or_name) in packaged_scenes():
         return Model(load_scene(path_or_name), name=str(path_or_name))
     path = Path(path_or_name)
-    content = read_toml(path, "a model file in TOML")
+    names = packaged_scenes()
+    hint = suggestion(str(path), names) or f"Packaged scenes: {', '.join(names)}"
+    content = read_toml(path, "a model or scene file in TOML", hint)
     if content.get("format") == "scene/1":
         scene = load_scene(path)
         return Model(scene, name=scene.name)

@@ -71,7 +71,7 @@ class PartLight:
             **dict(zip(("x", "y"), self.chromaticity.tolist(), strict=True)),
             **dict(zip(("x_sigma", "y_sigma"), self.chromaticity_sigma.tolist(), strict=True)),
         }
-        return {**{name: _known(value) for name, value in values.items()}, "pixels": self.pixels}
+        return {**{name: _finite_or_none(value) for name, value in values.items()}, "pixels": self.pixels}
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +235,7 @@ class Photometry(FrozenMappings):
             Range of wavelengths, observer, and the light of surfaces, lamps and picture; None for what is not known.
         """
         surfaces = {
-            name: {**light.to_dict(), "illuminance_lx": _known(self.illuminance(name))}
+            name: {**light.to_dict(), "illuminance_lx": _finite_or_none(self.illuminance(name))}
             for name, light in self.surfaces.items()
         }
         grid = self.wavelength_nm
@@ -251,6 +251,6 @@ class Photometry(FrozenMappings):
         }
 
 
-def _known(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     """A finite value, else None."""
     return value if np.isfinite(value) else None

@@ -24,7 +24,7 @@ def rays(origin, direction):
     return mi.Ray3f(mi.Point3f(origin.T.astype(np.float32)), mi.Vector3f(direction.T.astype(np.float32)))
 
 
-def asked(accelerator, ray, active=True):
+def hit_of(accelerator, ray, active=True):
     """Whether each ray meets anything, the distance, the triangle, its barycentric coordinates (2, n)."""
     dr.make_opaque(ray)  # a length is not part of a kernel's code
     hit = accelerator.ray_intersect_preliminary(ray, coherent=False, active=mi.Bool(active))
@@ -39,7 +39,7 @@ def blocked_by(accelerator, ray, **how):
 
 
 def differing(first, other, normals, direction):
-    """(n,) whether two answers of ``asked`` differ by more than rounding, off the plane that is met."""
+    """(n,) whether two answers of ``hit_of`` differ by more than rounding, off the plane that is met."""
     (hit, t, *_), (hit_tree, t_tree, triangle, _) = first, other
     met = hit & hit_tree
     angle = np.abs(np.einsum("ij,ij->i", normals[triangle % len(normals)], direction))

@@ -64,7 +64,7 @@ def laboratory(patterns, truth, seed=4, scale=1.0):
     return linearised, {h.effect.id: signature(predictor, (), everywhere, h) for h in hypotheses_by_name}
 
 
-def taken(linearised, candidates, *names):
+def fitted_together(linearised, candidates, *names):
     """Candidates of these names, fitted together."""
     start = [Candidate(candidates[name].hypothesis, {"amount": 0.1}, {}, 0.0, np.zeros(COUNT + 11)) for name in names]
     return refitted_together(linearised, start)

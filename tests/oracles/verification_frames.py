@@ -60,7 +60,7 @@ class Cells:
     measured: NDArray
     predicted: NDArray
 
-    def chosen(self, keep: NDArray[np.bool_]) -> Cells:
+    def selected_by(self, keep: NDArray[np.bool_]) -> Cells:
         """Those for which ``keep`` holds."""
         return Cells(*(values[keep] for values in vars(self).values()))
 
@@ -214,7 +214,7 @@ STEPS = {
 
 def split(cells: Cells) -> tuple[float, float]:
     """Relative error, rms: the part common to all exposures of a patch in a band, and what is left next to it."""
-    strong_cells = cells.chosen(cells.strong & ~cells.clipped & (cells.measured >= FAINTEST_DN))
+    strong_cells = cells.selected_by(cells.strong & ~cells.clipped & (cells.measured >= FAINTEST_DN))
     error = np.log(strong_cells.predicted / strong_cells.measured)
     common, rest = [], []
     for key in set(zip(strong_cells.band.tolist(), strong_cells.patch.tolist(), strict=True)):

@@ -70,8 +70,8 @@ def test_two_lamps_in_one_ceiling_of_two_quads(tmp_path):
 
 BALL = '\n[[surface]]\nname = "ball"\nmaterial = "white"\n'
 FAULTS = {
-    "unknown key": (GOOD.replace("yaw_deg", "yaw_deq"), ["surface[1].box.yaw_deq", "did you mean 'yaw_deg'"]),
-    "unknown table": (GOOD + "[lamps]\n", ["lamps", "did you mean 'lamp'"]),
+    "unknown key": (GOOD.replace("yaw_deg", "yaw_deq"), ["surface[1].box.yaw_deq", "Did you mean 'yaw_deg'"]),
+    "unknown table": (GOOD + "[lamps]\n", ["lamps", "Did you mean 'lamp'"]),
     "lamp missing": (HEADER + WHITE + BLOCK, ["lamp", "required"]),
     "format": (GOOD.replace("scene/1", "scene/2"), ["format", "'scene/2'", "'scene/1'"]),
     "missing material": (
@@ -179,7 +179,7 @@ def test_all_faults_are_reported_at_once(tmp_path):
     message = fault(tmp_path, text)
     assert all(phrase in message for phrase in ("3 more", "7.5", "radiance -1", "surface[0]", "surface[1]", "'wite'"))
     message = fault(tmp_path, GOOD.replace("yaw_deg", "yaw").replace("hole", "whole"))
-    assert "did you mean 'yaw_deg'" in message and "did you mean 'hole'" in message
+    assert "Did you mean 'yaw_deg'" in message and "Did you mean 'hole'" in message
 
 
 @pytest.mark.parametrize(

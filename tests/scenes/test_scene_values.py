@@ -105,13 +105,13 @@ def test_a_moved_block_keeps_its_shape_and_turns_about_its_own_foot():
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda box: box.with_reflectance("rde", 0.5), "did you mean 'red'"),
+        (lambda box: box.with_reflectance("rde", 0.5), "Did you mean 'red'"),
         (lambda box: box.with_reflectance("red", [400, 700], [0.1, 1.2]), "from 0 to 1"),
         (lambda box: box.with_reflectance("red", [400, 700], [0.1]), "equal length"),
         (lambda box: box.with_reflectance("red", None), "a Spectrum, one number"),
         (lambda box: box.with_lamp([400, 700], [-1.0, 1.0]), "0 or more"),
         (lambda box: box.with_material("red"), "a Material"),
-        (lambda box: box.moved("tall-blok"), "did you mean 'tall-block'"),
+        (lambda box: box.moved("tall-blok"), "Did you mean 'tall-block'"),
         (lambda box: box.moved("tall-block", (1.0, 2.0)), "three finite mm"),
         (lambda box: box.moved("tall-block", "up"), "numbers"),
         (lambda box: box.write("room.json"), "'.toml'"),

@@ -13,7 +13,7 @@ from cboxlab.calibration.result import calibrate as calibrated
 from cboxlab.utils.table import Table
 
 from ..capture_checks import with_scene_checks
-from ..report import calibration_rows, colour_rows, patch_rows
+from .calibration_rows import calibration_rows, colour_rows, patch_rows
 from .inputs import CaptureLike, as_capture
 from .result import Result
 

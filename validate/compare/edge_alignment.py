@@ -75,7 +75,7 @@ class ObjectError:
     rms_after_px: float
 
     @property
-    def known(self) -> bool:
+    def determined(self) -> bool:
         """Whether enough samples determine the object's position."""
         return bool(np.isfinite(self.shift_mm).all())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from cboxlab.rendering.image import LightShares
@@ -59,8 +60,8 @@ class Part:
 class Failure(FrozenMappings):
     """An entry of the list."""
 
-    #: Description of the group of residuals.
-    words: str
+    #: Description of the group of residuals, which continues "the excess is ...".
+    label: str
     #: Share of the excess; above 1 if the excess of other residuals is negative.
     share_of_excess: float
     #: Share of the residuals, 0 to 1.
@@ -71,10 +72,21 @@ class Failure(FrozenMappings):
     kinds: Mapping[str, str]
 
     @property
+    def record(self) -> dict[str, Any]:
+        """The entry of ``failures`` in metrics.json."""
+        return {
+            "words": self.label,
+            "share_of_excess": self.share_of_excess,
+            "share_of_residuals": self.share_of_residuals,
+            "chi2_per_residual": self.chi2_per_residual,
+            "kinds": dict(self.kinds),
+        }
+
+    @property
     def sentence(self) -> str:
         """The entry as a sentence."""
         return (
-            f"{100 * self.share_of_excess:.0f} % of the excess χ² is {self.words}, "
+            f"{100 * self.share_of_excess:.0f} % of the excess χ² is {self.label}, "
             f"with {100 * self.share_of_residuals:.0f} % of the residuals "
             f"(mean χ² per residual {self.chi2_per_residual:.3g})."
         )

@@ -115,7 +115,7 @@ class Dataset(FrozenMappings):
         """
         return load_model(self.folder / self.index[number]["model"])
 
-    def drawn(self, number: int) -> dict[str, Any]:
+    def drawn_values(self, number: int) -> dict[str, Any]:
         """Values that were drawn for a picture's box.
 
         Parameters

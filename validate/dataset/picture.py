@@ -121,7 +121,7 @@ def _picture(
     median, high = relative_errors(changed, (_MEDIAN, _HIGH))
     data = {**_light(image, changes, scene), **geometry}
     cube = xr.Dataset(
-        {name: value for name, value in data.items() if name in _wanted(recipe)},
+        {name: value for name, value in data.items() if name in _variables(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
     )
     cube = cube.assign({name: rounded(value, recipe.picture.mantissa_bits) for name, value in cube.data_vars.items()})
@@ -142,7 +142,7 @@ def _picture(
     )
 
 
-def _wanted(recipe: Recipe) -> set[str]:
+def _variables(recipe: Recipe) -> set[str]:
     """Variables of every picture, and the truths that a recipe lists."""
     return {"radiance", "standard_error", "surface", "material", *recipe.picture.truths}
 

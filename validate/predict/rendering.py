@@ -33,6 +33,13 @@ _MAX_COMPLETED_BYTES = 300e6
 #: Most samples per batch: bounds the time where the noise cannot be reached.
 _MAX_SAMPLES = 8192
 
+#: Most rays of a picture, in all its batches, at a target of ``_USUAL_NOISE``: a minute of CPU time. Photographs of
+#: many megapixels have so little noise that a third of it would take hours.
+_MOST_RAYS = 2**28
+
+#: Target to which ``_MOST_RAYS`` belongs: the default of the settings. The limit grows as another target requires.
+_USUAL_NOISE = 0.3
+
 #: The error of scrambled Sobol' points falls as samples^-0.7 in these scenes (benchmarks/measured/history.md).
 CONVERGENCE = 0.7
 
@@ -73,7 +80,8 @@ def render_to_noise(
 ) -> tuple[RenderedImage, xr.Dataset, float]:
     """Render until the ratio of the rendering's noise to the sensor's is ``noise``.
 
-    The ratio is the median over samples. A pilot with few samples per batch determines their number.
+    The ratio is the median over samples. A pilot with few samples per batch determines their number. The time is
+    bounded: the ratio stays larger where the sensor has very little noise.
 
     Parameters
     ----------
@@ -116,10 +124,13 @@ def render_to_noise(
         first = image if image.coefficients.nbytes <= _MAX_COMPLETED_BYTES else None
         del image, bands  # the next picture has as many batches
     required = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
-    samples = int(np.clip(2 ** np.floor(np.log2(required)), PILOT_SAMPLES, _MAX_SAMPLES))
+    most = _MOST_RAYS / usable[0].size * (_USUAL_NOISE / noise) ** (1 / convergence)
+    largest = max(PILOT_SAMPLES, min(_MAX_SAMPLES, most / BATCHES))
+    samples = int(2 ** np.floor(np.log2(np.clip(required, PILOT_SAMPLES, largest))))
     expected = pilot * (PILOT_SAMPLES / samples) ** convergence
-    _log.info("%d samples per pixel and batch, for %.3g of the sensor's noise", samples, noise)
-    batches = int(np.ceil(BATCHES * max(1.0, expected / noise) ** 2))
+    batches = int(min(np.ceil(BATCHES * max(1.0, expected / noise) ** 2), max(BATCHES, most // samples)))
+    reached = expected * float(np.sqrt(BATCHES / batches))
+    _log.info("%d x %d samples per pixel, for %.3g of the sensor's noise", batches, samples, max(noise, reached))
     if first is not None and samples == PILOT_SAMPLES and batches > BATCHES:
         image = _completed(first, picture(samples, BATCHES, batches - BATCHES, progress))
         checkpoint()

@@ -2,7 +2,6 @@
 
 from .bands import named_bands
 from .blocks import ReportSection
-from .calibration_rows import calibration_rows, colour_rows, patch_rows
 from .diagnosis import (
     diagnosis_record,
     finding_sentences,
@@ -25,15 +24,12 @@ __all__ = [
     "PathStep",
     "ReportSection",
     "TrendResult",
-    "calibration_rows",
     "chi2_by_place",
-    "colour_rows",
     "comparison_figure",
     "correlation_section",
     "diagnosis_record",
     "finding_sentences",
     "named_bands",
-    "patch_rows",
     "path_steps",
     "picture_row",
     "ranked_values",

@@ -146,13 +146,17 @@ def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
 
 
 def _parameter_text(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
-    """Values of an effect with their standard deviations."""
+    """Values of an effect with standard deviations, and units that the names lack."""
+    units = {each.name: each.unit for each in effect.effect.parameters}
     parts = []
     for name, value in effect.values.items():
         if isinstance(value, str):
             parts.append(value)
-        else:
-            parts.append(f"{name} {with_error(value, sigma.get(name, np.nan))}")
+            continue
+        unit = units.get(name, "1")
+        is_in_name = not {"per", "seconds", unit.lower()}.isdisjoint(name.split("_"))
+        unit = "" if unit == "1" or is_in_name else f" {unit}"
+        parts.append(f"{name} {with_error(value, sigma.get(name, np.nan))}{unit}")
     return ", ".join(parts)
 
 

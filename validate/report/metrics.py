@@ -198,7 +198,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
             }
             for kind, rows in regions_of(c).items()
         },
-        "failures": [asdict(failure) for failure in run.failures],
+        "failures": [failure.record for failure in run.failures],
         "path": [asdict(step) for step in run.path or [PathStep((), c.chi2.per_dof, c.colour[HEADLINE.id].mean)]],
     }
     if run.free_scale is not None:

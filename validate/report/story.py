@@ -292,10 +292,11 @@ def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow
 
 
 def _size(diagnosis: Diagnosis, effect: str, alone: str) -> str:
-    """Parameters of an effect in the final model, or else those fitted alone."""
+    """Parameters of an effect in the final model, else in the ranking, else fitted alone."""
     last = diagnosis.path[-1]
     in_model = {e.id: values_text(e.id, e.values, sigma) for e, sigma in zip(last.effects, last.sigma, strict=True)}
-    return in_model.get(effect, alone)
+    in_ranking = {each.effect: ranked_values(each) for each in diagnosis.ranking}
+    return in_model.get(effect) or in_ranking.get(effect, alone)
 
 
 def _before_and_after(diagnosis: Diagnosis) -> Table:

@@ -134,10 +134,12 @@ def draw_effect(
     effect = possible[str(generator.choice(sorted(allowed or possible)))]
     if effect.stage == "settings":
         return apply_checked(effect.id, {}, "effects")
-    return AppliedEffect(effect, {p.name: _drawn(p, present, generator) for p in effect.parameters})
+    return AppliedEffect(effect, {p.name: _random_value(p, present, generator) for p in effect.parameters})
 
 
-def _drawn(parameter: Parameter, present: Mapping[Kind, Sequence[str]], generator: np.random.Generator) -> str | float:
+def _random_value(
+    parameter: Parameter, present: Mapping[Kind, Sequence[str]], generator: np.random.Generator
+) -> str | float:
     """A random value of a parameter, see `draw_effect`."""
     if parameter.choices:
         return str(generator.choice(present[parameter.kind] if parameter.kind else parameter.choices))

@@ -162,11 +162,11 @@ class _ReadoutAndCharge:
         """(y, x) counts of a frame after effects."""
         changed = after_stage(self._frames(frame, counts, self._dark(frame)), effects, "counts")
         frames = {"band": changed.scene, "flat": changed.flat, "reference": changed.reference}
-        indices = self._seen(frame)
+        indices = self._bands_of(frame)
         bands = [self.settings.bands[index] for index in indices]
         return interleaved(frames[frame.kind][indices], bands, self.settings.mosaic)
 
-    def _seen(self, frame: Frame) -> list[int]:
+    def _bands_of(self, frame: Frame) -> list[int]:
         """Indices of the bands that see a frame."""
         return [index for index, band in enumerate(self.settings.bands) if band.filter == frame.filter]
 
@@ -176,7 +176,7 @@ class _ReadoutAndCharge:
         shape = len(bands), *counts.shape
         stacks = {kind: np.full(shape, dark) for kind in ("band", "flat", "reference")}
         if frame.kind in stacks:
-            stacks[frame.kind][self._seen(frame)] = counts
+            stacks[frame.kind][self._bands_of(frame)] = counts
         level, exposure = np.full(len(bands), dark), np.full(len(bands), frame.exposure_s)
         minutes = ((frame.start_s or 0.0) + frame.exposure_s / 2) / 60.0
         return Counts(

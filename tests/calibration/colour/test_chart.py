@@ -22,7 +22,7 @@ UPRIGHT = np.array([[60.0, 50.0], [500.0, 70.0], [480.0, 370.0], [90.0, 340.0]])
 PEAKS_NM = {"blue": 450.0, "green": 545.0, "red": 610.0}
 
 
-def seen(corners, shape=(420, 560), noise_dn=5.0):
+def picture_of_chart(corners, shape=(420, 560), noise_dn=5.0):
     """A capture's bands with a chart in perspective on grey, and the true label of each pixel."""
     detector = cv2.mcc.CCheckerDetector.create()
     detector.setColorChartType(cv2.mcc.MCC24)
@@ -58,7 +58,7 @@ def bands_of(linear, names=("blue", "green", "red")):
 @pytest.mark.parametrize("turns", [0, 2])
 def test_each_patch_is_labelled_where_it_is(turns):
     """Nine tenths of every patch have its label, and no pixel has another patch's; also upside down."""
-    linear, truth = seen(np.roll(UPRIGHT, turns, axis=0))
+    linear, truth = picture_of_chart(np.roll(UPRIGHT, turns, axis=0))
     labels = find_chart(*bands_of(linear))
     for label in range(1, 25):
         of_patch = truth == label
@@ -67,7 +67,7 @@ def test_each_patch_is_labelled_where_it_is(turns):
 
 
 def test_no_chart_and_no_colours_are_said():
-    linear, _ = seen(UPRIGHT)
+    linear, _ = picture_of_chart(UPRIGHT)
     with pytest.raises(InputError, match="no chart of 24 patches that could be found"):
         find_chart(*bands_of(np.random.default_rng(2).uniform(900, 1100, linear.shape)))
     with pytest.raises(InputError, match="bands near 455, 545 and 610 nm"):

@@ -1,5 +1,7 @@
 """Several exposures of a band as one measurement: unbiased, of the stated variance, better than each alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tifffile
@@ -148,9 +150,9 @@ def test_brackets_at_another_aperture_are_not_merged(tmp_path):
     assert not corrected(tmp_path / "c").merged
 
 
-def series(generator, true_times, times):
+def series(generator, true_times, times, light=None):
     """Exposures of a field without files, as ``exposures_of`` returns them."""
-    light, exposures = ramp(20, 300 / max(times))[::4, ::4], []
+    light, exposures = ramp(20, 300 / max(times))[::4, ::4] if light is None else light, []
     for true, time in zip(true_times, times, strict=True):
         floor = (READ / GAIN) ** 2
         variance = floor + light * true / GAIN
@@ -160,6 +162,34 @@ def series(generator, true_times, times):
         table = BracketTable(band="a", frames=("a.tif",), exposure_s=time)
         exposures.append(Exposure(table, time / times[0], frames, np.ones(light.shape, bool)))
     return exposures
+
+
+def test_repeats_show_smaller_errors_and_bent_counts_are_none():
+    """4 % in one of three times is named with steady repeats, not without; a bend of 6 % at full scale never is."""
+    light = np.exp(np.add.outer(np.sin(np.arange(64) / 9), np.cos(np.arange(64) / 7)))
+    light *= 900 / light.max()
+    times, used = np.array([0.4, 0.8, 3.2]), {band: np.ones(light.shape, bool) for band in "abc"}
+
+    def findings(error, bend, repeatability, seed):
+        generator, exposures = np.random.default_rng(seed), {}
+        for band in used:
+            true = times * [1.0, 1.0 + error * (band == "a"), 1.0]
+            plain = series(generator, true, times, light)
+            exposures[band] = [
+                replace(
+                    each,
+                    frames=replace(each.frames, signal=each.frames.signal * (1 + bend * each.frames.signal / 2900)),
+                    repeatability=repeatability,
+                )
+                for each in plain
+            ]
+        return exposure_findings(exposures, used)
+
+    for seed in range(4):
+        assert [(f.band, f.index) for f in findings(0.04, 0.0, 5e-4, seed)] == [("a", 1)]
+        assert not findings(0.04, 0.0, float("nan"), seed)
+        assert not findings(0.0, -0.06, 5e-4, seed)
+        assert not findings(0.0, 0.06, 5e-4, seed)
 
 
 def test_no_false_alarm_in_two_hundred_sound_series():

@@ -53,7 +53,7 @@ def photographable(size):
     return RenderedImage(coefficients, LIGHT[None], WAVELENGTH_NM, coverage, np.array([0]), ("wall",))
 
 
-def named(original, tmp_path, reference="camera:nikon 5100 (npl)"):
+def capture_of(original, tmp_path, reference="camera:nikon 5100 (npl)"):
     folder = tmp_path / "capture"
     folder.mkdir()
     for part in ("frames", "spectra"):
@@ -69,7 +69,7 @@ def named(original, tmp_path, reference="camera:nikon 5100 (npl)"):
 
 
 def test_levels_come_from_the_references_and_colours_are_those_of_the_tables(original, tmp_path):
-    nominal, calibration = calibrate(load_capture(original)), calibrate(load_capture(named(original, tmp_path)))
+    nominal, calibration = calibrate(load_capture(original)), calibrate(load_capture(capture_of(original, tmp_path)))
     levels = {column[-1]: level for column, level in calibration.capture.channel_levels.items()}
     for letter, level in LEVELS.items():
         assert levels[letter] == pytest.approx(level / max(LEVELS.values()), rel=3e-3)
@@ -80,7 +80,7 @@ def test_levels_come_from_the_references_and_colours_are_those_of_the_tables(ori
 
 
 def test_without_references_the_levels_are_unknown(original, tmp_path):
-    folder = named(original, tmp_path)
+    folder = capture_of(original, tmp_path)
     path = folder / "capture.toml"
     path.write_text(re.sub(r"(?ms)^\[\[reference\]\]\n.*?(?=^\[)", "", path.read_text()))
     calibration = calibrate(load_capture(folder))
@@ -90,7 +90,7 @@ def test_without_references_the_levels_are_unknown(original, tmp_path):
 
 def test_an_unknown_camera_is_refused_with_those_that_are_known(original, tmp_path):
     with pytest.raises(InputError, match="camera:Nikon 5100"):
-        load_capture(named(original, tmp_path, "camera:Nikon D9"))
+        load_capture(capture_of(original, tmp_path, "camera:Nikon D9"))
 
 
 def test_the_curves_are_those_of_photons():

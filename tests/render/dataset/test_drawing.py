@@ -11,7 +11,7 @@ from helpers.places import ROOT
 from helpers.recipes import write_recipe
 
 
-def drawn(value, count=4000):
+def samples_of(value, count=4000):
     distribution, generator = numbers(value), np.random.default_rng(1)
     return np.array([distribution.draw(generator) for _ in range(count)])
 
@@ -26,7 +26,7 @@ def test_distributions_have_their_moments():
         ({"choice": [0, 10], "weights": [3, 1]}, 2.5, np.sqrt(0.75 * 0.25) * 10),
     ]
     for value, mean, sigma in cases:
-        values = drawn(value)
+        values = samples_of(value)
         assert abs(values.mean() - mean) < 5 * sigma / np.sqrt(len(values))
         low, high = numbers(value).support
         assert low <= values.min() and values.max() <= high
@@ -220,18 +220,18 @@ def test_the_recipe_of_the_manual_draws_boxes():
         (("seed = 11", "seeed = 11"), "seeed: found an unknown key"),
         (("width_mm = [450, 650]", "width_mm = [650, 450]"), "room.width_mm"),
         (("width_mm = [450, 650]", "width_mm = { normal = [500, 50] }"), "within = [low, high]"),
-        (('"cie-224"', '"cie-225"'), "did you mean 'cie-224'"),
-        (('"cornell-box:white"', '"cornell-box:whit"'), "did you mean 'white'"),
-        (('left = "colour"', 'left = "color"'), "did you mean 'colour'"),
+        (('"cie-224"', '"cie-225"'), "Did you mean 'cie-224'"),
+        (('"cornell-box:white"', '"cornell-box:whit"'), "Did you mean 'white'"),
+        (('left = "colour"', 'left = "color"'), "Did you mean 'colour'"),
         (("count = { integer = [1, 2] }", "count = [1, 2]"), "block[0].count"),
         (("temperature_k = [2500, 6500]", ""), "lamp[0].temperature_k"),
         (('"D65"', '"D66"'), "lamp[0].spectrum"),
         (('left = "colour"\n', ""), "no left"),
-        (("[room]", '[[effect]]\nid = "glos"\n[room]'), "did you mean 'gloss'"),
+        (("[room]", '[[effect]]\nid = "glos"\n[room]'), "Did you mean 'gloss'"),
         (("[room]", '[[effect]]\nid = "gloss"\nspecular = [0, 2]\n[room]'), "effect[0].specular"),
         (("[room]", '[[effect]]\nid = "gloss"\nmaterial = ["any", "gold"]\nprobability = 0.001\n[room]'), "'gold'"),
         (("[room]", "[parts]\ntrain = 0.5\n[room]"), "shares of sum 0.7"),
-        (("[picture]", '[picture]\ntruths = ["albdo"]'), "did you mean 'albedo'"),
+        (("[picture]", '[picture]\ntruths = ["albdo"]'), "Did you mean 'albedo'"),
     ],
 )
 def test_a_faulty_recipe_is_refused_with_file_and_key(tmp_path, change, phrases):

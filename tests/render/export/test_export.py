@@ -159,7 +159,7 @@ def test_what_not_all_renderers_have_is_refused():
 
 
 def test_an_unknown_renderer_and_a_folder_that_is_no_export_are_reported(tmp_path):
-    with pytest.raises(InputError, match="did you mean 'mitsuba'"):
+    with pytest.raises(InputError, match="Did you mean 'mitsuba'"):
         read_rendered(tmp_path, "mitsuba3")
     with pytest.raises(InputError, match=r"scene\.json"):
         read_rendered(tmp_path, "mitsuba")

@@ -6,7 +6,7 @@ import numpy as np
 from cboxlab.rendering.image import LAMP, NOTHING, RenderedImage
 
 
-def drawn(batches):
+def random_image(batches):
     generator = np.random.default_rng(5)
     return RenderedImage(
         coefficients=generator.random((batches, 6, 9, 4)).astype(np.float32),
@@ -19,7 +19,7 @@ def drawn(batches):
 
 
 def test_the_average_over_batches_has_the_same_mean_and_no_variance():
-    image, weights = drawn(7), np.random.default_rng(6).random((31, 3))
+    image, weights = random_image(7), np.random.default_rng(6).random((31, 3))
     exact = np.einsum("byxn,nw,wq->yxq", image.coefficients.astype(float), image.spectra, weights) / 7
     np.testing.assert_allclose(image.mean(weights), exact, rtol=1e-12)
     averaged = image.averaged()
@@ -35,5 +35,5 @@ def test_a_pixel_shows_the_surface_of_its_largest_share():
     shares = [[0.2, 0.4, 0.3, 0.1], [0.3, 0.3, 0.4, 0.0], [0.1, 0.1, 0.2, 0.6], [0.0, 0.3, 0.1, 0.0]]
     coverage = np.array([shares], np.float32)
     facets, names = np.array([0, 1, 1, 2]), ("floor", "wall")
-    image = replace(drawn(2), coverage=coverage, facet_surface=facets, surface_names=names)
+    image = replace(random_image(2), coverage=coverage, facet_surface=facets, surface_names=names)
     assert image.surface.tolist() == [[1, 1, LAMP, NOTHING]]

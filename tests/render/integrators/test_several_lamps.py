@@ -168,7 +168,7 @@ def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
     dark = Spectrum(np.array([400.0, 700.0]), np.zeros(2))
     camera = replace(camera_inside(8), focal_length_px=3.0)
 
-    def lit(scene):
+    def picture_of(scene):
         field = solve_light(scene, BANDS, patch_edge_mm=200.0, patch_samples=256, seed=3)
         transport = build_patch_transport(field, camera, 64, seed=3)
         lamp = scene.lamp_radiance(nm)
@@ -180,12 +180,12 @@ def test_what_an_effect_adds_is_the_sum_over_the_lamps_in_any_order(effect):
     both = two_lamps()
     warm = replace(both, further_lamps=(replace(both.further_lamps[0], radiance=dark),))
     cold = both.with_lamp(dark)
-    (added, level), (turned, _) = lit(both), lit(two_lamps(order=-1))
-    alone = [lit(scene)[0] for scene in (warm, cold)]
+    (added, level), (turned, _) = picture_of(both), picture_of(two_lamps(order=-1))
+    alone = [picture_of(scene)[0] for scene in (warm, cold)]
     scale = np.abs(added).max(axis=(1, 2), keepdims=True)
     rounding = 1e-4 * scale + 1e-6 * level
     assert np.all(np.abs(added - sum(alone)) < rounding)
     assert np.all(np.abs(added - turned) < rounding)
     aimed = replace(warm, further_lamps=(replace(warm.further_lamps[0], exponent=20.0),))
-    assert np.all(np.abs(lit(aimed)[0] - alone[0]) < rounding)
+    assert np.all(np.abs(picture_of(aimed)[0] - alone[0]) < rounding)
     assert all(np.abs(part[1]).max() > 1e-2 * scale[1] for part in alone)

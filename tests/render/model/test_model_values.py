@@ -46,7 +46,7 @@ def test_a_model_of_a_scene_in_memory_writes_the_scene_next_to_it(tmp_path):
 @pytest.mark.parametrize(
     ("effect", "values", "text"),
     [
-        ("glos", {}, "did you mean 'gloss'"),
+        ("glos", {}, "Did you mean 'gloss'"),
         ("veiling-glare", {"fraction": 2.0}, "fraction"),
         ("veiling-glare", {"fractoin": 0.1}, "fraction"),
         ("none.toml", {}, "none.toml"),

@@ -3,9 +3,11 @@
 False alarms: as stated in test_render_physics.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
-from cboxlab.rendering.device import dr, mi
+from cboxlab.rendering.device import device_array, dr, mi
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.perturbation import Coat, Reflection, changed_reflection, fresnel
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
@@ -27,13 +29,14 @@ ONE_LAMP = np.ones((1, 2))
 def directions(z, phi):
     """Unit vectors from cosines and azimuths, arrays."""
     sine = np.sqrt(1 - z**2)
-    return mi.Vector3f(*(mi.Float(x.astype(np.float32)) for x in (sine * np.cos(phi), sine * np.sin(phi), z)))
+    return mi.Vector3f(*(device_array(mi.Float, x) for x in (sine * np.cos(phi), sine * np.sin(phi), z)))
 
 
 def outgoing(cosine, count):
-    """Many copies of a direction at that cosine from the normal, turned 0.4 rad about it."""
+    """Many copies of a direction at that cosine from the normal, turned 0.4 rad about it, as data of a kernel."""
     sine = np.sqrt(1 - cosine**2)
-    return mi.Vector3f(*(dr.full(mi.Float, x, count) for x in (sine * np.cos(0.4), sine * np.sin(0.4), cosine)))
+    entries = sine * np.cos(0.4), sine * np.sin(0.4), cosine
+    return mi.Vector3f(*(dr.opaque(mi.Float, float(x), count) for x in entries))
 
 
 def hemisphere(cells, fine, power=3):
@@ -52,7 +55,7 @@ def hemisphere(cells, fine, power=3):
 def sampled(coat, cosine, log2=17, seed=1):
     """Directions (3, n) of the coat's own sampling."""
     u, v = np.random.default_rng(seed).random((2, 2**log2)).astype(np.float32)
-    return np.array(coat.sample(outgoing(cosine, 2**log2), mi.Float(u), mi.Float(v)))
+    return np.array(coat.sample(outgoing(cosine, 2**log2), device_array(mi.Float, u), device_array(mi.Float, v)))
 
 
 def test_fresnel_at_normal_and_grazing_incidence():
@@ -101,11 +104,17 @@ def test_the_coat_reflects_alike_both_ways(alpha):
     assert np.array(coat.value(incidence, other)) == pytest.approx(np.array(coat.value(other, incidence)), rel=1e-3)
 
 
+@cache
+def quadrature():
+    """Directions over the hemisphere, and their solid angles times their cosines."""
+    cos, phi, solid = hemisphere(1, 1200)
+    return directions(cos, phi), cos * solid
+
+
 def coat_albedo(coat, cosine):
     """Part of light from the direction at ``cosine`` that the coat reflects, by quadrature of the lobe."""
-    cos, phi, solid = hemisphere(1, 1200)
-    value = np.array(coat.value(directions(cos, phi), outgoing(cosine, len(cos))), float)
-    return np.sum(value * cos * solid)
+    toward, weight = quadrature()
+    return np.sum(np.array(coat.value(toward, outgoing(cosine, len(weight)))) * weight)
 
 
 def test_the_albedo_by_samples_is_that_by_quadrature():

@@ -128,11 +128,11 @@ def test_what_is_known_of_the_same_numbers_is_not_computed_again():
     computed = []
 
     def of(*numbers):
-        def made():
+        def compute():
             computed.append(numbers)
             return np.sum(numbers)
 
-        return transport.cached(("sum", np.array(numbers)), made)
+        return transport.cached(("sum", np.array(numbers)), compute)
 
     assert [of(1.0, 2.0), of(1.0, 2.0), of(1.0, 2.5), of(1.0, 2.0)] == [3.0, 3.0, 3.5, 3.0]
     assert computed == [(1.0, 2.0), (1.0, 2.5)]

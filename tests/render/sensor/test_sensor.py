@@ -229,7 +229,7 @@ def test_each_pixel_behind_a_mosaic_sees_its_own_channel():
         ),
         (lambda: require_radiance(np.ones((2, 2, 30)), 31), "one value per wavelength"),
         (lambda: auto_exposure(tungsten() * 0, load_camera("dcs200")), "no light"),
-        (lambda: load_camera("dcs2000"), "did you mean 'dcs200'"),
+        (lambda: load_camera("dcs2000"), "Did you mean 'dcs200'"),
     ],
 )
 def test_mistakes_are_reported(call, message):
@@ -256,9 +256,9 @@ def test_every_packaged_camera_loads():
     ("old", "new", "message"),
     [
         ("bit_depth = 8", "bit_depth = 20", "detector.bit_depth"),
-        ("bit_depth = 8", "bit_dept = 8", "did you mean 'bit_depth'"),
+        ("bit_depth = 8", "bit_dept = 8", "Did you mean 'bit_depth'"),
         ('pattern = ["RG", "GB"]', 'pattern = ["RG", "GE"]', "letter 'E'"),
-        ("dcs200.csv:blue", "dcs200.csv:bleu", "did you mean 'blue'"),
+        ("dcs200.csv:blue", "dcs200.csv:bleu", "Did you mean 'blue'"),
         ("mean_dn    = [11.88, ", "mean_dn    = [", "columns of equal length"),
         ('kind = "relative_energy"', 'kind = "quantum_efficiency"', "peak_quantum_efficiency"),
         ("[detector]", "[detector", "TOML"),

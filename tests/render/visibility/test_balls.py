@@ -12,7 +12,7 @@ from cboxlab.scenes import Surface
 from cboxlab.scenes.scene import Medium
 from cboxlab.scenes.shapes import moved_on_floor, sphere_mesh
 from helpers.boxes import EDGE, FLAT, box_with_lamp
-from helpers.hits import COUNT, ROUNDING_MM, asked, blocked_by, directions, rays
+from helpers.hits import COUNT, ROUNDING_MM, blocked_by, directions, hit_of, rays
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -46,7 +46,7 @@ def test_rays_meet_the_spheres_themselves():
     clear = outside & (np.min([np.abs(margin) for _, margin in each], axis=0) > 0.05)
     nearest, which = np.min([t for t, _ in each], axis=0), np.argmin([t for t, _ in each], axis=0)
     ray = rays(origin, direction)
-    _, behind, *_ = asked(walls.accelerator, ray)
+    _, behind, *_ = hit_of(walls.accelerator, ray)
     hit = intersect(tracer, ray)
     distance, triangle, normal = np.array(hit.distance), np.array(hit.triangle), np.array(hit.normal).T
     off = np.abs(distance - np.minimum(nearest, behind)) * np.abs(np.einsum("ij,ij->i", normal, direction))
@@ -124,5 +124,5 @@ def test_lanes_that_are_not_asked_meet_no_ball():
     accelerator = tracer_of(BALLS["low"]).accelerator
     down = rays(np.full((2, 3), [300.0, 900.0, 400.0]), np.tile([0.0, -1.0, 0.0], (2, 1)))
     active = [True, False]
-    assert asked(accelerator, down, active)[0].tolist() == active
+    assert hit_of(accelerator, down, active)[0].tolist() == active
     assert blocked_by(accelerator, down, active=mi.Bool(active)).tolist() == active

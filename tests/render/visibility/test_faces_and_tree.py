@@ -8,7 +8,7 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, build_accelerator, triangle_tree
 from cboxlab.rendering.visibility.flat_faces import FlatFaces
 from cboxlab.rendering.visibility.tracer import facets
-from helpers.hits import COUNT, asked, between_surfaces, blocked_by, differing, directions, normals_of, rays
+from helpers.hits import COUNT, between_surfaces, blocked_by, differing, directions, hit_of, normals_of, rays
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
@@ -60,7 +60,7 @@ def test_rays_meet_what_one_tree_says(name):
     direction = directions(rng)
     direction[::10] = np.eye(3)[rng.integers(3, size=len(direction[::10]))]  # along the boxes' planes
     ray = rays(rng.uniform(-150, 650, (COUNT, 3)), direction)
-    hits, expected = asked(both, ray), asked(tree, ray)
+    hits, expected = hit_of(both, ray), hit_of(tree, ray)
     (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = hits, expected
     differs = differing(hits, expected, normals, direction)
     assert differs.sum() <= 20
@@ -73,7 +73,7 @@ def test_rays_meet_what_one_tree_says(name):
     ray.maxt = 200.0
     blocked = blocked_by(both, ray)
     assert (blocked != blocked_by(tree, ray)).sum() <= 20
-    np.testing.assert_array_equal(asked(both, ray)[0], blocked)
+    np.testing.assert_array_equal(hit_of(both, ray)[0], blocked)
 
 
 @pytest.mark.parametrize("name", BALLS)
@@ -92,7 +92,7 @@ def test_lanes_that_are_not_asked_meet_nothing():
     both, *_ = scene(ball([250, 100, 250]))
     ray = rays(np.full((4, 3), [250.0, 400.0, 250.0]), np.array([[0, -1.0, 0], [0, -1, 0], [1, 0, 0], [1, 0, 0]]))
     active = [True, False, True, False]
-    hit, _, triangle, _ = asked(both, ray, active)
+    hit, _, triangle, _ = hit_of(both, ray, active)
     assert hit.tolist() == active
     assert triangle[0] >= len(ROOM) > triangle[2]
     assert np.array(both.ray_test(ray, mi.Bool(active))).tolist() == active

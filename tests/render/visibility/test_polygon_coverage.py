@@ -85,7 +85,7 @@ def test_cameras_asked_together_see_what_each_sees_alone():
         np.testing.assert_allclose(shares, pixel_coverage(tracer, [camera], pixels, 1)[0], atol=2e-6)
 
 
-def seen(*outlines):
+def shares_of(*outlines):
     """(f,) share of a single pixel, one unit wide at one unit's distance, that sees each flat face."""
     triangles = [outline[list(corners)] for outline in outlines for corners in ((0, 1, 2), (0, 2, 3))]
     faces = flat_faces(np.array(triangles, float), np.repeat(np.arange(len(outlines)), 2))
@@ -117,9 +117,9 @@ def square(x, y, half, z):
 def test_areas_by_formula():
     """A square by itself; before another one; beyond the pixel's side."""
     near, far = square(0.1, 0.0, 0.2, 2.0), square(0.0, 0.0, 0.4, 5.0)
-    np.testing.assert_allclose(seen(near), [0.16], atol=2e-6)
-    np.testing.assert_allclose(seen(near, far), [0.16, 0.64 - 0.16], atol=2e-6)
-    np.testing.assert_allclose(seen(square(0.4, 0.5, 0.3, 1.0)), [0.4 * 0.3], atol=2e-6)
+    np.testing.assert_allclose(shares_of(near), [0.16], atol=2e-6)
+    np.testing.assert_allclose(shares_of(near, far), [0.16, 0.64 - 0.16], atol=2e-6)
+    np.testing.assert_allclose(shares_of(square(0.4, 0.5, 0.3, 1.0)), [0.4 * 0.3], atol=2e-6)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 1.2, np.pi / 4])
@@ -129,7 +129,7 @@ def test_faces_that_pass_through_each_other(turn):
     level = square(0.0, 0.0, 2.0, 1.0)
     steep = np.array([[-2, -2, 0.8], [-2, 2, 0.8], [2, 2, 1.2], [2, -2, 1.2]], float)
     turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    np.testing.assert_allclose(seen(level @ turned.T, steep @ turned.T), [0.5, 0.5], atol=2e-6)
+    np.testing.assert_allclose(shares_of(level @ turned.T, steep @ turned.T), [0.5, 0.5], atol=2e-6)
 
 
 def test_shares_follow_a_camera_without_steps():

@@ -96,8 +96,8 @@ def test_an_object_of_few_samples_is_reported(samples):
     few = replace(samples, **{name: getattr(samples, name)[kept_samples] for name in per_sample})
     _, errors = align_edges(few, camera)
     (short,) = (error for error in errors if error.name == "short-block")
-    assert not short.known and short.samples == 3 and np.isnan(short.covariance).all()
-    assert all(error.known for error in errors if error.name != "short-block")
+    assert not short.determined and short.samples == 3 and np.isnan(short.covariance).all()
+    assert all(error.determined for error in errors if error.name != "short-block")
 
 
 @pytest.fixture(scope="module")

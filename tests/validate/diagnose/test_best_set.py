@@ -9,7 +9,7 @@ import pytest
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose import stepwise
 from cboxlab.validation.diagnose.selection import best_set
-from helpers.patterns import AMOUNT, COUNT, Patterns, laboratory, names_of, taken, waves
+from helpers.patterns import AMOUNT, COUNT, Patterns, fitted_together, laboratory, names_of, waves
 
 
 def resembling():
@@ -66,7 +66,7 @@ def test_a_set_keeps_its_numbers_within_their_bounds():
 def test_the_best_set_takes_the_place_of_what_explains_less(monkeypatch, start, settings, taken_over):
     """Effects that are all there stay as they are; where a depth of paths was added, signatures no longer hold."""
     linearised, by_name = laboratory(resembling(), {"one": 0.8, "two": 0.7, "three": 0.6})
-    selection = taken(linearised, by_name, *start)
+    selection = fitted_together(linearised, by_name, *start)
     if settings:
         effect = replace(selection[0].hypothesis.effect, stage="settings")
         selection = [replace(selection[0], hypothesis=replace(selection[0].hypothesis, effect=effect))]

@@ -25,14 +25,14 @@ from cboxlab.validation.diagnose.selection import (
     pairs_replaced,
 )
 from cboxlab.validation.diagnose.stepwise import limits_of
-from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, laboratory, names_of, taken, waves
+from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, fitted_together, laboratory, names_of, waves
 
 
 def test_two_effects_take_the_place_of_three_that_imitate_them():
     first, half, other = waves(1, 0), waves(0, 2), waves(3, 1)
     patterns = {"one": first, "both": half + other, "half": half, "other": other}
     linearised, by_name = laboratory(patterns, {"one": 0.8, "both": 0.5})
-    selection = taken(linearised, by_name, "one", "half", "other")
+    selection = fitted_together(linearised, by_name, "one", "half", "other")
     replaced = pairs_replaced(linearised, selection, [*by_name.values()])
     assert names_of(replaced) == {"one", "both"}
     before, after = (float(np.sum(residual_with(linearised, c) ** 2)) for c in (selection, replaced))
@@ -42,7 +42,7 @@ def test_two_effects_take_the_place_of_three_that_imitate_them():
 def test_three_effects_that_are_all_there_stay():
     patterns = {"one": waves(1, 0), "two": waves(0, 2), "three": waves(3, 1), "four": waves(2, 2)}
     linearised, by_name = laboratory(patterns, {"one": 0.8, "two": 0.5, "three": -0.6})
-    selection = taken(linearised, by_name, "one", "two", "three")
+    selection = fitted_together(linearised, by_name, "one", "two", "three")
     assert names_of(pairs_replaced(linearised, selection, [*by_name.values()])) == {"one", "two", "three"}
     assert names_of(backward_elimination(linearised, selection)) == {"one", "two", "three"}
     amounts = {c.hypothesis.effect.id: c.numbers["amount"] for c in selection}
@@ -106,7 +106,7 @@ def test_numbers_within_their_tolerance_are_fitted_as_rivals_of_a_fit_alone_and_
 def test_an_effect_that_a_later_one_made_superfluous_goes():
     patterns = {"mixture": waves(1, 0) + 0.7 * waves(0, 2), "one": waves(1, 0), "two": waves(0, 2)}
     linearised, by_name = laboratory(patterns, {"one": 0.8, "two": 0.5})
-    selection = taken(linearised, by_name, "mixture", "one", "two")
+    selection = fitted_together(linearised, by_name, "mixture", "one", "two")
     assert names_of(backward_elimination(linearised, selection)) == {"one", "two"}
 
 
@@ -118,7 +118,7 @@ def test_a_mixture_that_came_first_gives_its_place_to_the_cause():
     }
     linearised, by_name = laboratory(patterns, {"one": 0.8, "two": 0.3})
     selection, where = with_better_alternatives(
-        linearised, taken(linearised, by_name, "mixture", "two"), [*by_name.values()]
+        linearised, fitted_together(linearised, by_name, "mixture", "two"), [*by_name.values()]
     )
     assert names_of(selection) == {"one", "two"}
     assert groups(where) == ()
@@ -128,7 +128,9 @@ def test_effects_of_one_shape_are_a_group():
     """Shapes a hundredth apart: at an amount of 0.5 they differ by 4800 (0.005)^2 = 0.1 of chi2."""
     patterns = {"one": waves(1, 0), "twin": waves(1, 0) + 0.01 * waves(2, 1), "stranger": waves(0, 3)}
     linearised, by_name = laboratory(patterns, {"one": 0.5})
-    effect_groups = groups(with_alternatives(linearised, taken(linearised, by_name, "one"), [*by_name.values()]))
+    effect_groups = groups(
+        with_alternatives(linearised, fitted_together(linearised, by_name, "one"), [*by_name.values()])
+    )
     assert effect_groups == (("one", "twin"),)
 
 
@@ -139,7 +141,7 @@ def test_what_holds_in_one_corner_only_is_no_cause():
     patterns = {"even": np.ones(SHAPE), "cause": np.broadcast_to(board, SHAPE)}
     linearised, by_name = laboratory(patterns, {"cause": 0.6})
     for name, confirmed in (("even", set()), ("cause", {"cause"})):
-        selection = taken(linearised, by_name, name)
+        selection = fitted_together(linearised, by_name, name)
         alternatives = with_alternatives(linearised, selection, [by_name[name]])
         assert names_of(confirmed_where_held_out(linearised, selection, alternatives, [by_name[name]])[0]) == confirmed
 
@@ -152,7 +154,7 @@ def test_what_errors_of_a_band_may_have_made_is_not_named(size, confirmed):
     model = linearised.model
     shared = np.append(0.05 * pattern.ravel(), np.zeros(11))[:, None]
     linearised = replace(linearised, model=replace(model, shared_errors=shared))
-    selection = taken(linearised, by_name, "one")
+    selection = fitted_together(linearised, by_name, "one")
     alternatives = with_alternatives(linearised, selection, [*by_name.values()])
     assert names_of(confirmed_where_held_out(linearised, selection, alternatives, [*by_name.values()])[0]) == confirmed
 
@@ -172,16 +174,16 @@ def grey_and_coloured():
     cells = {n: rows * n // 40 * n + columns * n // 40 for n in (16, 4)}
     generator = np.random.default_rng(12)
 
-    def drawn(amount):
+    def fit_with(amount):
         errors = sum(1.5 * generator.standard_normal(n * n)[cell] for n, cell in cells.items())
         residual = errors + amount * coloured + generator.standard_normal(SHAPE)
         model = replace(linearised.model, residual=np.append(residual.ravel(), np.zeros(11)))
         return replace(linearised, model=model, rendered=fitted)
 
-    return by_name, drawn
+    return by_name, fit_with
 
 
-def found(judged, signature):
+def candidate_of(judged, signature):
     """The significant candidate of one signature in a fit, or None."""
     problem, start = judged.problem(()), judged.model.residual
     return first_significant(best_singles(problem, [signature], start, 1), start, problem.model, start, start)
@@ -195,9 +197,9 @@ def test_with_errors_of_the_picture_coloured_residuals_count_and_grey_ones_do_no
     for _ in range(40):
         plain = draw(0.15)
         counting = plain.counting_errors(())
-        by_size += found(plain, by_name["grey"]) is not None
-        by_errors += found(counting, by_name["grey"]) is not None
-        coloured = found(counting, by_name["coloured"])
+        by_size += candidate_of(plain, by_name["grey"]) is not None
+        by_errors += candidate_of(counting, by_name["grey"]) is not None
+        coloured = candidate_of(counting, by_name["coloured"])
         amounts.append((coloured.numbers["amount"] - 0.15) / coloured.sigma["amount"])
     assert by_size > 20
     assert by_errors == 0
@@ -215,7 +217,7 @@ def test_an_effect_of_the_size_of_its_limit_is_found_nine_times_in_ten():
     # what its size must be, and what errors of the picture that look like it take off in one capture of ten
     assert grey.distance == pytest.approx(0.015**0.5 + 1.2816 * 0.15, rel=0.05)
     fits = (draw(coloured.distance).counting_errors(()) for _ in range(200))
-    times = sum(found(fit, by_name["coloured"]) is not None for fit in fits)
+    times = sum(candidate_of(fit, by_name["coloured"]) is not None for fit in fits)
     assert abs(times - 180) <= 17  # four standard deviations
 
 
@@ -364,7 +366,7 @@ def test_a_number_without_null_is_fitted_unless_it_is_held():
 def test_an_effects_certainty_is_its_amount_over_its_error():
     """In noise of 1 the fit's own standard deviation, 1 over the norm of the pattern; less where chi2 scatters more."""
     linearised, by_name = laboratory({"one": waves(1, 0)}, {"one": 0.3})
-    (candidate,) = with_alternatives(linearised, taken(linearised, by_name, "one"), [])
+    (candidate,) = with_alternatives(linearised, fitted_together(linearised, by_name, "one"), [])
     sigma = 1 / np.sqrt(np.sum(waves(1, 0) ** 2))
     amount = candidate.candidate.numbers["amount"]
     assert replace(candidate, dispersion=1.0).certainty == pytest.approx(amount / sigma, rel=1e-6)

@@ -23,13 +23,13 @@ SCENE, CAMERA = cornell_box(), cornell_camera(16)
 SAMPLES, BATCHES, SEED = 8, 2, 3
 
 
-def solved(scene=SCENE, **options):
+def light_of(scene=SCENE, **options):
     return solve_light(scene, WAVELENGTH_NM[::30], patch_edge_mm=250.0, patch_samples=32, **options)
 
 
 @pytest.fixture(scope="module")
 def light():
-    return solved()
+    return light_of()
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_a_picture_has_the_same_bits_without_a_cache_from_a_cold_and_from_a_warm
 
 def test_a_solution_found_again_has_the_same_key(light):
     """Else a second run would find nothing of the first one's."""
-    assert picture_key(solved(), CAMERA, SAMPLES, BATCHES, SEED) == picture_key(light, CAMERA, SAMPLES, BATCHES, SEED)
+    assert picture_key(light_of(), CAMERA, SAMPLES, BATCHES, SEED) == picture_key(light, CAMERA, SAMPLES, BATCHES, SEED)
 
 
 def test_a_camera_however_near_has_its_own_picture(tmp_path, light, renderings):
@@ -87,8 +87,8 @@ def test_the_key_is_all_that_the_picture_is_made_from(light, monkeypatch):
         (light, CAMERA, SAMPLES, BATCHES + 1, SEED),
         (light, CAMERA, SAMPLES, BATCHES, SEED + 1),
         (light, cornell_camera(17), SAMPLES, BATCHES, SEED),
-        (solved(seed=1), CAMERA, SAMPLES, BATCHES, SEED),
-        (solved(max_bounces=3), CAMERA, SAMPLES, BATCHES, SEED),
+        (light_of(seed=1), CAMERA, SAMPLES, BATCHES, SEED),
+        (light_of(max_bounces=3), CAMERA, SAMPLES, BATCHES, SEED),
     ]
     scenes = [
         apply_checked(effect, values, "test").apply(SCENE)
@@ -100,7 +100,7 @@ def test_the_key_is_all_that_the_picture_is_made_from(light, monkeypatch):
         )
     ]
     scenes.append(replace(SCENE, lamp=replace(SCENE.lamp, pattern=np.array([[0.5, 1.5]]))))
-    calls += [(solved(scene), CAMERA, SAMPLES, BATCHES, SEED) for scene in scenes]
+    calls += [(light_of(scene), CAMERA, SAMPLES, BATCHES, SEED) for scene in scenes]
     keys = [picture_key(*each) for each in calls]
     for target, value in (
         ("mi.__version__", "0"),
@@ -119,7 +119,7 @@ def test_all_code_that_makes_a_picture_is_in_the_key():
     run = set()
     sys.setprofile(lambda frame, event, _: run.add(frame.f_code.co_filename))
     try:
-        gather(solved(), CAMERA, SAMPLES, BATCHES, SEED)
+        gather(light_of(), CAMERA, SAMPLES, BATCHES, SEED)
     finally:
         sys.setprofile(None)
     files = {Path(name).resolve() for name in run if name.endswith(".py")}

@@ -38,6 +38,23 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
     np.testing.assert_array_equal(again.variance, picture_again.variance)
 
 
+def test_a_photograph_of_hardly_any_noise_takes_bounded_time(monkeypatch):
+    """The pilot has 300 times the noise of the target; a lower target takes more rays than the usual one."""
+    calls = []
+
+    def picture(samples, first_batch, batches, progress):
+        calls.append(samples * batches)
+        return RenderedImage(np.full((batches, 2, 2, 1), samples), *5 * (None,))
+
+    monkeypatch.setattr(rendering, "render_bands", lambda image, responses: None)
+    monkeypatch.setattr(rendering, "_MOST_RAYS", 4 * 2**15)
+    common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
+    for noise in (0.3, 0.1):
+        rendering.render_to_noise(*common, noise=noise, convergence=0.7, pilot=100.0)
+    assert 2**14 <= calls[0] <= 2**15
+    assert 2**15 < calls[1] <= 2**15 * 3 ** (1 / 0.7)
+
+
 def test_a_pilot_of_enough_samples_is_completed_by_the_batches_that_a_longer_picture_has(monkeypatch):
     """Bit by bit the picture is the one rendered at once."""
     light = solve_light(cornell_box(), np.array([500.0, 600.0]), patch_edge_mm=300.0, patch_samples=32)

@@ -140,10 +140,10 @@ def test_a_rendered_study_comes_back_with_the_same_bits(fitted, path, monkeypatc
 @pytest.mark.parametrize(
     ("step", "message"),
     [
-        (lambda s: s.add("veiling-glar"), "did you mean 'veiling-glare'"),
+        (lambda s: s.add("veiling-glar"), "Did you mean 'veiling-glare'"),
         (lambda s: s.add("veiling-glare", fraction=7), "from 0 to 0.5"),
         (lambda s: s.remove("ghost"), "without effects"),
-        (lambda s: s.add("ghost").change("gost"), "did you mean 'ghost'"),
+        (lambda s: s.add("ghost").change("gost"), "Did you mean 'ghost'"),
         (lambda s: s.fit(), "an effect with a free number"),
         (lambda s: Study.open(), "one capture or several"),
     ],
@@ -158,7 +158,7 @@ def test_mistakes_are_reported(study, step, message):
     [
         ({"at": 3}, "below the number of states"),
         ({"states": []}, "states"),
-        ({"stats": 1}, "did you mean 'states'"),
+        ({"stats": 1}, "Did you mean 'states'"),
         ({"states": [{"effects": [{"id": "gost"}], "rendered_with": []}]}, r"states\[0\].effects\[0\]"),
     ],
 )

@@ -134,7 +134,7 @@ def test_only_allowed_effects_are_drawn():
         "ghost",
         "smear",
     }
-    with pytest.raises(InputError, match=r"'gohst'.*did you mean 'ghost'"):
+    with pytest.raises(InputError, match=r"'gohst'.*Did you mean 'ghost'"):
         draw_effect(generator, cornell_box(), BANDS, ["gohst"])
 
 

@@ -74,7 +74,7 @@ def add(
     if scene is not None:
         current = replace(current, scene=load_scene(scene))
     definition = named_effect(effect, Path())
-    applied = apply_checked(definition, pairs, "cbox add", names_in(current.scene))
+    applied = apply_checked(definition, pairs, effect, names_in(current.scene))
     before_after: dict[str, float] = {}
     if fit is not None:
         require_file(model)

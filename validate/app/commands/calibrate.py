@@ -90,11 +90,11 @@ def _refine_geometry(calibration: Calibration, out: Path) -> Path:
         pairs = zip(item.shift_mm, sigma, strict=True)
         shifts = [f"{shift:+.1f} ± {error:.1f}" if error > 0 else "fixed" for shift, error in pairs]
         rms = [f"{value:.3f}" for value in (item.rms_before_px, item.rms_after_px)]
-        cells = [*shifts, str(item.samples), *rms] if item.known else ["–"] * 3 + [str(item.samples), "–", "–"]
+        cells = [*shifts, str(item.samples), *rms] if item.determined else ["–"] * 3 + [str(item.samples), "–", "–"]
         table.add_row(item.name, *cells)
     print_table(table)
     for item in errors:
-        if not item.known:
+        if not item.determined:
             say(f"• The position of {item.name} is not measured: its edges have only {item.samples} samples.")
     say(f"Fitted camera and objects, with covariances: {out / 'geometry.json'}")
     return out / "geometry.json"

@@ -99,7 +99,7 @@ def capture(
     if hide and (effects is not None or strength is not None or not truth.effects):
         names = tuple(effects.split(",")) if effects else ()
         with options(effects="--effects", strength="--strength"):
-            hidden = _drawn(truth, names, strength, generator, true_camera, settings, number)
+            hidden = _random_effects(truth, names, strength, generator, true_camera, settings, number)
         if hidden.stage == "settings":
             bounces = int(generator.integers(1, 4))
             truncated = replace(truth, render=replace(truth.render, max_bounces=bounces), name="truncated")
@@ -142,7 +142,7 @@ def capture(
     )
 
 
-def _drawn(
+def _random_effects(
     model: Model,
     names: tuple[str, ...],
     strength: str | None,

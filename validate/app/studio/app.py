@@ -174,7 +174,7 @@ class _Handlers:
         """Catalogue of effects."""
         return JSONResponse(await self._latest("effects", lambda: catalogue_record(self.bench)), headers=_HEADERS)
 
-    async def places(self, request: Request) -> Response:
+    async def inputs(self, request: Request) -> Response:
         """Captures, studies and models that can be opened."""
         names = await asyncio.to_thread(list_inputs, self.bench.root)
         return JSONResponse(names, headers=_HEADERS)
@@ -346,7 +346,7 @@ def build_app(
         Route("/api/picture", handlers.picture),
         Route("/api/view", handlers.view),
         Route("/api/effects", handlers.effects),
-        Route("/api/places", handlers.places),
+        Route("/api/places", handlers.inputs),
         Route("/api/events", handlers.events),
         Route("/api/cancel", handlers.cancel, methods=["POST"]),
         Route("/api/pattern", handlers.pattern, methods=["POST"]),

@@ -18,6 +18,7 @@ from cboxlab.calibration.capture import (
 from cboxlab.calibration.frame_readers import read_values
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import inputs_below
+from numpy.typing import NDArray
 
 from ...report.viewer import encoded
 from .places import path_of_name
@@ -26,6 +27,9 @@ __all__ = ["first_draft", "first_thumbnails", "write_first"]
 
 #: Longer side of a small picture, px.
 _THUMBNAIL_PX = 96
+
+#: Least count that is shown white, as a part of the brightest frame's: frames without light stay dark.
+_LEAST_WHITE = 0.25
 
 #: Most characters of a value.
 _MAX_LENGTH = 300
@@ -103,11 +107,15 @@ def first_thumbnails(root: Path, folder: str) -> dict[str, Any]:
         text, first, _ = draft_manifest(path)
         tables = tomllib.loads(text)
         names = [table["frames"][0] for kind in first.tables for table in tables.get(kind, [])]
-        return {"thumbnails": [_thumbnail(path, name) for name in names]}
+        blocks = [_blocks(path, name) for name in names]
+    whites = [0.0 if each is None else float(np.percentile(each[0], 99)) for each in blocks]
+    least = _LEAST_WHITE * max(whites, default=0.0) or 1.0
+    pairs = zip(blocks, whites, strict=True)
+    return {"thumbnails": [None if each is None else _thumbnail(*each, max(white, least)) for each, white in pairs]}
 
 
-def _thumbnail(folder: Path, name: str) -> dict[str, Any] | None:
-    """Means of blocks of a frame, over its brightest hundredth; None if it has no file yet."""
+def _blocks(folder: Path, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Means of blocks of a frame, and its least and largest count; None if it has no file yet."""
     file, number = split_name(folder, name)
     if not (folder / file).is_file():
         return None
@@ -115,15 +123,15 @@ def _thumbnail(folder: Path, name: str) -> dict[str, Any] | None:
     block = -(-max(counts.shape) // _THUMBNAIL_PX)
     height, width = (max(size // block, 1) for size in counts.shape)
     blocks = counts[: height * block, : width * block].reshape(height, min(block, counts.shape[0]), width, -1)
-    means = blocks.mean(axis=(1, 3))
-    bright = float(np.percentile(means, 99))
-    return {
-        "width": width,
-        "height": height,
-        "values": encoded(np.clip(means / bright if bright > 0 else means, 0, 1)),
-        "least": float(counts.min()),
-        "largest": float(counts.max()),
-    }
+    return blocks.mean(axis=(1, 3)), np.array([counts.min(), counts.max()], float)
+
+
+def _thumbnail(means: NDArray[np.float64], extremes: NDArray[np.float64], white: float) -> dict[str, Any]:
+    """Record of a small picture; ``white`` is the count that is shown white."""
+    height, width = means.shape
+    least, largest = extremes.tolist()
+    values = encoded(np.clip(means / white, 0, 1))
+    return {"width": width, "height": height, "values": values, "least": least, "largest": largest}
 
 
 def write_first(root: Path, folder: str, entries: Sequence[Any]) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
     """
     if not bench.is_open:
         return {"open": False, "root": str(bench.root), "revision": bench.revision}
-    study, present = bench.study, bench.shown
+    study, present = bench.study, bench.study_in_view
     prediction = bench.prediction
     fit, prepared = prediction.rendered.fit, prediction.base.validation.prepared
     moved = prepared.expected_camera(present.effects).motion_px(fit.camera, prepared.scene.corners_mm)

@@ -114,7 +114,7 @@ class Workbench:
         return self._study is not None
 
     @property
-    def shown(self) -> Study:
+    def study_in_view(self) -> Study:
         """The study in view: the trial while a slider moves."""
         return self._trial or self.study
 
@@ -126,7 +126,7 @@ class Workbench:
     @property
     def predictions(self) -> tuple[Prediction, ...]:
         """Prediction of each capture; a draft if light transport is predicted."""
-        return self._predicted(self.shown)
+        return self._predicted(self.study_in_view)
 
     def _predicted(self, study: Study) -> tuple[Prediction, ...]:
         return study.predictions(refit=self.refit, draft=True)
@@ -135,7 +135,7 @@ class Workbench:
     def correlations(self) -> Correlations | None:
         """Correlations of the numbers fitted last; None for other effects."""
         effects, matrix = self._correlations
-        return matrix if same_effects(effects, self.shown.effects) else None
+        return matrix if same_effects(effects, self.study_in_view.effects) else None
 
     @property
     def profile(self) -> tuple[int, Profile] | None:
@@ -146,7 +146,7 @@ class Workbench:
         if self._profile is None:
             return None
         effects, which, profile = self._profile
-        present = self.shown.effects
+        present = self.study_in_view.effects
         if len(effects) != len(present) or effects[which].id != present[which].id:
             return None
         name = profile.parameter.name

@@ -34,8 +34,6 @@ _log = logging.getLogger(__name__)
 
 #: Largest deviation from the rendering of a scene (see ``mismatch``) of a picture that shows it.
 _MAX_MISMATCH = 0.05
-#: Scene that is looked for where none is stated.
-_PUBLISHED = "cornell-box"
 #: Names of the sides, where something is declared for one of them.
 SIDES = ("baseline", "candidate")
 #: Place in a command for the path that it writes to.
@@ -128,7 +126,7 @@ def regress_inputs(
     size = _SIZE_PX if cube is None else _picture_size(cube)
     view = None if scene is None else _view(scene, view_camera, size)
     if view is None and camera is not None:
-        view = replace(_view(_PUBLISHED, camera, size), scene_stated=False)
+        view = _published_view(camera, size)
     grid = _WAVELENGTHS_NM if cube is None or cube.in_colour else cube.wavelength_nm
     ready = [
         _rendered(text, view_camera, size, grid, seed) if side is None else side
@@ -204,7 +202,7 @@ def regress_pictures(
         changes = changes or named_changes(comparison, variants, progress)
         if variants is None:
             notes.append("the scene is not known: changes of paths, paints, gloss and the lamp's size cannot be named")
-    return replace(outcome, named=changes, notes=(*outcome.notes, *notes))
+    return replace(outcome, changes=changes, notes=(*outcome.notes, *notes))
 
 
 def assert_same_light(
@@ -238,14 +236,14 @@ def assert_same_light(
     outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms, declared=declared)
     if outcome.same:
         return outcome
-    mean = outcome.whole
+    mean = outcome.picture_mean
     size = as_percent(mean.difference, "the baseline", unit="%")
     lines = [f"{candidate} differs from {baseline}: mean light {size} ± {mean.sigma:.3%}"]
     lines += [
         f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}"
         for row in outcome.deciding[:_MAX_LISTED_POOLS]
     ]
-    for change in outcome.named[:_MAX_LISTED_CHANGES]:
+    for change in outcome.changes[:_MAX_LISTED_CHANGES]:
         label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
         lines.append(f"  {label}: {change_text(change)} ({change.probability:.2f})")
     raise AssertionError("\n".join(lines))
@@ -299,7 +297,6 @@ def _is_model(text: str) -> bool:
 
 def _camera_and_lamp(camera: Camera | Path | None, size: int | Sequence[int]) -> tuple[Camera, Spectrum | None]:
     """Camera, and the lamp of a capture; InputError where pictures are not of the camera's size."""
-    from cboxlab.rendering.model import view_of
     from cboxlab.scenes.cornell_box import cornell_camera
 
     rows, columns = (size, size) if isinstance(size, int) else size
@@ -307,7 +304,12 @@ def _camera_and_lamp(camera: Camera | Path | None, size: int | Sequence[int]) ->
         if rows != columns:
             raise InputError("camera", f"pictures of {columns} x {rows} px", "a camera file or a capture folder")
         return cornell_camera(rows), None
-    view, lamp = view_of(camera)
+    if isinstance(camera, Camera):
+        view, lamp = camera, None
+    else:
+        from cboxlab.rendering.model import view_of  # slow to import, and only needed here
+
+        view, lamp = view_of(camera)
     if not isinstance(size, int) and (view.height_px, view.width_px) != (rows, columns):
         raise InputError(str(camera), f"{view.width_px} x {view.height_px} px", f"{columns} x {rows} px, as the cubes")
     return view, lamp
@@ -334,6 +336,15 @@ def _view(text: str, camera: Camera | Path | None, size: int | Sequence[int]) ->
 
     scene, view, _ = model_cube_inputs(load_model(text), *_camera_and_lamp(camera, size))
     return View(scene, view, True)
+
+
+def _published_view(camera: Camera | Path | None, size: int | Sequence[int]) -> View:
+    """The published box, which the pictures may show, without the imports for models."""
+    from cboxlab.scenes.cornell_box import cornell_box
+
+    view, lamp = _camera_and_lamp(camera, size)
+    scene = cornell_box()
+    return View(scene if lamp is None else scene.with_lamp(lamp), view, False)
 
 
 def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
@@ -365,7 +376,7 @@ def _variants(view: View | None, baseline: Side, candidate: Side, notes: list[st
         camera = baseline.camera or candidate.camera
         if camera is None and baseline.shape[0] != baseline.shape[1]:
             return None
-        view = replace(_view(_PUBLISHED, camera, baseline.shape), scene_stated=False)
+        view = _published_view(camera, baseline.shape)
     try:
         variants = build_variants(view.scene, view.camera, baseline)
     except InputError as error:

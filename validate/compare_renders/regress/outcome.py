@@ -82,7 +82,7 @@ class Outcome(FrozenMappings):
     #: (y, x) difference over the baseline, summed over wavelengths; NaN without light.
     relative: NDArray[np.float64]
     #: Explanations of the change, the most probable first; none where the pictures are the same.
-    named: tuple[NamedChange, ...] = ()
+    changes: tuple[NamedChange, ...] = ()
     #: Remarks for the reader.
     notes: tuple[str, ...] = ()
     #: Kind of each input by its name, for reports.
@@ -94,25 +94,25 @@ class Outcome(FrozenMappings):
         return not any(row.different for row in self.pools)
 
     @property
-    def whole(self) -> PooledMean:
+    def picture_mean(self) -> PooledMean:
         """Test of the mean over the picture without the lamp."""
         return self.pools[0]
 
     @property
     def would_have_seen(self) -> float:
         """Relative size of an even change of the light that is found in 90 of 100 runs like this."""
-        return min(row.detectable for row in (self.whole, *self.of_kind("even")))
+        return min(row.detectable for row in (self.picture_mean, *self.of_kind("even")))
 
     @property
     def equivalence_95(self) -> float:
         """Relative limit within which the mean light agrees at 95 %."""
-        mean = self.whole
+        mean = self.picture_mean
         return abs(mean.difference) + float(student_quantile(_EQUIVALENCE_TAIL, mean.degrees)) * mean.sigma
 
     @property
     def best_name(self) -> NamedChange | None:
         """Most probable explanation but `unknown`; None where there is none."""
-        return next((change for change in self.named if change.change != UNKNOWN), None)
+        return next((change for change in self.changes if change.change != UNKNOWN), None)
 
     @property
     def left_chi2_per_number(self) -> float:
@@ -185,7 +185,7 @@ class Outcome(FrozenMappings):
         list of str
             The verdict first.
         """
-        mean = self.whole
+        mean = self.picture_mean
         size = as_percent(mean.difference, "the baseline", unit="%")
         text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {mean.sigma:.3%}"]
         if self.same:
@@ -193,7 +193,7 @@ class Outcome(FrozenMappings):
         text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
         if self.cancelling:
             text.append(f"Pattern whose means cancel: {self.cancelling}.")
-        for index, change in enumerate(self.named[:_MOST_NAMES]):
+        for index, change in enumerate(self.changes[:_MOST_NAMES]):
             start = "Cause" if change.change == UNKNOWN else "Named" if change.fits else "Most like"
             start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
             text.append(f"{start}: {change_text(change)}, probability {change.probability:.2f}")
@@ -236,7 +236,7 @@ class Outcome(FrozenMappings):
         dict
             Finite numbers; None in place of others.
         """
-        mean = self.whole
+        mean = self.picture_mean
         record = {
             "same": self.same,
             "mean_relative_difference": mean.difference,
@@ -244,7 +244,7 @@ class Outcome(FrozenMappings):
             "equivalence_95": self.equivalence_95,
             "would_have_seen": self.would_have_seen,
             "named": [
-                {"change": n.change, "parameters": n.parameters, "probability": n.probability} for n in self.named
+                {"change": n.change, "parameters": n.parameters, "probability": n.probability} for n in self.changes
             ],
             "left_chi2_per_number": self.left_chi2_per_number,
             "fits": self.fits,
@@ -357,9 +357,9 @@ def name_line(outcome: Outcome) -> str:
     str
         The words; empty without explanations.
     """
-    if not outcome.named:
+    if not outcome.changes:
         return ""
-    first, name = outcome.named[0], outcome.best_name
+    first, name = outcome.changes[0], outcome.best_name
     if first.fits and first.change != UNKNOWN:
         return f"named {change_text(first)}"
     if name is None:
@@ -445,13 +445,13 @@ def summary(outcome: Outcome) -> str:
     str
         The line.
     """
-    mean = outcome.whole
+    mean = outcome.picture_mean
     if outcome.same:
         return (
             f"same: mean light agrees within {outcome.equivalence_95:.3%} at 95 %; "
             f"{outcome.would_have_seen:.3%} would have been seen"
         )
-    cause = f", {name_line(outcome)}" if outcome.named else ""
+    cause = f", {name_line(outcome)}" if outcome.changes else ""
     return f"different: mean light {as_percent(mean.difference, 'the baseline', unit='%')} +- {mean.sigma:.3%}{cause}"
 
 

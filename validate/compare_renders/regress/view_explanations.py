@@ -69,7 +69,9 @@ def _rolled(evidence: Evidence) -> Iterator[Explanation]:
 
     The clearest peak of the pictures' correlation gives the number of pixels.
     """
-    before, after = (np.log1p(p.sum(axis=-1) / max(float(p.sum(axis=-1).mean()), 1e-300)) for p in _lit(evidence))
+    before, after = (
+        np.log1p(p.sum(axis=-1) / max(float(p.sum(axis=-1).mean()), 1e-300)) for p in _without_negative(evidence)
+    )
     spectrum = np.fft.rfft2(after - after.mean()) * np.conj(np.fft.rfft2(before - before.mean()))
     correlation = np.fft.irfft2(spectrum, before.shape)
     rows, columns = (int(i) for i in np.unravel_index(int(correlation.argmax()), before.shape))
@@ -81,7 +83,7 @@ def _rolled(evidence: Evidence) -> Iterator[Explanation]:
     yield Explanation("shift", values, exact(evidence, picture), 2)
 
 
-def _lit(evidence: Evidence) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _without_negative(evidence: Evidence) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Both pictures without values below 0."""
     return np.maximum(evidence.baseline, 0.0), np.maximum(evidence.candidate, 0.0)
 

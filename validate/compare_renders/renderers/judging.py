@@ -75,11 +75,11 @@ class Judged(FrozenMappings):
     @property
     def sentence(self) -> str:
         """Finding in words."""
-        mean = self.outcome.whole
+        mean = self.outcome.picture_mean
         size = f"mean light {mean.difference:+.3%} ± {mean.sigma:.3%}"
         if self.outcome.same:
             return f"right: {size}, equal within {self.outcome.equivalence_95:.2%} at 95 %"
-        cause = self.outcome.named[0] if self.outcome.named else None
+        cause = self.outcome.changes[0] if self.outcome.changes else None
         if cause is None:
             return f"different: {size}"
         values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in cause.parameters.items())

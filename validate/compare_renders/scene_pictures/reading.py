@@ -74,7 +74,7 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
     dot = f"{layer}." if layer else ""
     planes = {name: channels.planes[dot + name] for name in AS_STORED}
     complete = {"chromaticities", "whiteLuminance"} <= set(channels.header)
-    if declared.given() & _CONVERTING or complete:
+    if declared.declared_fields() & _CONVERTING or complete:
         picture = picture_of_colours(path, replace(channels, planes=planes), replace(declared, layer=None))
         if declared.layer is not None:
             picture = with_declarations(picture, declared, ("layer",))

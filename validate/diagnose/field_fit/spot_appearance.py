@@ -131,7 +131,7 @@ class SpotAppearance:
     @cached_property
     def light(self) -> bool:
         """Whether it is bright like light: without an outline, or in a colour that no paint has."""
-        return self.brighter and (self.soft_outline or self._lit())
+        return self.brighter and (self.soft_outline or self._is_other_light())
 
     @cached_property
     def neutral(self) -> bool:
@@ -176,7 +176,7 @@ class SpotAppearance:
         on_surface = slopes @ slopes.T @ shape
         return elongation(shape) <= elongation(on_surface)
 
-    def _lit(self) -> bool:
+    def _is_other_light(self) -> bool:
         """Whether it has the colour of its surface in other light, or is brighter than any paint."""
         owner = int(self.data.surface[np.unravel_index(np.argmax(self.weight), self.weight.shape)])
         if owner < 0 or (self.relative <= 0).any():

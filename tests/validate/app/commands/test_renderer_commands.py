@@ -107,7 +107,7 @@ def test_renderers_are_run_and_what_they_wrote_is_collected(tmp_path, cbox, monk
 
 
 def test_mistakes_end_in_one_line(tmp_path, cbox):
-    assert_one_line_of_help(cbox("renderers", "cornell-box", "--with", "mitsubba"), ["did you mean 'mitsuba'"])
+    assert_one_line_of_help(cbox("renderers", "cornell-box", "--with", "mitsubba"), ["Did you mean 'mitsuba'"])
     assert_one_line_of_help(cbox("renderers"), ["MODEL"])
     assert_one_line_of_help(cbox("renderers", "--collect", tmp_path), ["pictures"])
     camera = camera_file(tmp_path / "camera.json", focal_length_px=0)

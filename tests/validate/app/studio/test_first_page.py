@@ -43,6 +43,20 @@ def test_frames_become_a_capture(tmp_path):
         assert "a number, such as 12" in page.run("document.getElementById('mistake').innerText")
         enter("bit_depth", "12")
         assert "bit_depth" not in page.run(faults)
+        shades = (
+            "[...document.querySelectorAll('#recognised canvas')].map((c) => {"
+            "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+            "return [c.ariaLabel, Math.max(...d.filter((_, i) => i % 4 === 0))]})"
+        )
+        frames = "document.querySelectorAll('#recognised {}').length"
+        page.until(f"{frames.format('canvas')} === {frames.format('li')}")
+        pictures = page.run(shades)
+        assert all(largest == 255 for name, largest in pictures if "band" in name)
+        assert all("counts from" in name for name, _ in pictures)
+        enter("exposure_s", "0.6", "f450")
+        page.run("[...document.querySelectorAll('button.small')].find((b) => !b.hidden).click()")
+        page.until("document.body.dataset.busy === 'false'")
+        assert page.run(faults) == "nothing"
         for band, exposure in (("f450", "2.5"), ("f550", "0.6")):
             enter("exposure_s", exposure, band)
         assert page.run(faults) == "nothing"

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import struct
 import threading
 import time
 import urllib.request
@@ -11,68 +10,15 @@ import numpy as np
 import pytest
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.progress import NO_PROGRESS
-from cboxlab.validation.app.studio import Workbench, build_app
+from cboxlab.validation.app.studio import Workbench
 from cboxlab.validation.compare import band_centres
 from cboxlab.validation.diagnose import stepwise
-from helpers.browser import open_browser
-from helpers.glare_capture import GLARE, glare_capture
+from helpers.glare_capture import GLARE
 from helpers.page_faults import FAULTS
-from helpers.server import served
-from starlette.testclient import TestClient
+from helpers.studio import add, chi2, finished, present, press, record_of, step
 
 #: Effects that the diagnosis tries here; each costs seconds.
 TRIED = ("veiling-glare", "ghost", "lamp-drift")
-HERE = frozenset({"127.0.0.1", "localhost"})
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory):
-    root = tmp_path_factory.mktemp("studio")
-    glare_capture(root / "capture")
-    workbench = Workbench(root, root / ".cache", noise=3.0, seed=1)
-    workbench.open("capture", None, NO_PROGRESS)
-    return workbench
-
-
-@pytest.fixture(autouse=True)
-def fresh(request):
-    """Every test begins with the study as it was opened."""
-    if "bench" in request.fixturenames:
-        workbench = request.getfixturevalue("bench")
-        while workbench.study.history.can_undo:
-            workbench.undo()
-        workbench.show(0, True)
-
-
-@pytest.fixture
-def client(bench):
-    app = build_app(bench, "secret", HERE, idle_s=1e9)
-    with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
-        yield test_client
-
-
-def record_of(answer):
-    assert answer.status_code == 200, answer.text
-    length = struct.unpack("<I", answer.content[:4])[0]
-    return json.loads(answer.content[4 : 4 + length]), np.frombuffer(answer.content[4 + length :], "<f4")
-
-
-def present(client):
-    """Number of the state of the study."""
-    return client.get("/secret/api/state").json()["revision"]
-
-
-def step(client, name, **body):
-    return record_of(client.post(f"/secret/api/step/{name}", json={"revision": present(client), **body}))
-
-
-def finished(client, name, **body):
-    """Run a long computation to its end; returns the state after it."""
-    answer = client.post(f"/secret/api/job/{name}", json=body)
-    assert answer.status_code == 202, answer.text
-    while (state := client.get("/secret/api/state").json())["job"]:
-        time.sleep(0.05)
-    return state
 
 
 def test_only_this_machines_pages_with_the_token_are_answered(client):
@@ -109,7 +55,7 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     before = record["chi2_per_dof"]
     record, numbers = step(client, "change", which=0, values={"fraction": 0.01}, commit=False)
     assert record["chi2_per_dof"] < before and record["effects"][0]["values"]["fraction"] == 0.01
-    expected = bench.shown.predictions()[0]
+    expected = bench.study_in_view.predictions()[0]
     order = np.argsort(band_centres(bench.study.prepared[0].responses))
     np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[0], expected.signal[order].astype("f4"))
     np.testing.assert_array_equal(numbers.reshape(2, 7, 32, 32)[1], expected.sigma[order].astype("f4"))
@@ -121,53 +67,17 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
     assert step(client, "remove", which=0)[0]["effects"] == []
 
 
-def test_the_pattern_of_an_effect_that_is_not_added(client, bench):
-    record, numbers = record_of(client.post("/secret/api/pattern", json={"effect": "veiling-glare"}))
-    assert [each["name"] for each in record["numbers"]] == ["fraction"] and bench.study.effects == ()
-    without = bench.study.predictions()[0]
-    added = bench.study.add("veiling-glare", fraction=record["numbers"][0]["value"]).predictions()[0]
-    order = np.argsort(band_centres(bench.study.prepared[0].responses))
-    expected = ((added.signal - without.signal) / without.sigma)[order]
-    np.testing.assert_allclose(numbers.reshape(7, 32, 32), expected, atol=1e-5)
-    assert np.percentile(np.abs(numbers), 99) == pytest.approx(3.0, rel=0.1)
-
-
-def test_chi_square_over_a_number_holds_until_anything_else_changes(client, bench):
-    step(client, "add", effect="veiling-glare", values={"fraction": 0.01})
-    finished(client, "profile", effect=0, parameter="fraction", revision=present(client))
-    profile = client.get("/secret/api/state").json()["profile"]
-    assert (profile["which"], profile["name"], profile["values"][0]) == (0, "fraction", 0.0)
-    at_present = profile["chi2_per_dof"][profile["values"].index(0.01)]
-    assert at_present == pytest.approx(bench.prediction.chi2.per_dof)
-    assert profile["chi2_per_dof"][0] == pytest.approx(
-        bench.study.change(0, fraction=0.0).predictions()[0].chi2.per_dof
-    )
-    moved, _ = step(client, "change", which=0, values={"fraction": 0.004}, commit=True)
-    assert moved["profile"] == profile
-    assert step(client, "add", effect="ghost")[0]["profile"] is None
-
-
-def test_earlier_pictures_leave_the_study_as_it_is(client, bench):
-    first = step(client, "add", effect="veiling-glare", values={"fraction": 0.02})[0]
-    step(client, "change", which=0, values={"fraction": 0.01}, commit=True)
-    before, numbers = record_of(client.post("/secret/api/earlier", json={"first": False}))
-    assert before["chi2_per_dof"] == pytest.approx(first["chi2_per_dof"]) and numbers.size == 2 * 7 * 32 * 32
-    opened, _ = record_of(client.post("/secret/api/earlier", json={"first": True}))
-    assert opened["chi2_per_dof"] == pytest.approx(bench.moves[0], rel=1e-6)
-    assert bench.study.effects[0].values["fraction"] == 0.01 and not bench.study.history.can_redo
-
-
 @pytest.mark.parametrize(
     ("path", "body", "line"),
     [
-        ("step/add", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("step/add", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("step/add", {"effect": "veiling-glare", "values": {"fraction": 9}}, "from 0 to 0.5"),
         ("step/add", {}, "found nothing; expected a name"),
         ("step/change", {"which": 3, "values": {}}, "found 3"),
         ("step/change", {"which": "x"}, "an index from 0"),
         ("step/adopt", {}, "no diagnosis"),
         ("step/dance", {}, "one of add"),
-        ("pattern", {"effect": "veiling-glar"}, "did you mean 'veiling-glare'"),
+        ("pattern", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("job/profile", {"effect": 3, "parameter": "fraction"}, "found 3"),
         ("job/open", {"capture": "../other"}, "leaves the folder"),
     ],
@@ -232,40 +142,6 @@ def test_a_fit_is_saved_and_opened_again(client, bench):
     assert "leaves the folder" in finished(client, "save", folder="../out")["error"]
     assert "below" in finished(client, "open", capture="nowhere")["error"]
     assert "'/elsewhere'" in finished(client, "save", folder="/elsewhere")["error"]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with open_browser() as page:
-        yield page
-
-
-@pytest.fixture
-def page(browser, bench):
-    browser.errors.clear()
-    with served(bench) as address:
-        browser.open(address)
-        browser.until("document.body.dataset.open === 'true' && !document.getElementById('undo').hidden")
-        browser.until("page.viewer !== null && page.controls !== null && !page.job")
-        yield browser
-        browser.open("about:blank?")
-    # the browser asks only where a person has touched the page, and says so
-    assert [error for error in browser.errors if "'beforeunload'" not in error] == []
-
-
-def chi2(page):
-    return float(page.run("document.getElementById('chi2').textContent"))
-
-
-def press(page, identifier):
-    page.run(f"document.getElementById('{identifier}').click()")
-
-
-def add(page, effect):
-    count = page.run("page.controls.length")
-    page.run(f"document.getElementById('new-effect').value = '{effect}'")
-    press(page, "add")
-    page.until(f"page.controls.length === {count + 1}")
 
 
 def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):

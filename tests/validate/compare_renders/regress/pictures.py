@@ -1,14 +1,15 @@
 """Pictures of the published box with noise made up, so that thousands of pairs cost no rendering."""
 
-from dataclasses import replace
-from functools import cache
+import pickle
+from dataclasses import fields, replace
+from functools import cache, lru_cache
 
 import numpy as np
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare_renders.regress import Side, SurfaceMap
-from cboxlab.validation.compare_renders.regress.variants import build_variants
+from cboxlab.validation.compare_renders.regress.variants import Variants, build_variants
 
 SIZE = 48
 WAVELENGTHS = np.arange(420.0, 701.0, 40.0)
@@ -27,10 +28,29 @@ def rendered(max_bounces=None):
     return mean, SurfaceMap(surface, image.surface_names, surface == -1)
 
 
+class RememberedVariants(Variants):
+    """Variants that render each other scene once: many tests ask for the same ones."""
+
+    def rebuilt(self, scene):
+        return _rebuilt(pickle.dumps((scene, self.camera, self.side)))
+
+
+@lru_cache(maxsize=64)
+def _rebuilt(pickled):
+    """Variants of a scene, pickled since bytes compare by value."""
+    return build_variants(*pickle.loads(pickled))
+
+
+def remembered_variants(camera, side):
+    """The program's own light of the published box, from which changes of transport are computed."""
+    built = build_variants(cornell_box(), camera, side)
+    return RememberedVariants(**{field.name: getattr(built, field.name) for field in fields(built)})
+
+
 @cache
 def variants():
-    """The program's own light of the published box, from which changes of transport are computed."""
-    return build_variants(cornell_box(), cornell_camera(SIZE), noisy(1))
+    """Variants for the pictures of this module."""
+    return remembered_variants(cornell_camera(SIZE), noisy(1))
 
 
 def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, with_errors=True, mapped=True):

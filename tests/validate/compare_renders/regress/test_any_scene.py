@@ -80,14 +80,14 @@ def test_other_seeds_are_the_same_and_the_planes_are_called_as_stored(tmp_path, 
 def test_causes_that_need_no_scene_are_named(tmp_path, change, name, spoilt):
     outcome = pair(tmp_path, spoilt(noisy(2)))
     assert not outcome.same
-    assert (outcome.named[0].change, outcome.named[0].fits) == (name, True), outcome.named
+    assert (outcome.changes[0].change, outcome.changes[0].fits) == (name, True), outcome.changes
 
 
 def test_a_local_change_is_seen_and_has_no_name(tmp_path):
     shade = 1 - 0.3 * np.exp(-((ROWS - 20) ** 2 + (COLUMNS - 45) ** 2) / 60)
     outcome = pair(tmp_path, noisy(2) * shade[..., None])
     assert not outcome.same
-    assert outcome.named[0].change == "unknown" or not outcome.named[0].fits
+    assert outcome.changes[0].change == "unknown" or not outcome.changes[0].fits
 
 
 def matte(header_name="ViewLayer.CryptoObject"):

@@ -44,8 +44,8 @@ def test_a_pattern_is_described(name, with_errors):
     assert not outcome.same
     assert outcome.cancelling.startswith(name)
     assert outcome.to_dict()["cancelling"] == outcome.cancelling
-    assert outcome.named[0].change == UNKNOWN
-    assert name in outcome.named[0].parameters["description"]
+    assert outcome.changes[0].change == UNKNOWN
+    assert name in outcome.changes[0].parameters["description"]
 
 
 def test_a_pattern_of_the_baseline_is_seen_too():
@@ -66,8 +66,8 @@ def test_a_pattern_hides_no_change_of_the_mean():
     spoilt = 1.012 * rendered()[0] * checkerboard(2, 0.3)[..., None]
     outcome, names = regress_sides(noisy(1), noisy(2, spoilt))
     assert names.removed == "checkerboard of 2 px"
-    assert outcome.whole.different
-    assert outcome.whole.difference == pytest.approx(0.012, abs=4 * outcome.whole.sigma)
+    assert outcome.picture_mean.different
+    assert outcome.picture_mean.difference == pytest.approx(0.012, abs=4 * outcome.picture_mean.sigma)
 
 
 def filtered(seed, by):

@@ -62,7 +62,7 @@ def test_wavelengths_that_nobody_sees_add_nothing():
         regress_sides(picture, side_of([as_cube(values[..., mask], wider[mask])], ["a cube"]))[0]
         for mask in (wider > 0, visible)
     )
-    assert complete.whole.difference == pytest.approx(part.whole.difference, rel=1e-9)
+    assert complete.picture_mean.difference == pytest.approx(part.picture_mean.difference, rel=1e-9)
     assert any("over 360 to 830 nm" in note for note in complete.notes)
 
 
@@ -80,7 +80,7 @@ def test_the_steps_of_a_radiance_picture_are_no_difference(tmp_path, paint):
         picture = radiance_file(tmp_path, radiance)
         outcome, _ = regress_sides(side_of([cube(radiance)], ["cube"]), side_of([picture], ["hdr"]))
         assert outcome.same, [(row.kind, row.name, row.statistic) for row in outcome.deciding]
-    assert abs(outcome.whole.difference) < 4 * outcome.whole.sigma
+    assert abs(outcome.picture_mean.difference) < 4 * outcome.picture_mean.sigma
 
 
 def test_noisy_radiance_pictures_are_the_same_and_keep_their_power(tmp_path):

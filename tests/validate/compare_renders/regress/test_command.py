@@ -70,7 +70,7 @@ def test_the_camera_that_the_cubes_state_is_used(tmp_path):
         cube = labelled_cube(image)
         write_cube(tmp_path / f"bare-{name}.nc", cube)
         write_cube(tmp_path / f"{name}.nc", cube.assign_attrs(camera=camera_attribute(moved)))
-    first = regress_inputs(str(tmp_path / "whole.nc"), str(tmp_path / "cut.nc")).named[0]
+    first = regress_inputs(str(tmp_path / "whole.nc"), str(tmp_path / "cut.nc")).changes[0]
     assert (first.change, first.parameters) == ("path-depth", {"max_bounces": 3})
     bare = regress_inputs(str(tmp_path / "bare-whole.nc"), str(tmp_path / "bare-cut.nc"))
     assert any("the scene is not known" in note for note in bare.notes)
@@ -130,7 +130,7 @@ def test_a_camera_file_is_the_view(cubes, tmp_path, capsys):
     assert f"{SIZE} x {SIZE} px, as the cubes" in " ".join(capsys.readouterr().err.split())
 
 
-def shown(capsys):
+def printed(capsys):
     return " ".join(capsys.readouterr().out.split())
 
 
@@ -159,7 +159,7 @@ def declare(*values):
 def test_the_documented_declarations_for_radiance_hold_with_stated_primaries(pictures, name, capsys):
     """Radiance 6 states them; what says the same is accepted, what says another is refused with both."""
     assert ended("regress", pictures / f"{name}.hdr", pictures / f"{name}.hdr", *declare(*RECIPE)) == 0
-    assert "scale as declared: 179" in shown(capsys)
+    assert "scale as declared: 179" in printed(capsys)
     other = declare(*RECIPE[:2], "colour-space=rec709")
     assert ended("regress", pictures / f"{name}.hdr", pictures / f"{name}.hdr", *other) == (
         2 if name == "stated" else 0
@@ -177,7 +177,7 @@ def test_one_of_two_files_has_a_separate_declaration(pictures, capsys):
     assert ended("regress", *files, *declare(*RECIPE)) == 1
     capsys.readouterr()
     assert ended("compare", *files, *declare("units=cd m^-2", "B:scale=179", "B:colour-space=radiance")) == 0
-    said = shown(capsys)
+    said = printed(capsys)
     assert "Means over X, Y, Z" in said
     assert "one exponent for all three" in said
     assert "scale as declared: 179.0" in said
@@ -197,9 +197,9 @@ def test_the_change_of_a_dark_picture_is_given_as_a_part(pictures, capsys):
     """Not as -100.000 %."""
     files = pictures / "xyz.exr", pictures / "xyz.exr"
     assert ended("compare", *files, *declare("units=cd m^-2", "A:scale=0.000012345")) == 0
-    assert "1.23e-05 of B" in shown(capsys)
+    assert "1.23e-05 of B" in printed(capsys)
     assert ended("regress", *files, *declare("units=cd m^-2", "candidate:scale=0.000012345")) == 1
-    assert "mean light 1.23e-05 of the baseline" in shown(capsys)
+    assert "mean light 1.23e-05 of the baseline" in printed(capsys)
 
 
 def test_parameters_are_printed_with_five_digits():

@@ -20,12 +20,12 @@ from cboxlab.validation.compare_renders.regress import (
 from cboxlab.validation.compare_renders.regress.evidence import build_evidence
 from cboxlab.validation.compare_renders.regress.explanations import from_pictures
 from cboxlab.validation.compare_renders.regress.naming import named_changes
-from cboxlab.validation.compare_renders.regress.variants import build_variants, mismatch, with_lamp_size
-from pictures import SIZE, WAVELENGTHS, noisy, rendered, variants
+from cboxlab.validation.compare_renders.regress.variants import mismatch, with_lamp_size
+from pictures import SIZE, WAVELENGTHS, noisy, remembered_variants, rendered, variants
 from scipy.ndimage import convolve1d
 
 
-def named(picture, **noise):
+def first_name(picture, **noise):
     """First named change of a picture against an unchanged one, by pictures alone."""
     outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02, **noise))
     assert not outcome.same
@@ -65,7 +65,7 @@ def tent(clean):
     ],
 )
 def test_a_change_identified_from_the_pictures_alone(change, key, value, alter):
-    first = named(alter(rendered()[0]))
+    first = first_name(alter(rendered()[0]))
     assert first.change == change
     assert first.probability > 0.9
     if isinstance(value, float):
@@ -86,21 +86,21 @@ def test_a_change_identified_from_the_pictures_alone(change, key, value, alter):
     ],
 )
 def test_a_unit_taken_for_another_is_reported(factor, phrase):
-    first = named(factor * rendered()[0])
+    first = first_name(factor * rendered()[0])
     assert first.change == "lamp-scale"
     assert first.parameters["factor"] == pytest.approx(factor, rel=2e-3)
     assert phrase in first.parameters["meaning"]
 
 
 def test_a_factor_of_no_meaning_has_none():
-    assert "meaning" not in named(1.7 * rendered()[0]).parameters
+    assert "meaning" not in first_name(1.7 * rendered()[0]).parameters
 
 
 def test_wavelengths_with_wrong_labels_are_reported():
     candidate = replace(noisy(2), wavelength_nm=WAVELENGTHS + 20)
     outcome = regress_pictures(noisy(1), candidate)
-    assert outcome.named[0].change == "wavelengths"
-    assert outcome.named[0].parameters == {"labels_off_nm": pytest.approx(20)}
+    assert outcome.changes[0].change == "wavelengths"
+    assert outcome.changes[0].parameters == {"labels_off_nm": pytest.approx(20)}
 
 
 def test_bin_edges_taken_for_points_are_reported():
@@ -141,22 +141,27 @@ def test_glossy_white_paint_is_named_gloss():
     assert first.parameters["specular"] == pytest.approx(0.9, abs=0.2)
 
 
+@pytest.fixture(scope="module")
+def small_and_noisy():
+    """Two sides of 32 x 32 pixels, and variants for them."""
+    camera = cornell_camera(32)
+    sides = [
+        side_of([labelled_cube(render(RenderJob(cornell_box(), camera, WAVELENGTHS, 16, 8, seed=seed)))], ["it"])
+        for seed in (5, 6)
+    ]
+    return *sides, remembered_variants(camera, sides[0])
+
+
 @pytest.mark.parametrize("with_errors", [True, False])
-def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors):
+def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors, small_and_noisy):
     """Too few pixels for the correlation between wavelengths, and edges whose errors may not be stated: the change is
     hardly larger than noise, and what noise leaves is no evidence of anything else."""
-    first, second = (
-        side_of(
-            [labelled_cube(render(RenderJob(cornell_box(), cornell_camera(32), WAVELENGTHS, 16, 8, seed=seed)))], ["it"]
-        )
-        for seed in (5, 6)
-    )
+    first, second, light = small_and_noisy
     if not with_errors:
         first, second = (replace(side, variance=None, degrees=0.0) for side in (first, second))
     _, names = regress_sides(first, replace(second, radiance=0.985 * second.radiance))
     assert names.noise.correlation is None
-    changes = named_changes(names, build_variants(cornell_box(), cornell_camera(32), first))
-    probability = {change.change: change.probability for change in changes}
+    probability = {change.change: change.probability for change in named_changes(names, light)}
     assert probability["lamp-scale"] > 0.25
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 
@@ -178,7 +183,7 @@ def test_half_a_pixel_is_named_shift():
     camera = cornell_camera(SIZE)
     half = replace(camera, principal_point_px=camera.principal_point_px + np.array([0.5, 0.0]))
     image = render(RenderJob(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6))
-    first = named(image.project(np.eye(WAVELENGTHS.size))[0])
+    first = first_name(image.project(np.eye(WAVELENGTHS.size))[0])
     assert first.change == "shift"
     assert first.parameters == {"dx_px": pytest.approx(0.5, abs=0.1), "dy_px": pytest.approx(0.0, abs=0.1)}
 
@@ -243,8 +248,8 @@ def test_red_and_blue_exchanged_are_named():
         side = noisy(seed, rgb[..., order] @ matrix.T, noise=0.02)
         sides.append(replace(side, wavelength_nm=np.full(3, np.nan), in_colour=True))
     outcome = regress_pictures(*sides)
-    assert outcome.named[0].change == "bands-exchanged"
-    assert outcome.named[0].parameters["order"] == "BGR"
+    assert outcome.changes[0].change == "bands-exchanged"
+    assert outcome.changes[0].parameters["order"] == "BGR"
 
 
 def test_what_no_explanation_fits_is_unknown():

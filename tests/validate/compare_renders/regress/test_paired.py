@@ -34,7 +34,7 @@ def test_a_change_of_three_thousandths_of_a_percent_is_seen():
     outcome, names = regress_sides(side(100), side(100, lambda radiance, rng: radiance * (1 + 3e-5)))
     assert names.pooling.paired
     assert not outcome.same
-    assert outcome.whole.difference == pytest.approx(3e-5, abs=4 * outcome.whole.sigma)
+    assert outcome.picture_mean.difference == pytest.approx(3e-5, abs=4 * outcome.picture_mean.sigma)
     assert outcome.would_have_seen < 3e-5
     assert any("same random numbers" in note for note in outcome.notes)
 

@@ -110,7 +110,7 @@ def test_a_change_that_is_not_in_the_list_is_unknown(change):
         assert names.removed
         return
     assert best.probability < 0.5
-    outcome = replace(outcome, named=changes)
+    outcome = replace(outcome, changes=changes)
     assert "unknown" in name_line(outcome)
     record = outcome.to_dict()
     assert record["left_chi2_per_number"] == pytest.approx(best.chi2)
@@ -144,6 +144,6 @@ def test_a_cause_of_a_file_is_tried(tmp_path, monkeypatch):
 
 def test_a_change_of_the_list_fits_and_is_named():
     outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, rendered(3)[0], noise=0.02))
-    outcome = replace(outcome, named=named_changes(names, variants()))
-    assert outcome.fits and outcome.named[0].probability > 0.99
+    outcome = replace(outcome, changes=named_changes(names, variants()))
+    assert outcome.fits and outcome.changes[0].probability > 0.99
     assert name_line(outcome).startswith("named path-depth")

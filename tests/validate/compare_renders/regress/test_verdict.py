@@ -63,14 +63,14 @@ def test_statistics_of_equal_pictures_have_unit_variance():
 def test_a_stated_detectable_difference_is_found_in_nine_of_ten():
     """20 runs at exactly that size: fewer than 13 found with probability 2e-3 (binomial, 0.9)."""
     clean, _ = rendered()
-    size = verdict(noisy(0), noisy(1)).whole.detectable
+    size = verdict(noisy(0), noisy(1)).picture_mean.detectable
     results = [not verdict(noisy(2 * s), noisy(2 * s + 1, clean * (1 + size))).same for s in range(20)]
     assert sum(results) >= 13
 
 
 def test_the_mean_difference_is_a_ratio_of_means_within_its_sigma():
     clean, _ = rendered()
-    rows = [verdict(noisy(2 * s), noisy(2 * s + 1, 1.01 * clean)).whole for s in range(20)]
+    rows = [verdict(noisy(2 * s), noisy(2 * s + 1, 1.01 * clean)).picture_mean for s in range(20)]
     z = np.array([(row.difference - 0.01) / row.sigma for row in rows])
     assert abs(z.mean()) < 4 / np.sqrt(20)
     assert 0.3 < z.std() < 1.8
@@ -100,7 +100,7 @@ def test_the_even_change_has_the_smaller_error_where_noise_is_uneven():
             for quiet, noise in zip((first, second), loud, strict=True)
         ]
         outcome = verdict(*sides)
-        rows.append((outcome.whole, outcome.of_kind("even")[0]))
+        rows.append((outcome.picture_mean, outcome.of_kind("even")[0]))
     assert all(even.sigma < 0.5 * overall.sigma for overall, even in rows)
     assert all(even.difference == pytest.approx(0.003, abs=4 * even.sigma) for _, even in rows)
 
@@ -142,7 +142,9 @@ def test_fireflies_are_set_aside_and_reported():
     outcome = verdict(noisy(0), candidate)
     assert outcome.same
     assert outcome.outliers == before.outliers + 1
-    assert outcome.whole.difference == pytest.approx(before.whole.difference, abs=before.whole.sigma)
+    assert outcome.picture_mean.difference == pytest.approx(
+        before.picture_mean.difference, abs=before.picture_mean.sigma
+    )
     assert outcome.outlier_share > 0.1
 
 
@@ -191,7 +193,7 @@ def test_a_cube_without_errors_is_estimated_and_said_so():
     outcome = verdict(side, side_of([cube(noisy(1))], ["other"]))
     stated_verdict = verdict(noisy(0), noisy(1))
     assert any("no standard error" in note for note in outcome.notes)
-    assert outcome.whole.sigma == pytest.approx(stated_verdict.whole.sigma, rel=0.3)
+    assert outcome.picture_mean.sigma == pytest.approx(stated_verdict.picture_mean.sigma, rel=0.3)
 
 
 def test_what_cannot_be_compared_is_an_input_error(tmp_path):
@@ -246,11 +248,11 @@ def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
     outcome = verdict(noisy(0), side_of([as_xyz_picture(xyz)], ["colour"]))
     assert outcome.same
     assert [row.name for row in outcome.of_kind("band")] == ["X", "Y", "Z"]
-    overall = verdict(noisy(0), other).whole
-    assert outcome.whole.difference == pytest.approx(overall.difference, abs=2 * overall.sigma)
+    overall = verdict(noisy(0), other).picture_mean
+    assert outcome.picture_mean.difference == pytest.approx(overall.difference, abs=2 * overall.sigma)
     brighter = verdict(noisy(0), side_of([as_xyz_picture(1.05 * xyz)], ["colour"]))
-    assert brighter.whole.difference == pytest.approx(0.05, abs=4 * brighter.whole.sigma)
-    assert brighter.whole.sigma < 0.005
+    assert brighter.picture_mean.difference == pytest.approx(0.05, abs=4 * brighter.picture_mean.sigma)
+    assert brighter.picture_mean.sigma < 0.005
 
 
 def test_patterns_of_equal_pictures_scatter_as_stated():

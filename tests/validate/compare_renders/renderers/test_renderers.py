@@ -48,7 +48,7 @@ def test_a_renderer_agrees_with_ours_through_a_distorting_lens(distorted_box, re
     run = run_renderer(tmp_path / "box", renderer)
     exported, reference = distorted_box[renderer != "radiance"]
     judged = judge(renderer, read_rendered(tmp_path / "box", renderer), reference, exported, run)
-    overall = judged.outcome.whole
+    overall = judged.outcome.picture_mean
     assert abs(overall.difference) < 4 * overall.sigma and overall.sigma < 0.02
     assert {n: d for n, (d, s) in judged.surfaces.items() if abs(d) > max(4 * s, 0.005)} == {}
     assert bool(judged.remark) == (renderer == "radiance")
@@ -65,7 +65,7 @@ def test_inside_a_closed_box_of_grey_walls(renderer, tmp_path):
     write_export(tmp_path / "box", exported)
     run_renderer(tmp_path / "box", renderer)
     judged = judge(renderer, read_rendered(tmp_path / "box", renderer), reference_cube(exported), exported)
-    overall = judged.outcome.whole
+    overall = judged.outcome.picture_mean
     assert abs(overall.difference) < 4 * overall.sigma < 0.04
 
 

@@ -32,7 +32,7 @@ def _model(excess):
     )
 
 
-def _seen(change, seed=3):
+def _significant(change, seed=3):
     excess = small_excess(change, seed=seed)
     model = _model(excess)
     return is_significant_pattern(explain(excess), model, model.residual, 0.0)
@@ -49,16 +49,16 @@ def _seen(change, seed=3):
 )
 def test_a_pattern_of_a_quarter_of_the_noise_is_seen(pattern):
     assert np.mean((pattern / SIGMA) ** 2) < 0.08
-    assert _seen(pattern)
+    assert _significant(pattern)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_has_no_pattern(seed):
-    assert not _seen(np.zeros(SIGNAL.shape), seed)
+    assert not _significant(np.zeros(SIGNAL.shape), seed)
 
 
 def test_a_smooth_flaw_of_all_bands_is_left_to_the_other_test():
-    assert not _seen(0.3 * SIGMA * np.cos(COLUMNS / 30))
+    assert not _significant(0.3 * SIGMA * np.cos(COLUMNS / 30))
 
 
 @pytest.mark.parametrize(("where", "expected"), [(COLUMNS >= 0, True), (abs(COLUMNS - 20) < 12, False)])
@@ -79,16 +79,16 @@ def _spot(row, column):
 def test_a_grain_on_the_sensor_is_seen_and_spots_here_and_there_are_left_to_the_other_test():
     """One alone; and with three weaker ones, as the dark corners of a picture may be wrong together."""
     grain = _spot(12, 10)
-    assert _seen(grain)
+    assert _significant(grain)
     others = 0.7 * sum(_spot(*position) for position in ((36, 38), (12, 38), (36, 10)))
     together = small_excess(grain + others)
     assert explain(together).form.startswith("a spot; then a spot")
-    assert not _seen(grain + others)
+    assert not _significant(grain + others)
 
 
 @pytest.mark.parametrize("radius", [1.6, 2.3, 5.0])
 def test_a_grain_holds_in_pixels_held_out(radius):
-    assert _seen(-0.1 * SIGNAL * (np.hypot(ROWS - 12, COLUMNS - 10) < radius))
+    assert _significant(-0.1 * SIGNAL * (np.hypot(ROWS - 12, COLUMNS - 10) < radius))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -97,7 +97,7 @@ def test_pixels_that_scatter_in_one_place_are_no_pattern(seed):
     corner = np.hypot(ROWS - 12, COLUMNS - 10) < 3
     scatter = np.where(corner, np.random.default_rng(seed).standard_normal(corner.shape), 0.0)
     change = 0.1 * SIGNAL * scatter
-    assert not _seen(change)
+    assert not _significant(change)
 
 
 def _exchanged(*steps):

@@ -31,12 +31,12 @@ def browser(tmp_path_factory):
 @pytest.fixture
 def page(browser):
     browser.errors.clear()
-    shown(browser, "")
+    open_at(browser, "")
     yield browser
     assert browser.errors == []
 
 
-def shown(browser, fragment):
+def open_at(browser, fragment):
     browser.open(f"{browser.file.resolve().as_uri()}?{np.random.default_rng().integers(1 << 60)}{fragment}")
     browser.run("globalThis.v = document.getElementById('v').viewer; v.ready.then(() => null)")
 
@@ -147,10 +147,10 @@ def test_a_link_keeps_the_view_and_a_wrong_one_harms_nothing(page):
     )
     page.until("location.hash.startsWith('#view&')")
     state, link = page.run("v.state"), page.run("location.hash")
-    shown(page, link)
+    open_at(page, link)
     assert page.run("v.state") == state
     wrong = "#view&mode=dance&c=nothing&band=77&zoom=1e9&x=NaN&pixel=900,1&region=polygon:1,2;x,3&__proto__=1"
-    shown(page, wrong + "&scale=own")
+    open_at(page, wrong + "&scale=own")
     outcome = page.run("v.state")
     untouched = {"mode": "slider", "c": "residual", "band": -1, "pixel": None, "region": None}
     assert {key: outcome[key] for key in untouched} == untouched

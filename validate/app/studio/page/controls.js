@@ -74,7 +74,7 @@ function parameterControls(parameter, id, moved, begun, profile) {
   const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.name + ", number" });
   const label = make("label", { for: id }, shortName(parameter) + (parameter.unit ? ", " + parameter.unit : ""));
   const bounds = make("div", { class: "bounds" });
-  const curve = make("button", { class: "small", "aria-label": `Chi-square over ${parameter.name}` }, "χ² over this number");
+  const curve = make("button", { class: "small", "aria-label": `χ² over this number: ${parameter.name}` }, "χ² over this number");
   curve.addEventListener("click", profile);
   const drawing = make("div", { class: "profile" });
   const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];

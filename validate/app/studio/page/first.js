@@ -3,7 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 
-const page = { entries: new Map(), asking: 0 };
+const page = { entries: new Map(), asking: 0, working: 0 };
 
 async function ask(name) {
   const entries = [...page.entries.values()];
@@ -18,25 +18,43 @@ async function ask(name) {
 
 async function attempt(step) {
   $("mistake").textContent = $("saved").textContent = "";
+  page.working += 1;
   document.body.dataset.busy = "true";
   try {
     await step();
   } catch (error) {
     $("mistake").textContent = error.message;
   }
-  document.body.dataset.busy = "false";
+  page.working -= 1;
+  document.body.dataset.busy = String(page.working > 0);
 }
 
 /** A field for a missing key; its entry is checked when it is left. */
 function fieldOf({ where, key, example, why }, number) {
-  const input = make("input", { id: `field-${number}`, placeholder: example, autocomplete: "off", "data-key": key });
+  const input = make("input", { id: `field-${number}`, placeholder: example, autocomplete: "off", "data-key": key, "data-where": where, "data-name": `${where} ${key}` });
   const name = `${where} ${key}`;
   input.value = page.entries.has(name) ? page.entries.get(name).value : "";
   input.addEventListener("change", () => {
     page.entries.set(name, { where, key, value: input.value });
+    offer();
     attempt(check);
   });
-  return make("label", { class: "field" }, [make("span", {}, `${name}, such as ${example}: ${why}`), input]);
+  const alike = () => [...document.querySelectorAll(`input[data-key="${key}"]`)].filter((other) => other !== input && !other.value);
+  const repeat = make("button", { type: "button", class: "small", hidden: "" });
+  const offer = () => {
+    const count = alike().length;
+    repeat.hidden = !input.value || !count;
+    repeat.textContent = `The same ${key} in ${count} empty ${count === 1 ? "field" : "fields"}`;
+  };
+  repeat.addEventListener("click", () => {
+    for (const other of alike()) {
+      other.value = input.value;
+      page.entries.set(other.dataset.name, { where: other.dataset.where, key, value: input.value });
+    }
+    repeat.hidden = true;
+    attempt(check);
+  });
+  return make("div", { class: "field" }, [make("label", {}, [make("span", {}, `${name}, such as ${example}: ${why}`), input]), repeat]);
 }
 
 /** Faults and text with the entries so far; an entry that is no value is marked. */

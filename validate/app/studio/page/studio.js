@@ -80,6 +80,38 @@ async function receive(answer) {
   [page.shown, page.earlier] = [{ rendered, sigma }, null];
   showFlip(null);
   if (page.viewer && rendered.length) await page.viewer.update({ rendered, sigma });
+  showGlance();
+  showParts();
+}
+
+/** The difference in small, above the sliders of a narrow window. */
+function showGlance() {
+  const open = page.viewer && page.record.open;
+  $("glance").hidden = !open;
+  if (!open) return;
+  const source = page.viewer.layer("residual");
+  [$("mini").width, $("mini").height] = [source.width, source.height];
+  $("mini").getContext("2d").drawImage(source, 0, 0);
+  $("glance-chi2").textContent = $("chi2").textContent;
+}
+
+/** Mean square of the difference over sigma, by band and by surface; noise alone gives about 1. */
+function showParts() {
+  if (!$("parts").open || !page.viewer || !page.record.open) return;
+  const { measured, rendered, sigma, mask, surface, surfaces, bands, width, height } = page.viewer.picture;
+  const size = width * height, byBand = bands.map(() => [0, 0]), bySurface = surfaces.map(() => [0, 0]);
+  for (let i = 0; i < measured.length; i++) {
+    const square = ((measured[i] - rendered[i]) / sigma[i]) ** 2;
+    if (mask[i] || !Number.isFinite(square)) continue;
+    const on = bySurface[surface[i % size]];
+    for (const sums of [byBand[Math.floor(i / size)], on]) if (sums) [sums[0], sums[1]] = [sums[0] + square, sums[1] + 1];
+  }
+  const table = (kind, names, sums) => make("table", {}, [
+    make("thead", {}, make("tr", {}, [make("th", { scope: "col" }, kind), make("th", { scope: "col" }, "χ² per sample")])),
+    make("tbody", {}, names.map((name, i) => make("tr", {}, [make("th", { scope: "row" }, name),
+      make("td", {}, sums[i][1] ? numberText(+(sums[i][0] / sums[i][1]).toPrecision(3)) : "–")])))]);
+  $("parts-tables").replaceChildren(
+    table("Band", bands.map(({ id, nm }) => (nm === null ? id : `${nm.toFixed(0)} nm`)), byBand), table("Surface", surfaces, bySurface));
 }
 
 /** Words and button of a flip to earlier pictures; null for the present ones. */
@@ -360,6 +392,7 @@ $("add").addEventListener("click", () => attempt(async () => {
   await hidePattern();
   await step("add", { effect: $("new-effect").value });
 }));
+$("parts").addEventListener("toggle", showParts);
 $("pattern").addEventListener("click", () => attempt(showPattern));
 $("before").addEventListener("click", () => attempt(flip));
 $("before-what").addEventListener("change", () => attempt(async () => {

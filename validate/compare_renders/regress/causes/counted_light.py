@@ -27,7 +27,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
             light = (scene.picture if more else until[reflections]) - until[reflections - 1]
             template = pictures.change(scene.picture + np.maximum(light, 0))
 
-            def stated(a: np.ndarray, n: int = reflections, and_more: bool = more) -> dict[str, object] | None:
+            def parameters(a: np.ndarray, n: int = reflections, and_more: bool = more) -> dict[str, object] | None:
                 factor = 1 + float(a[0])
                 if factor < -_NEAR or (and_more and factor < _NEAR):  # the latter is a depth of paths
                     return None
@@ -38,7 +38,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
                     values["meaning"] = "counted twice"
                 return values
 
-            yield Trial(stated, (template,), selected=1)
+            yield Trial(parameters, (template,), selected=1)
 
 
 CAUSE = Cause(

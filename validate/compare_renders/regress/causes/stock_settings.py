@@ -48,13 +48,13 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     for stock in _STOCK:
         cut = pictures.change(scene.light.change(max_bounces=stock.reflections).picture())
 
-        def stated(amplitudes: np.ndarray, stock: _Stock = stock) -> dict[str, object] | None:
+        def parameters(amplitudes: np.ndarray, stock: _Stock = stock) -> dict[str, object] | None:
             blur = 2 * float(amplitudes[0])
             if not stock.blur_px2[0] <= blur <= stock.blur_px2[1]:
                 return None
             return {"renderer": stock.renderer, "settings": stock.settings, "filter_added_variance_px2": blur}
 
-        yield Trial(stated, (once,), fixed=cut)
+        yield Trial(parameters, (once,), fixed=cut)
 
 
 CAUSE = Cause(

@@ -185,7 +185,7 @@ function bandTable(record) {
 
 /** A table of texts; the first cell of a row names it. */
 function valueTable(head, rows) {
-  return html("div", { class: "cbv-scroll" }, html("table", {}, [
+  return html("div", { class: "cbv-scroll", tabindex: "0", role: "group", "aria-label": "Table of values" }, html("table", {}, [
     html("thead", {}, html("tr", {}, head.map((h) => html("th", { scope: "col" }, h)))),
     html("tbody", {}, rows.map((row) =>
       html("tr", {}, row.map((cell, k) => html(k ? "td" : "th", k ? {} : { scope: "row" }, cell))))),

@@ -8,6 +8,7 @@
  *   viewer.select(x, y);                 // what a click does; viewer.select(null) closes the panel
  *   viewer.values(x, y);                 // all data of a pixel, as plain numbers
  *   viewer.csv("panes" | "region");      // what is shown as the text of a CSV file
+ *   viewer.layer("residual");            // canvas of a layer as it is painted now
  *   viewer.figure(n);                    // canvas of the n-th picture with caption and scales
  *   viewer.state;                        // a copy: mode "slider" | "flip" | "side", layers a, b (compared) and c (beside
  *                                        // them), band, exposure, scale "standard" | "fine" | "coarse" | "own",
@@ -126,6 +127,11 @@ class CBoxViewer {
       const name = values ? this._caption(id) : `${this._layer(id).name}, Y`;
       return { name: unit && !name.endsWith(unit) ? `${name} (${unit})` : name, values: values ?? layerValues(this.picture, this._layer(id), -1) };
     })));
+  }
+
+  /** Canvas of a layer as it is painted now, one of its pixels for each of the picture's. */
+  layer(id) {
+    return this._paintedLayer(id).canvas;
   }
 
   /** Canvas of the n-th picture as it is shown, with caption and scales. */
@@ -375,9 +381,10 @@ class CBoxViewer {
   /** Name and unit of a layer's scale. */
   _scaleText(id) {
     const { scale, values } = this._paintedLayer(id);
-    const { name } = this._layer(id);
+    const { name, kind } = this._layer(id);
     if (!scale) return "";
-    const named = ["", "σ"].includes(scale.unit) ? name : `${name}, ${scale.unit}`;
+    const unit = ["", "σ"].includes(scale.unit) ? name : `${name}, ${scale.unit}`;
+    const named = kind === "difference" ? `${unit}; red: the photograph is brighter` : unit;
     return values.some((v) => Number.isNaN(v)) ? `${named}; hatched: left out` : named;
   }
 

@@ -49,12 +49,12 @@ def _sooty(light, loss):
     transport, patches = light.transport, light.transport.light.patches
     top = patches.centre[:, 1].max()
 
-    def kept(position):
+    def transmission(position):
         return 1 - loss * np.clip(position[:, 1] / top, 0, 1)[:, None] ** 2
 
     return light.change(
-        patch_reflectance=light.patch_reflectance * kept(patches.centre),
-        fragment_reflectance=light.fragment_reflectance * kept(transport.position),
+        patch_reflectance=light.patch_reflectance * transmission(patches.centre),
+        fragment_reflectance=light.fragment_reflectance * transmission(transport.position),
     )
 
 

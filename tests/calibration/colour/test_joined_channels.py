@@ -1,0 +1,75 @@
+"""Channels of a colour sensor behind narrow filters: joined by their noise, left out where they see other light."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cboxlab.calibration.capture import chosen_channel_notes
+from cboxlab.calibration.colour.joined_channels import BandColumns, joined_channels
+from cboxlab.calibration.correction.corrected_bands import _faint_bands
+from cboxlab.scenes.spectra import Spectrum
+
+NM = np.arange(380.0, 731.0)
+PEAKS_NM = {"R": 600.0, "G": 540.0, "B": 460.0}
+
+
+def bell(centre, width):
+    return Spectrum(NM, np.exp(-(((NM - centre) / width) ** 2)), "zero")
+
+
+def capture_of(*bands, pattern="RGGB"):
+    """Bands (id, filter in nm or None, channel or None); the bands of one filter have the same frames."""
+    tables = [
+        SimpleNamespace(
+            id=name,
+            transmittance=None if nm is None else str(nm),
+            channel=channel,
+            frames=(f"{name if nm is None else nm}.tif",),
+        )
+        for name, nm, channel in bands
+    ]
+    camera = SimpleNamespace(quantum_efficiency={letter: letter for letter in PEAKS_NM})
+    return SimpleNamespace(
+        manifest=SimpleNamespace(band=tables, camera=camera, mosaic=SimpleNamespace(pattern=pattern)),
+        band_ids=tuple(table.id for table in tables),
+        band=lambda name: next(table for table in tables if table.id == name),
+        light=lambda name: bell(float(name), 10.0),
+        quantum_efficiency=lambda letter: bell(PEAKS_NM[letter], 50.0),
+    )
+
+
+def test_channels_of_one_filter_are_weighted_by_their_noise():
+    """500 patches, noise 0.02 and 0.03: one column of sigma 0.0166. A third channel sees a leak."""
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(0.05, 0.9, 500)
+    sigma = np.array([0.03, 0.02, 0.01, 0.05])
+    columns = truth[:, None] + sigma * rng.standard_normal((500, 4))
+    columns[:, 2] += 0.1 * rng.uniform(-1, 1, 500)
+    capture = capture_of(("500b", 500, "B"), ("500g", 500, "G"), ("500r", 500, "R"), ("w", None, "G"))
+    spread = np.broadcast_to(sigma, columns.shape)
+    joined = joined_channels(capture, BandColumns(capture.band_ids, columns, spread, np.eye(4), np.ones(4)))
+    assert joined.bands == ("500g", "w")
+    expected = (sigma[0] ** -2 + sigma[1] ** -2) ** -0.5
+    np.testing.assert_allclose(joined.sigma[:, 0], expected)
+    assert np.std(joined.reflectance[:, 0] - truth) == pytest.approx(expected, rel=0.13)  # standard error 3 %
+    np.testing.assert_allclose(joined.filters[0], [4 / 13, 9 / 13, 0, 0])
+    np.testing.assert_array_equal(joined.reflectance[:, 1], columns[:, 3])
+    assert "500r differ by more and are left out" in joined.notes[0]
+
+
+def test_bands_without_a_stated_channel_stay_as_they_are_and_further_channels_are_named():
+    """The filter at 500 nm lies between blue and green: both see it, and one alone is chosen as before."""
+    capture = capture_of(("500", 500, None), ("600", 600, None))
+    columns = BandColumns(capture.band_ids, np.ones((3, 2)), np.ones((3, 2)), np.eye(2), np.ones(2))
+    joined = joined_channels(capture, columns)
+    assert joined.bands == columns.bands and not joined.notes
+    notes = chosen_channel_notes(capture, {"500": "G", "600": "R"})
+    assert "500 B" in notes[1] and "600" in notes[0] and "R" not in notes[1]
+
+
+def test_a_channel_whose_flat_is_noise_is_faint_where_another_one_of_its_frames_is_not():
+    capture = capture_of(("500b", 500, "B"), ("500r", 500, "R"), ("600b", 600, "B"), ("one", None, "G"))
+    relative = {"500b": 0.02, "500r": 0.3, "600b": 0.3, "one": 0.3}
+    flats = {name: SimpleNamespace(relative_variance=np.full((2, 2), value**2)) for name, value in relative.items()}
+    channels = {"500b": "B", "500r": "R", "600b": "B", "one": "G"}
+    assert _faint_bands(capture, channels, flats, dict.fromkeys(flats)) == {"500r"}
