@@ -371,14 +371,16 @@ def selected_with_flaws(
         judged = _judged(linearised, flaws)
         better, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
         if _names(better) != _names(selected):
-            del flaws, judged
             better, flaws, verdicts = confirmed_with_flaws(linearised, better)
             judged = _judged(linearised, flaws)
             better = refitted_together(judged, better) if better else []
             assessed = with_alternatives(judged, better, signatures)
         assessed = tested_without_errors(linearised, assessed)
-        selected, assessed = confirmed_where_held_out(judged, better, assessed, signatures)
-        assessed = tested_without_errors(linearised, assessed)
+        selected, assessed = confirmed_where_held_out(linearised, better, assessed, signatures)
+        if len(selected) < len(better):
+            flaws = flaws_of(linearised, residual_with(linearised, selected))
+            rivals = with_alternatives(_judged(linearised, flaws), selected, signatures)
+            assessed = tested_without_errors(linearised, rivals)
         verdicts = tuple(replace(verdict, holds=verdict.effect in _names(selected)) for verdict in verdicts)
         return SelectionWithFlaws(linearised, selected, assessed, flaws, verdicts)
     return SelectionWithFlaws(linearised, [], [], flaws, verdicts)
