@@ -31,7 +31,7 @@ WRITTEN = ("--out", "--json", "--to")
 def test_the_manual_builds_without_a_warning(tmp_path):
     build = [sys.executable, "-m", "sphinx", "-q", "-n", "-W", "--keep-going", DOCS, tmp_path / "manual"]
     done = subprocess.run(build, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr  # -W: a warning is an error; other libraries may log to the same stream
     assert (tmp_path / "manual" / "tutorial.html").exists()
 
 

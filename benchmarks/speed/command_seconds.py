@@ -46,7 +46,9 @@ def commands(folder: Path, size: int, bands: int) -> dict[str, list[str]]:
     return {
         "help": ["--help"],
         "regress": ["regress", *cubes("small", 32, 32, 7), "--quiet"],
+        "calibrate": ["calibrate", capture, "--quiet", "--out", out],
         "validate": ["validate", capture, "--no-cache", "--quiet", "--out", out],
+        "diagnose": ["diagnose", capture, "--no-cache", "--quiet", "--out", out],
         "compare": ["compare", *cubes("large", size, size, bands), "--quiet"],
     }
 
@@ -90,7 +92,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("earlier", help="folder of an earlier state, or a git reference")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--only", default="help,regress,validate,compare", help="some of the commands")
+    everything = "help,regress,calibrate,validate,diagnose,compare"
+    parser.add_argument("--only", default=everything, help="some of the commands")
     parser.add_argument("--size", type=int, default=512, help="pixels along each side of the large cubes")
     parser.add_argument("--bands", type=int, default=200, help="bands of the large cubes")
     options = parser.parse_args()

@@ -182,7 +182,7 @@ def write_first_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) ->
     Returns
     -------
     FirstManifest
-        What was written, what is missing without the entries, and what was left out.
+        The file that was written, the keys that are missing without the entries, and the files left out.
 
     Raises
     ------

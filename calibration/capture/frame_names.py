@@ -203,7 +203,7 @@ def parse_name(stem: str, ignored: int = 0) -> FrameName:
     Returns
     -------
     FrameName
-        What the name says with certainty.
+        The properties that the name states with certainty.
     """
     lowered = stem.lower()
     dates = list(_DATE.finditer(lowered))

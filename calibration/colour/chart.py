@@ -57,7 +57,7 @@ def find_chart(capture: Capture, bands: CorrectedBands) -> NDArray[np.uint8]:
     capture
         The capture.
     bands
-        Its corrected bands.
+        The capture's corrected bands.
 
     Returns
     -------

@@ -65,9 +65,9 @@ def chart_sensitivities(capture: Capture, bands: CorrectedBands, noise: NoiseMod
     capture
         The capture.
     bands
-        Its corrected bands.
+        The capture's corrected bands.
     noise
-        Its noise model.
+        The capture's noise model.
 
     Returns
     -------

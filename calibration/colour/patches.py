@@ -129,7 +129,7 @@ def white_patch(capture: Capture, labels: Sequence[Label]) -> Label | None:
     capture
         Capture with [labels].
     labels
-        Its labels.
+        The capture's labels.
 
     Returns
     -------
@@ -158,9 +158,9 @@ def patch_pixels(
     capture
         The capture.
     bands
-        Its corrected bands.
+        The capture's corrected bands.
     noise
-        Its noise model.
+        The capture's noise model.
     index
         Position of the band.
     black_dn
@@ -283,9 +283,9 @@ def measure_patches(
     capture
         Capture with or without `[labels]`.
     bands
-        Its corrected bands.
+        The capture's corrected bands.
     noise
-        Its noise model.
+        The capture's noise model.
     linearity
         Linearity with the black level of the brackets; None assumes a black level of 0.
 

@@ -32,7 +32,7 @@ def sampling_variance(
     table
         A table of the manifest.
     dark
-        Its dark levels.
+        The capture's dark levels.
     noise
         Noise model of one count.
 

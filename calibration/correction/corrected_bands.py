@@ -225,7 +225,7 @@ def correct_bands(
     capture
         The capture whose bands are corrected.
     dark
-        Its dark levels (see ``read_darks``).
+        The capture's dark levels (see ``read_darks``).
     noise
         Noise model of one count (see ``measure_noise``).
     channels

@@ -257,7 +257,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     capture
         The capture.
     dark
-        Its dark levels; their bias is subtracted.
+        The capture's dark levels; their bias is subtracted.
 
     Returns
     -------

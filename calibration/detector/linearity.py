@@ -186,7 +186,7 @@ def measure_linearity(
     capture
         The capture.
     dark
-        Its dark levels.
+        The capture's dark levels.
     noise
         Noise model of one count.
     channels

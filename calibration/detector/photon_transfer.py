@@ -223,7 +223,7 @@ def measure_photon_transfer(
     capture
         The capture.
     dark
-        Its dark levels.
+        The capture's dark levels.
     channels
         With a mosaic, the channel of each band; None without one.
 

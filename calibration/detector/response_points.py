@@ -117,9 +117,9 @@ def response_points(
     capture
         The capture.
     bands
-        Its corrected bands, for flats and masks.
+        The capture's corrected bands, for flats and masks.
     dark
-        Its dark levels.
+        The capture's dark levels.
     noise
         Noise model of one count.
     channels

@@ -61,9 +61,9 @@ def study_sensor(
     capture
         The capture.
     bands
-        Its corrected bands.
+        The capture's corrected bands.
     dark
-        Its dark levels.
+        The capture's dark levels.
     noise
         Noise model of one count.
     channels

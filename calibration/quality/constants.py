@@ -249,7 +249,7 @@ def check_flats_and_references(
     capture
         A capture.
     bands
-        Its flats.
+        The capture's flats.
     radiometry
         C by the references of each band.
     channels

@@ -61,9 +61,9 @@ def check_counts(
     stacks
         All its frames.
     dark
-        Its dark frames.
+        The capture's dark frames.
     noise
-        Its noise of reading.
+        The capture's noise of reading.
 
     Yields
     ------

@@ -54,7 +54,7 @@ def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -
     stacks
         All its frames.
     dark
-        Its dark frames.
+        The capture's dark frames.
 
     Yields
     ------

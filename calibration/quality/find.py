@@ -64,13 +64,13 @@ def find_suspicions(
     capture
         A capture.
     bands
-        Its corrected signals.
+        The capture's corrected signals.
     dark
-        Its dark frames.
+        The capture's dark frames.
     noise
         Gain and read noise by its frames.
     radiometry
-        Its constant C.
+        The capture's constant C.
     fit
         Camera fitted to its surveyed points; None without one.
     channels

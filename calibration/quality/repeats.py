@@ -106,9 +106,9 @@ def check_repeats(
     stacks
         All its frames.
     dark
-        Its dark frames.
+        The capture's dark frames.
     noise
-        Its gain and read noise, where they are not stated.
+        The capture's gain and read noise, where they are not stated.
 
     Yields
     ------
@@ -159,7 +159,7 @@ def check_noise(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, no
     stacks
         All its frames.
     dark
-        Its dark frames.
+        The capture's dark frames.
     noise
         Gain and read noise by its frames.
 

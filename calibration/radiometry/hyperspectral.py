@@ -188,7 +188,7 @@ def hyperspectral_cube(
     capture
         Capture with a transmittance for every band.
     bands
-        Its corrected bands.
+        The capture's corrected bands.
     region
         (y, x) True where the spectroradiometer measured, in pixels of the reference band.
     reading

@@ -31,7 +31,7 @@ def channel_levels(capture: Capture, radiometry: Radiometry, channels: Mapping[s
     capture
         The capture.
     radiometry
-        Its constants for tables of peak 1.
+        The capture's constants for tables of peak 1.
     channels
         By band, the channel of a sensor with a mosaic; None without one.
 

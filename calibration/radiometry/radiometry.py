@@ -140,11 +140,11 @@ def measure_constant(
     capture
         Capture, with `[[reference]]` tables or without.
     bands
-        Its corrected bands, whose flats are used.
+        The capture's corrected bands, whose flats are used.
     dark
-        Its darks.
+        The capture's darks.
     noise
-        Its noise model.
+        The capture's noise model.
     channels
         By band, the channel of a sensor with a mosaic; None without a mosaic.
 

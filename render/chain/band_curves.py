@@ -101,8 +101,9 @@ def over_field(factors: ResponseFactors, camera: Camera) -> BandCurves:
 def field_shares(curves: BandCurves, camera: Camera) -> NDArray[np.float64]:
     """Shares of the field angles in each pixel's signal.
 
-    A cubic spline in the sine squared, in which a pass band's shift is nearly linear. Pixels beyond the largest of
-    the curves' angles, and those without a ray, have its shares: a cubic grows fast outside its knots.
+    The shares are those of a cubic spline in the squared sine of the angle, in which the shift of a pass band is nearly
+    linear. Pixels beyond the largest angle of the curves, and those without a ray, have the shares of that angle, since
+    a cubic grows fast outside its knots.
 
     Parameters
     ----------

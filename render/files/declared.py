@@ -138,7 +138,7 @@ class DeclaredPair:
         Returns
         -------
         Declared
-            Those of this file, and those of both that it lacks.
+            Declarations for this file, completed by those for both files.
         """
         single = self.by_file[index]
         return replace(self.both, **{name: getattr(single, name) for name in single.declared_fields()})
@@ -151,9 +151,9 @@ class DeclaredPair:
         Parameters
         ----------
         used
-            Of each file, fields that were used or agree (``declared_for``).
+            By file, the fields that were used or agree (``declared_for``).
         file_values
-            Of each file, what it states otherwise (``stated_in``).
+            By file, the values that differ from the declared ones (``stated_in``).
 
         Raises
         ------
@@ -375,7 +375,7 @@ def require_used(
     used
         Fields used by any of the files.
     file_values
-        What files state in place of what was declared, see ``stated_in``.
+        Values of the files that differ from the declared ones, see ``stated_in``.
     which
         Text in front of the key in the message.
 

@@ -66,7 +66,7 @@ def spectral_channels(names: Iterable[str]) -> dict[str, float]:
     Parameters
     ----------
     names
-        Of channels.
+        Names of channels.
 
     Returns
     -------

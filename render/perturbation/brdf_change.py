@@ -438,7 +438,7 @@ def with_reflection(
     reflection
         The changed reflection.
     of
-        What determines the reflection; rays traced before for the same reflection and light are used again.
+        Values that determine the reflection. Rays are traced once for each reflection and light.
     samples
         As ``changed_reflection``.
 

@@ -76,7 +76,7 @@ class FaceControls:
         Returns
         -------
         Controls
-            Of the walls, and summed over the blocks: direct light by material, then that of the accumulators.
+            Controls of the walls, and sums over the blocks: direct light by material, then the accumulators.
         """
         sums = []
         for face in self.geometry.crossed(ray, self.walls):

@@ -175,7 +175,7 @@ def last_spectrum(rows: Sequence[tuple[int, float, float]]) -> tuple[list[tuple[
     Returns
     -------
     rows : list
-        Those of the last spectrum.
+        Samples of the last spectrum.
     notes : list of str
         A note where there is more than one.
     """

@@ -82,7 +82,7 @@ class CalibrationResult(Result):
         Returns
         -------
         list of Table
-            Those for which the capture has data.
+            Tables for which the capture has data.
         """
         result = self.calibration
         tables = [Table(self._title, ("", "value", "± 1 σ", "unit"), tuple(calibration_rows(result)))]

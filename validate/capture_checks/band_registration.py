@@ -49,7 +49,7 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
     capture
         A capture; a sensor with a mosaic is not checked.
     bands
-        Its corrected signals.
+        The capture's corrected signals.
 
     Yields
     ------

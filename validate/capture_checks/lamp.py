@@ -65,13 +65,13 @@ def check_lamp(
     capture
         A capture.
     bands
-        Its corrected signals.
+        The capture's corrected signals.
     radiometry
-        Its constant C.
+        The capture's constant C.
     channels
         Channel of each band of a sensor with a mosaic; None without one.
     view
-        Its known scene, whose interreflection is computed if it is diffuse; None leaves wider limits.
+        The capture's known scene, whose interreflection is computed if it is diffuse; None leaves wider limits.
 
     Yields
     ------

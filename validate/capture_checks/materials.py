@@ -57,7 +57,7 @@ def check_materials(capture: Capture, view: SceneView | None) -> Iterator[Suspic
     capture
         A capture.
     view
-        Its known scene; None leaves the check out.
+        The capture's known scene; None leaves the check out.
 
     Yields
     ------

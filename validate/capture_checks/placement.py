@@ -70,7 +70,7 @@ def check_orientation(capture: Capture, view: SceneView | None) -> Iterator[Susp
     capture
         A capture.
     view
-        Its known scene; None leaves the check out.
+        The capture's known scene; None leaves the check out.
 
     Yields
     ------
@@ -131,7 +131,7 @@ def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion
     capture
         A capture.
     view
-        Its known scene; None leaves the check out.
+        The capture's known scene; None leaves the check out.
 
     Yields
     ------

@@ -47,7 +47,7 @@ def lamp_signals(
     capture
         A capture.
     radiometry
-        Its constant C.
+        The capture's constant C.
     channels
         Channel of each band of a sensor with a mosaic; None without one.
 
@@ -104,9 +104,9 @@ def view_scene(
     capture
         A capture.
     bands
-        Its corrected signals.
+        The capture's corrected signals.
     radiometry
-        Its constant C.
+        The capture's constant C.
     camera
         Camera of the survey; None if there is none.
     channels

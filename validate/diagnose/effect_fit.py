@@ -59,7 +59,7 @@ def fit_effect(
     Raises
     ------
     InputError
-        Where the effect cannot act on this capture, or has nothing to fit.
+        If the effect cannot act on this capture, or has no free number.
     """
     model = validation.model
     linearised = linearised_fit(validation.prepared, validation.rendered, model.effects)
@@ -117,7 +117,7 @@ def fit_effects(
     Raises
     ------
     InputError
-        Where no effect to fit has a number, or one cannot act on a capture.
+        If no effect has a free number, or one cannot act on a capture.
     """
     progress.stage("fitting")
     constant = [effect for index, effect in enumerate(effects) if index not in fitted_indices]

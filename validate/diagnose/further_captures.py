@@ -219,7 +219,7 @@ def distance(
     prepared
         This capture.
     linearised
-        Its linearised fit.
+        The capture's linearised fit.
     capture
         Further capture, fitted together with this one; None for this one alone.
     others

@@ -223,9 +223,9 @@ def confirmed_with_flaws(
     confirmed : list of Candidate
         The effects that hold, fitted together again where one left.
     flaws : FlawsWithEffects
-        What the base is off by with them.
+        Flaws of the base next to these effects.
     verdicts : tuple of Verdict
-        Of every effect, those that left included.
+        Verdict on every effect, removed ones included.
     """
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
@@ -501,7 +501,7 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: Flaw
     signatures
         Signatures of the hypotheses; a few stand for all.
     flaws
-        What the base is off by.
+        Flaws of the base.
 
     Returns
     -------

@@ -409,7 +409,7 @@ def refitted(
     Returns
     -------
     LinearisedFit
-        Of the refitted picture, with the model's own effects as base.
+        Linearised fit of the refitted picture, with the effects of the model as base.
     """
     prepared, rendered = validation.prepared, linearised.rendered
     effects = (*linearised.model_effects, *(c.applied for c in selected))

@@ -90,7 +90,7 @@ class Base:
         Returns
         -------
         Predictor
-            Of a quarter of the rays where light is traced again.
+            Predictor with a quarter of the rays where light is traced again.
         """
         return self._retracing if self.rendered.predictor.needs_tracing(effects) else self._rough
 
@@ -176,7 +176,7 @@ def predict(base: Base, effects: Sequence[AppliedEffect], *, refit: bool = True,
     Raises
     ------
     InputError
-        Where an effect cannot act here.
+        If an effect cannot act on this capture.
     """
     model_effects, effects = base.validation.model.effects, tuple(effects)
     if same_effects(effects, model_effects):

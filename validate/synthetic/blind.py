@@ -383,7 +383,7 @@ def score(answer: Answer, diagnosis: Mapping[str, Any]) -> Score:
     Returns
     -------
     Score
-        Of each hidden effect, and of the selection.
+        Score of each hidden effect, and of the selection.
     """
     order = [entry["effect"] for entry in diagnosis["ranking"]]
     selected = list(diagnosis["selected"])

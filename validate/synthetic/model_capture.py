@@ -232,7 +232,7 @@ def write_model_capture(
     seed
         Repeats render and noise.
     relative_error
-        Of the render, median over pixels; not part of the noise that the capture states.
+        Relative standard error of the rendering, median over pixels; not part of the noise that the capture states.
     progress
         Reports the completed share.
     box

@@ -26,7 +26,7 @@ def listed(names: Sequence[str]) -> str:
     Parameters
     ----------
     names
-        Of channels or layers.
+        Names of channels or layers.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def layers_of(names: Sequence[str]) -> dict[str, set[str]]:
     Parameters
     ----------
     names
-        Of channels. A number after the last dot, as in ``band.1`` and ``400.5``, is no channel of a layer.
+        Names of channels. A number after the last dot, as in ``band.1`` and ``400.5``, is no channel of a layer.
 
     Returns
     -------

@@ -236,7 +236,7 @@ def common_pixels(first: Window, second: Window, names: tuple[str, str]) -> Wind
     first, second
         Windows of the two; a window without a stated picture belongs to any.
     names
-        What to call the two in messages.
+        Names of the two files in messages.
 
     Returns
     -------

@@ -402,7 +402,7 @@ class Workbench:
         Returns
         -------
         Prediction
-            That of the present state, if there is no earlier one.
+            Prediction of the earlier state; of the present one if there is none.
         """
         history = self.study.history
         effects = history.states[0 if is_first else max(history.at - 1, 0)].effects

@@ -107,7 +107,7 @@ def flaw_columns(
     Returns
     -------
     FlawColumns
-        Of the kinds creases, edges, shading, slopes and field.
+        Columns of the kinds creases, edges, shading, slopes and field.
     """
     face = np.where(coverage.any(axis=-1), coverage.argmax(axis=-1), -1)
     picture = _Picture(signal, used, face, indirect, reflectance)

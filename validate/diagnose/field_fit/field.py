@@ -313,7 +313,7 @@ def next_to_common_field(n: NormalEquations) -> NormalEquations:
     Returns
     -------
     NormalEquations
-        Those of the deviations of single bands from the common field.
+        Normal equations of the deviations of single bands from the common field.
     """
     with_nuisances = n.c.sum(axis=0)
     h, b = n.a.sum(axis=0) - with_nuisances.T @ with_nuisances, n.b.sum(axis=0)
