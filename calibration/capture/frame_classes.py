@@ -8,10 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+import numpy as np
+
 from .folder_frames import FolderFrame, LeftOut, natural_key, show_the_same
 from .frame_names import FrameName, common_words, is_setting, kind_in_words, parse_name
 
 __all__ = ["FrameGroup", "group_frames", "numbered_alike"]
+
+#: Range of a picture's block means over that of a frame without light, at least: a hundredth of the light is light.
+_LIT = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,27 @@ def _doubt(item: _Classified, bands: Mapping[str, str]) -> str | None:
     if kind is None and other:
         return f"'{other[0]}' in its name may be a kind of frame or a word, since it does not come first"
     return None
+
+
+def _shows_no_light(item: _Classified, items: Sequence[_Classified]) -> bool:
+    """Whether a frame is even, and darker than all of a picture of the same settings.
+
+    False where its kind or filter is stated. Cameras number pictures behind a covered lens as all others.
+    """
+    blocks, facts = item.frame.blocks, item.frame.facts
+    if item.kind != "band" or item.filter is not None or kind_in_words(facts.kind or "") or not blocks.size:
+        return False
+    alike = [
+        other.frame.blocks
+        for other in items
+        if other.frame.blocks.size
+        and (other.exposure_s, other.frame.facts.iso, other.kind) == (item.exposure_s, facts.iso, "band")
+    ]
+    return any(
+        np.ptp(picture) > _LIT * max(float(np.ptp(blocks)), 1.0)
+        and blocks.max() < picture.min() + np.ptp(picture) / _LIT
+        for picture in alike
+    )
 
 
 def _band(item: _Classified, bands: Mapping[str, str]) -> str | None:
@@ -181,12 +207,15 @@ def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[
         references and targets. And the frames without a table, with the reason.
     """
     ignored = common_words([frame.stem for frame in frames])
-    items = [_classified(frame, ignored) for frame in frames]
+    every = [_classified(frame, ignored) for frame in frames]
+    unlit = [item for item in every if _shows_no_light(item, every)]
+    items = [item for item in every if item not in unlit]
     scenes = [item for item in items if item.kind == "band" and _doubt(item, {}) is None]
     ids = _band_ids(scenes)
     bands = {"-".join(item.name.other_words) or item.name.stem: ids[id(item.frame)] for item in scenes}
     bands |= {band: band for band in ids.values()}
-    left_out: list[LeftOut] = []
+    why = "no light in it: name it 'dark-...' if the lens was covered, or name it in capture.toml"
+    left_out = [LeftOut(item.frame.listed, why) for item in unlit]
     groups: dict[tuple[object, ...], list[_Classified]] = defaultdict(list)
     for item in items:
         if (doubt := _doubt(item, bands)) is not None:

@@ -357,3 +357,15 @@ def test_labels_that_are_not_certain_are_named(tmp_path, spoil):
         (tmp_path / "patches.csv").unlink()
     manifest, first = written(tmp_path)
     assert "labels" not in manifest and "patches.png" in {item.file for item in first.left_out}
+
+
+def test_photographs_behind_a_covered_lens_are_no_bands(tmp_path):
+    """A camera numbers them as all others; an underexposed photograph and one of a stated filter stay bands."""
+    generator = np.random.default_rng(1)
+    light = np.outer(np.linspace(0, 1, 64), np.linspace(0.5, 1, 64))
+    for number, level in enumerate((2000.0, 2000.0, 0.0, 0.0, 40.0)):
+        write_dng(tmp_path / f"IMG_{number:04d}.dng", (100 + generator.poisson(10 + level * light)).astype(np.uint16))
+    write_dng(tmp_path / "f550.dng", (100 + generator.poisson(10, (64, 64))).astype(np.uint16))
+    manifest, first = written(tmp_path)
+    assert [item.file for item in first.left_out if "no light in it" in item.why] == ["IMG_0002.dng", "IMG_0003.dng"]
+    assert set(frames(manifest)) == {"IMG_0000.dng", "IMG_0001.dng", "IMG_0004.dng", "f550.dng"}
