@@ -32,7 +32,8 @@ def per_pixel(of: Callable[[Variants], Picture]) -> Picture:
     """(y, x, 1) a quantity of the surface seen, averaged over a pixel's surfaces."""
     variants = build_variants(cornell_box(), cornell_camera(SIZE), surfaces())
     values = variants.light.transport.pixels(np.stack([of(variants), np.ones_like(of(variants))], axis=1))
-    return (values[0] / np.maximum(values[1], 1e-6))[..., None]
+    # 1 where no surface is seen
+    return np.where(values[1] > 1e-6, values[0] / np.maximum(values[1], 1e-6), 1.0)[..., None]
 
 
 def towards_camera(variants: Variants) -> Picture:
