@@ -412,12 +412,12 @@ def _clustering(
     middle = np.median(quotient[smooth])
     spread = max(1.0, 1.4826 * float(np.median(np.abs(quotient[smooth] - middle))))
     clipped = np.clip((quotient - middle) / spread, -6, 6)
-    ratio = of_blocks(clipped, smooth)
+    ratio = of_blocks(clipped, smooth, partly=estimated)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
     by_filter = of_filter(clipped, smooth)
     if by_filter is not None and estimated:
-        ratio = max(of_blocks(clipped, smooth, curved=True), by_filter)
+        ratio = max(of_blocks(clipped, smooth, curved=True, partly=True), by_filter)
     elif by_filter is not None and by_filter > _CLEAR_FILTER and not stepped and spread < _MOST_SPREAD:
         ratio = max(ratio, by_filter)
     elif estimated and apart >= _GROSS:

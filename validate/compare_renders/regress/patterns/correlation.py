@@ -13,6 +13,8 @@ __all__ = ["difference_variance", "of_blocks", "of_filter", "of_neighbours"]
 _BLOCK_PX = 4
 #: Part of a block that is smooth at least, where few blocks are so all over.
 _LEAST_PART = 0.5
+#: Standard errors by which such blocks must scatter more than independent pixels.
+_SIGNIFICANT = 3.0
 #: Blocks along a side below which clustering is not estimated.
 _MIN_BLOCKS = 4
 #: Part by which second differences of neighbours are smaller than those of pixels two apart in correlated noise.
@@ -35,7 +37,9 @@ _SQUARE_CUT = 30
 _MIN_PAIRS = 20
 
 
-def of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved: bool = False) -> float:
+def of_blocks(
+    values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved: bool = False, partly: bool = False
+) -> float:
     """Scatter of block means over that of independent pixels; 1 where there are few.
 
     Parameters
@@ -46,6 +50,8 @@ def of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved:
         (y, x) pixels away from edges.
     curved
         Whether second differences of blocks count, which a gradient does not change.
+    partly
+        Whether half smooth blocks count where few are smooth all over. A change of the picture scatters them, too.
 
     Returns
     -------
@@ -60,15 +66,21 @@ def of_blocks(values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved:
     pixels = mask.sum(axis=(1, 3))
     sums = np.where(mask, values[:height, :width].reshape(shape), 0.0).sum(axis=(1, 3)) / np.sqrt(np.maximum(pixels, 1))
     single = max(difference_variance(values, smooth), 1e-12)
-    for part in (1.0, _LEAST_PART):
+    for part in (1.0, _LEAST_PART) if partly else (1.0,):
         inside = pixels >= part * _BLOCK_PX**2
-        square, count = _second_differences(sums, inside, 1)
-        if curved and count >= _MIN_PAIRS:
-            return square / _SECOND_DIFFERENCE / single
-        scatter = difference_variance(sums, inside)
+        scatter = _curvature(sums, inside) if curved else difference_variance(sums, inside)
         if np.isfinite(scatter):
-            return scatter / single
+            ratio = scatter / single
+            # neighbours share a block: their differences are worth two thirds of the blocks
+            by_chance = 1 + _SIGNIFICANT * np.sqrt(3 / inside.sum())
+            return ratio if part == 1.0 or ratio > by_chance else 1.0
     return 1.0
+
+
+def _curvature(values: NDArray[np.float64], inside: NDArray[np.bool_]) -> float:
+    """Variance by second differences of neighbours; NaN for few of them."""
+    square, count = _second_differences(values, inside, 1)
+    return square / _SECOND_DIFFERENCE if count >= _MIN_PAIRS else float("nan")
 
 
 def of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
