@@ -5,7 +5,7 @@ import OpenEXR
 import pytest
 import tifffile
 import xarray as xr
-from cboxlab.rendering.files import cube_files, spectral_exr
+from cboxlab.rendering.files import cube_files
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
 from cboxlab.rendering.files.raw_files import write_raw
 from cboxlab.rendering.image.image import LAMP
@@ -107,7 +107,7 @@ def test_a_failed_write_leaves_what_was_there(cube, tmp_path, ending, monkeypatc
 
     monkeypatch.setattr(xr.Dataset, "to_netcdf", fail)
     monkeypatch.setattr("cboxlab.rendering.files.previews.cube_to_srgb", fail)
-    monkeypatch.setattr(spectral_exr, "cube_to_linear_srgb", fail)
+    monkeypatch.setattr("cboxlab.rendering.files.previews.cube_to_linear_srgb", fail)
     monkeypatch.setattr(cube_files.Path, "write_bytes", fail)
     with pytest.raises(InputError, match="No space left"):
         write_cube(path, cube * 2)
