@@ -119,6 +119,5 @@ CAUSE = Cause(
     "Shading normals are not those of the geometry: a face's normal is bent, or normals are smoothed over a block.",
     _trials,
     needs_scene=True,
-    shape_error=0.03,
     edge_error=0.15,
 )
