@@ -285,17 +285,17 @@ def real_frames(folder: Path, result: dict) -> None:
         cells = frames.predict(folder, assumed)
         result[f"{name}: all"] = frames.statistics(cells)
         result[f"{name}: the filter's own channel, not clipped"] = frames.statistics(
-            cells.chosen(cells.strong & ~cells.clipped)
+            cells.selected_by(cells.strong & ~cells.clipped)
         )
         if name == next(iter(frames.STEPS)):
             for seconds in np.unique(cells.exposure_s):
-                result[f"{name}: {seconds:g} s"] = frames.statistics(cells.chosen(cells.exposure_s == seconds))
+                result[f"{name}: {seconds:g} s"] = frames.statistics(cells.selected_by(cells.exposure_s == seconds))
     for band in dict.fromkeys(cells.band.tolist()):
         for pixel in frames.PIXELS:
             keep = (cells.band == band) & (cells.pixel == pixel) & ~cells.clipped
             keep &= cells.measured >= frames.FAINTEST_DN
             if keep.sum() > 3:
-                selected = cells.chosen(keep)
+                selected = cells.selected_by(keep)
                 bias = float(100 * np.mean(selected.predicted / selected.measured - 1))
                 result[f"{band}, {pixel}"] = {**frames.statistics(selected), "bias_percent": bias}
     common, rest = frames.split(cells)

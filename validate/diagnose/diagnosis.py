@@ -149,7 +149,7 @@ class Diagnosis:
 
 
 @dataclass(frozen=True, eq=False)
-class _Answer:
+class _Answer(FrozenMappings):
     """Selected effects of a capture, their fit, and the explanation of what they leave."""
 
     #: The picture with the effects, linearised.

@@ -36,7 +36,7 @@ def test_real_frames_are_predicted(shared):
     """Own channels, not clipped: 5.3% on average, as good as the paper's Table I; nearly all of it repeats."""
     cells = frames.predict(shared / "real" / "seven-band-colorchecker", frames.Assumptions())
     assert cells.band.size == 16 * 7 * 7 * 4
-    strong = cells.chosen(cells.strong & ~cells.clipped)
+    strong = cells.selected_by(cells.strong & ~cells.clipped)
     statistics = frames.statistics(strong)
     assert statistics["count"] > 600
     assert statistics["mean_percent"] < 6.0 and statistics["mean"] < 2.3
