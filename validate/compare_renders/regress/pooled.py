@@ -241,7 +241,8 @@ def difference_of(pooling: Pooling) -> Difference:
     strata = pooling.strata
     groups = {"smooth parts": strata.smooth, "edges": strata.edges, "the lamp": strata.lamp & strata.used}
     variance = None if pooling.noise.estimated else pooling.noise.total
-    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, pooling.noise.clustering)
+    noise = pooling.noise
+    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, noise.clustering, noise.rounding)
 
 
 def cancelling_patterns(

@@ -30,6 +30,8 @@ _LEAST_BLOCKS = 36
 _STRUCTURED = 2.0
 #: Correlation of both sides in a block from which it shows a common structure.
 _ALIKE = 0.3
+#: Median square of the difference over that of steps, up to which steps explain it: normal noise has 0.45 of its mean.
+_OVER_STEPS = 2.0
 
 
 def other_contrast(difference: Difference) -> Finding | None:
@@ -45,8 +47,9 @@ def other_contrast(difference: Difference) -> Finding | None:
     Finding or None
         The size is the part of the contrast that the weaker side lacks. None for small pictures.
     """
-    blocks = _blocks(fine_light(difference, _CONTRAST_PX))
-    if blocks is None:
+    fine = fine_light(difference, _CONTRAST_PX)
+    blocks = _blocks(fine)
+    if blocks is None or _by_steps(difference, fine):
         return None
     sums, weight = blocks
     before, after, product = sums
@@ -76,7 +79,7 @@ def moved_slightly(difference: Difference) -> Finding | None:
     """
     fine = fine_light(difference, _PLACE_PX)
     blocks = _blocks(fine)
-    if blocks is None:
+    if blocks is None or _by_steps(difference, fine):
         return None
     _, weight = blocks
     findings = []
@@ -89,6 +92,16 @@ def moved_slightly(difference: Difference) -> Finding | None:
         probability = min(1.0, 2 * share)
         findings.append(_finding(f"moved {name}", difference, size, statistic, terms.size, probability, "px"))
     return min(findings, key=lambda finding: finding.probability)
+
+
+def _by_steps(difference: Difference, fine: tuple[NDArray[np.float64], NDArray[np.float64]]) -> bool:
+    """Whether the steps in which files store values explain the difference in fine structure."""
+    first, second = fine
+    used = (first != 0) & (difference.level > 0)
+    if not used.any():
+        return True
+    steps = np.broadcast_to(difference.rounding, used.shape)[used] / difference.level[used] ** 2
+    return float(np.median((first - second)[used] ** 2)) <= _OVER_STEPS * float(np.median(steps))
 
 
 def _alike(difference: Difference) -> float:
