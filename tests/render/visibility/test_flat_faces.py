@@ -11,11 +11,11 @@ from cboxlab.scenes import cornell_box
 from helpers.hits import (
     COUNT,
     ROUNDING_MM,
-    asked,
     between_surfaces,
     blocked_by,
     differing,
     directions,
+    hit_of,
     normals_of,
     rays,
 )
@@ -73,7 +73,7 @@ def test_random_rays_meet_what_embree_says(name):
     low, high = vertices.reshape(-1, 3).min(axis=0), vertices.reshape(-1, 3).max(axis=0)
     direction = directions(rng)
     ray = rays(rng.uniform(low - 200, high + 200, (COUNT, 3)), direction)
-    hits, expected = asked(faces, ray), asked(tree, ray)
+    hits, expected = hit_of(faces, ray), hit_of(tree, ray)
     (hit, _, triangle, uv), (_, _, triangle_tree, uv_tree) = hits, expected
     differs = differing(hits, expected, normals, direction)  # within rounding of an edge
     assert differs.sum() <= 20
@@ -86,7 +86,7 @@ def test_random_rays_meet_what_embree_says(name):
     ray.maxt = 150.0
     blocked = blocked_by(faces, ray)
     assert (blocked != blocked_by(tree, ray)).sum() <= 20
-    np.testing.assert_array_equal(asked(faces, ray)[0], blocked)
+    np.testing.assert_array_equal(hit_of(faces, ray)[0], blocked)
 
 
 def test_no_ray_leaves_a_closed_box():
@@ -102,7 +102,7 @@ def test_no_ray_leaves_a_closed_box():
     origin = middle + rng.uniform(-200, 200, (COUNT, 3)) @ np.linalg.qr(vertices[0] - middle)[0]
     origin = middle + 0.9 * (origin - middle)
     origin[::3] = middle + 0.999 * (target - middle)[::-1][::3]  # near a wall, often along it
-    assert asked(faces, rays(origin, target - origin))[0].all()
+    assert hit_of(faces, rays(origin, target - origin))[0].all()
 
 
 def test_segments_between_points_of_surfaces_need_no_hull():
@@ -151,7 +151,7 @@ def test_a_block_is_one_convex_body_that_rays_enter_and_leave_as_embree_says(see
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
     ray = rays(middle + rng.uniform(-400, 400, (COUNT, 3)), direction)
-    hits, expected = asked(faces, ray), asked(tree, ray)
+    hits, expected = hit_of(faces, ray), hit_of(tree, ray)
     (hit, _, triangle, _), (_, _, triangle_tree, _) = hits, expected
     differs = differing(hits, expected, normals, direction)
     assert differs.sum() <= 20
@@ -171,7 +171,7 @@ def test_rays_along_a_blocks_faces_meet_what_embree_says():
     direction[np.arange(COUNT), rng.integers(3, size=COUNT)] = 1
     direction *= rng.choice([-1, 1], (COUNT, 3))
     ray = rays(rng.uniform(-50, 400, (COUNT, 3)), direction)
-    (hit, t, *_), (hit_tree, t_tree, *_) = asked(faces, ray), asked(tree, ray)
+    (hit, t, *_), (hit_tree, t_tree, *_) = hit_of(faces, ray), hit_of(tree, ray)
     np.testing.assert_array_equal(hit, hit_tree)
     np.testing.assert_allclose(t[hit], t_tree[hit], atol=ROUNDING_MM)
     np.testing.assert_array_equal(blocked_by(faces, ray), hit_tree)
@@ -217,7 +217,7 @@ def test_a_wall_of_several_faces_is_divided_as_embree_says(seed):
     middle = vertices.reshape(-1, 3).mean(axis=0)
     direction = directions(rng)
     ray = rays(middle + rng.uniform(-350, 350, (COUNT, 3)), direction)
-    hits, expected = asked(faces, ray), asked(tree, ray)
+    hits, expected = hit_of(faces, ray), hit_of(tree, ray)
     (hit, _, triangle, _), (_, _, triangle_tree, _) = hits, expected
     differs = differing(hits, expected, normals, direction)
     assert differs.sum() <= 20
@@ -239,7 +239,7 @@ def test_rays_from_within_cross_one_wall_of_the_room():
         start = rng.uniform(1, 499, (COUNT, 3))
         ray = rays(start, directions(rng))
         wall, entered = (np.array(crossings) for crossings in faces.crossed(ray, walls))
-        hit, _, triangle, _ = asked(empty, ray)
+        hit, _, triangle, _ = hit_of(empty, ray)
         of = np.full(len(corners), -1)
         of[faces.triangles.numpy()[::2]] = of[faces.triangles.numpy()[1::2]] = range(len(faces.planes))
         expected = np.where(hit, of[triangle % len(corners)], len(faces.planes))
