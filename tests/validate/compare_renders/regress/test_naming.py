@@ -25,9 +25,9 @@ from pictures import SIZE, WAVELENGTHS, noisy, remembered_variants, rendered, va
 from scipy.ndimage import convolve1d
 
 
-def first_name(picture, **noise):
+def first_name(picture, noise=0.005):
     """First named change of a picture against an unchanged one, by pictures alone."""
-    outcome, names = regress_sides(noisy(1, noise=0.005), noisy(2, picture, noise=0.005, **noise))
+    outcome, names = regress_sides(noisy(1, noise=noise), noisy(2, picture, noise=noise))
     assert not outcome.same
     return named_changes(names, None)[0]
 
@@ -187,7 +187,7 @@ def test_half_a_pixel_is_named_shift():
     camera = cornell_camera(SIZE)
     half = replace(camera, principal_point_px=camera.principal_point_px + np.array([0.5, 0.0]))
     image = render(RenderJob(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6))
-    first = first_name(image.project(np.eye(WAVELENGTHS.size))[0])
+    first = first_name(image.project(np.eye(WAVELENGTHS.size))[0], noise=0.02)
     assert first.change == "shift"
     assert first.parameters == {"dx_px": pytest.approx(0.5, abs=0.1), "dy_px": pytest.approx(0.0, abs=0.1)}
 
