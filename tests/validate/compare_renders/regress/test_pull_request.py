@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.rendering.files import write_cube
 from cboxlab.validation.app.commands.cli import main
-from helpers.other_suite import run_suite, run_suite_apart
+from helpers.other_suite import run_suite
 from pictures import noisy, rendered
 
 TEST = """
@@ -40,7 +40,7 @@ def test_from_reference_to_red_build_to_named_cause(tmp_path):
     build(tmp_path, 2)
     assert run_suite(tmp_path)[0] == 0
     build(tmp_path, 3, max_bounces=3)
-    code, printed = run_suite_apart(tmp_path)
+    code, printed = run_suite(tmp_path)
     assert code == 1
     assert "surface: floor" in printed
     with pytest.raises(SystemExit) as end:
