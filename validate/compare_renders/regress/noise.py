@@ -82,8 +82,6 @@ class Noise:
     ratio: float
     #: Whether a side states no standard error.
     estimated: bool
-    #: (y, x) part of ``total`` from the steps in which files store values.
-    rounding: NDArray[np.float64] | float = 0.0
 
     def over(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Variance of a weighted sum over wavelengths.
@@ -351,8 +349,7 @@ def noise_of(
     total = noise.over(all_bands)
     sums = difference.sum(axis=-1), total, level.sum(axis=-1)
     clustering, ratio = _clustering(*sums, smooth, computed[1], paired=paired, stepped=stepped, estimated=estimated)
-    steps = rounding.sum(axis=-1) if isinstance(rounding, np.ndarray) else rounding * difference.shape[-1]
-    return replace(noise, total=total, clustering=clustering, ratio=ratio, rounding=steps)
+    return replace(noise, total=total, clustering=clustering, ratio=ratio)
 
 
 def _correlation(difference: NDArray, variance: NDArray, level: NDArray, smooth: NDArray) -> NDArray[np.float64] | None:

@@ -241,8 +241,7 @@ def difference_of(pooling: Pooling) -> Difference:
     strata = pooling.strata
     groups = {"smooth parts": strata.smooth, "edges": strata.edges, "the lamp": strata.lamp & strata.used}
     variance = None if pooling.noise.estimated else pooling.noise.total
-    noise = pooling.noise
-    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, noise.clustering, noise.rounding)
+    return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, pooling.noise.clustering)
 
 
 def cancelling_patterns(

@@ -63,8 +63,8 @@ def all_patterns(
         ("dark", _dark(difference, baseline, candidate, critical["dark"])),
         ("place", moved_texture(baseline, candidate)),
         ("slow", slow_change(difference)),
-        ("contrast", other_contrast(difference)),
-        ("displacement", moved_slightly(difference)),
+        ("contrast", other_contrast(difference, steps)),
+        ("displacement", moved_slightly(difference, steps)),
         ("reused", reused_numbers(difference)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]

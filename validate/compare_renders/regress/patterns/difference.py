@@ -59,8 +59,6 @@ class Difference(FrozenMappings):
     groups: Mapping[str, NDArray[np.bool_]]
     #: Number of pixels that correlation makes one.
     clustering: float = 1.0
-    #: (y, x) variance of ``total`` from the steps in which files store values.
-    rounding: NDArray[np.float64] | float = 0.0
 
     @cached_property
     def relative(self) -> NDArray[np.float64]:

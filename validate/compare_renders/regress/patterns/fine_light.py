@@ -34,13 +34,15 @@ _ALIKE = 0.3
 _OVER_STEPS = 2.0
 
 
-def other_contrast(difference: Difference) -> Finding | None:
+def other_contrast(difference: Difference, steps: float = 0.0) -> Finding | None:
     """Fine structure of one side that is weaker in the other: a blur, a filtered texture.
 
     Parameters
     ----------
     difference
         The difference.
+    steps
+        Relative standard deviation from the steps in which files store values.
 
     Returns
     -------
@@ -49,7 +51,7 @@ def other_contrast(difference: Difference) -> Finding | None:
     """
     fine = fine_light(difference, _CONTRAST_PX)
     blocks = _blocks(fine)
-    if blocks is None or _by_steps(difference, fine):
+    if blocks is None or _by_steps(fine, steps):
         return None
     sums, weight = blocks
     before, after, product = sums
@@ -64,13 +66,15 @@ def other_contrast(difference: Difference) -> Finding | None:
     return min(findings, key=lambda finding: finding.probability)
 
 
-def moved_slightly(difference: Difference) -> Finding | None:
+def moved_slightly(difference: Difference, steps: float = 0.0) -> Finding | None:
     """Fine structure moved by a part of a pixel or by some, along x or y.
 
     Parameters
     ----------
     difference
         The difference.
+    steps
+        Relative standard deviation from the steps in which files store values.
 
     Returns
     -------
@@ -79,7 +83,7 @@ def moved_slightly(difference: Difference) -> Finding | None:
     """
     fine = fine_light(difference, _PLACE_PX)
     blocks = _blocks(fine)
-    if blocks is None or _by_steps(difference, fine):
+    if blocks is None or _by_steps(fine, steps):
         return None
     _, weight = blocks
     findings = []
@@ -94,14 +98,11 @@ def moved_slightly(difference: Difference) -> Finding | None:
     return min(findings, key=lambda finding: finding.probability)
 
 
-def _by_steps(difference: Difference, fine: tuple[NDArray[np.float64], NDArray[np.float64]]) -> bool:
+def _by_steps(fine: tuple[NDArray[np.float64], NDArray[np.float64]], steps: float) -> bool:
     """Whether the steps in which files store values explain the difference in fine structure."""
     first, second = fine
-    used = (first != 0) & (difference.level > 0)
-    if not used.any():
-        return True
-    steps = np.broadcast_to(difference.rounding, used.shape)[used] / difference.level[used] ** 2
-    return float(np.median((first - second)[used] ** 2)) <= _OVER_STEPS * float(np.median(steps))
+    used = first != 0
+    return bool(used.any()) and float(np.median((first - second)[used] ** 2)) <= _OVER_STEPS * steps**2
 
 
 def _alike(difference: Difference) -> float:
