@@ -8,12 +8,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from cboxlab.utils.distributions import student_tail
+from cboxlab.utils.distributions import student_quantile, student_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-__all__ = ["Difference", "Finding", "self_normalised"]
+__all__ = ["Difference", "Finding", "self_normalised", "sigma_of"]
 
 #: Radiance below which a pixel counts as dark, over the mean.
 _DARK = 1e-3
@@ -95,3 +95,24 @@ def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[flo
     below = max(1 - quotient**2 / count, 1e-12)
     student = quotient * np.sqrt((count - 1) / count / below)
     return quotient, float(2 * student_tail(abs(student), count - 1))
+
+
+def sigma_of(size: float, probability: float, degrees: float) -> float:
+    """Standard deviation by which a size has a two-sided probability of Student's t.
+
+    Parameters
+    ----------
+    size
+        Relative size of a pattern.
+    probability
+        Probability of a pattern this clear in equal pictures, 0 to 1.
+    degrees
+        Degrees of freedom.
+
+    Returns
+    -------
+    float
+        Above 0.
+    """
+    student = float(student_quantile(max(probability, 1e-300) / 2, degrees)) if probability < 1 else 0.0
+    return max(abs(size) / max(student, 1e-3), 1e-12)

@@ -7,11 +7,10 @@ decides. Where one picture is mirrored, the sign is opposite wherever the scene 
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from .difference import Finding
+from .difference import Finding, sigma_of
 
 __all__ = ["mirror_order"]
 
@@ -53,9 +52,8 @@ def mirror_order(baseline: NDArray[np.float64], difference: NDArray[np.float64])
         opposite = int((signs < 0).sum()) // 2
         probability = min(1.0, len(_WAYS) * float(bdtrc(opposite - 1, pairs, 0.5))) if opposite else 1.0
         size = float(np.sqrt(np.mean(odd**2)) / max(float(np.abs(before).mean()), 1e-300))
-        student = float(student_quantile(max(probability, 1e-300) / 2, pairs - 1.0)) if probability < 1 else 0.0
         pixels = int(np.prod(baseline.shape[:2]))
-        findings.append(Finding(name, pixels, size, size / max(student, 1e-3), pairs - 1.0, probability))
+        findings.append(Finding(name, pixels, size, sigma_of(size, probability, pairs - 1.0), pairs - 1.0, probability))
     return min(findings, key=lambda finding: finding.probability)
 
 

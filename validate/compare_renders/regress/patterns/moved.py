@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter
 
-from .difference import Finding, self_normalised
+from .difference import Finding, self_normalised, sigma_of
 
 __all__ = ["moved_texture"]
 
@@ -69,9 +68,8 @@ def moved_texture(baseline: NDArray[np.float64], candidate: NDArray[np.float64])
         size = float(terms.mean() / np.mean(first**2))
         by = (right + width // 2) % width - width // 2, (down + height // 2) % height - height // 2
         label = f"{name} by {by[0]} px right, {by[1]} px down" if name == "moved" else name
-        student = float(student_quantile(max(probability, 1e-300) / 2, 36.0)) if probability < 1 else 0.0
-        sigma = abs(size) / max(student, 1e-3)
-        findings.append(Finding(f"fine structure {label}", baseline.size, size, max(sigma, 1e-9), 36.0, probability))
+        sigma = sigma_of(size, probability, 36.0)
+        findings.append(Finding(f"fine structure {label}", baseline.size, size, sigma, 36.0, probability))
     return min(findings, key=lambda finding: finding.probability, default=None)
 
 

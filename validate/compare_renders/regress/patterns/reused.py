@@ -8,11 +8,10 @@ of the other side. Exchanged sides change the sign of the comparison alone, so t
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from .difference import Difference, Finding, self_normalised
+from .difference import Difference, Finding, self_normalised, sigma_of
 from .fine_light import block_sums, fine_light
 
 __all__ = ["reused_numbers"]
@@ -74,10 +73,9 @@ def reused_numbers(difference: Difference) -> Finding | None:
         weaker, stronger = sorted(abs(float(part.sum())) for part in (before, after))
         probability = min(1.0, looks * share) if stronger > _CLEARLY * weaker else 1.0
         size = float(terms.sum()) / max(float((first**2).sum() + (second**2).sum()) / 2, 1e-300)
-        student = float(student_quantile(max(probability, 1e-300) / 2, terms.size)) if probability < 1 else 0.0
         side = "candidate" if statistic > 0 else "baseline"
         name = f"reused random numbers: noise of the {side} repeats {by[1]} px right, {by[0]} px down"
-        sigma = max(abs(size) / max(student, 1e-3), 1e-9)
+        sigma = sigma_of(size, probability, terms.size)
         findings.append(Finding(name, first.size, abs(size), sigma, terms.size - 1.0, probability))
     return min(findings, key=lambda finding: finding.probability, default=None)
 

@@ -9,11 +9,11 @@ waves. Its growth among the waves is taken to continue.
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.distributions import fisher_tail, student_quantile
+from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from .difference import Difference, Finding, self_normalised
+from .difference import Difference, Finding, self_normalised, sigma_of
 
 __all__ = ["slow_change", "without_slow"]
 
@@ -85,10 +85,9 @@ def slow_change(difference: Difference) -> Finding | None:
         _by_blocks(orthogonal[:, 1 : free + 1] * goal[bright][:, None], bright),
     )
     size = float(np.sqrt(slow * free / max(float((weight**2).sum()), 1e-300)))
-    student = float(student_quantile(max(probability, 1e-300) / 2, len(waves))) if probability < 1 else 0.0
-    sigma = size / max(student, 1e-3)
+    sigma = sigma_of(size, probability, len(waves))
     amplitudes = {"amplitudes": rough}
-    return Finding(_NAME, int(used.sum()), size, max(sigma, 1e-12), len(waves), probability, amplitudes)
+    return Finding(_NAME, int(used.sum()), size, sigma, len(waves), probability, amplitudes)
 
 
 def without_slow(difference: NDArray[np.float64], level: NDArray[np.float64], finding: Finding) -> NDArray[np.float64]:

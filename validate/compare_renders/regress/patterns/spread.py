@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile, student_tail
+from cboxlab.utils.distributions import student_tail
 from scipy.special import bdtrc
 
-from .difference import Finding
+from .difference import Finding, sigma_of
 from .pooled_mean import PooledMean
 
 __all__ = ["block_spread"]
@@ -48,7 +48,6 @@ def block_spread(blocks: Sequence[PooledMean], clustering: float) -> Finding | N
     probability = float(bdtrc(count - 1, len(blocks), by_chance)) if count else 1.0
     size = float(np.sqrt(np.mean([block.difference**2 for block in blocks])))
     degrees = len(blocks) - 1.0
-    student = float(student_quantile(max(probability, 1e-300) / 2, degrees)) if probability < 1 else 0.0
     name = f"{count} of {len(blocks)} blocks off by {_SIGMAS:g} sigmas"
     pixels = sum(block.pixels for block in blocks)
-    return Finding(name, pixels, size, size / max(student, 1e-3), degrees, probability)
+    return Finding(name, pixels, size, sigma_of(size, probability, degrees), degrees, probability)

@@ -8,11 +8,11 @@ its period, so that no variance has to be known.
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.distributions import fisher_tail, student_quantile
+from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from .difference import Difference, Finding
+from .difference import Difference, Finding, sigma_of
 
 __all__ = ["ripple"]
 
@@ -81,10 +81,9 @@ def ripple(difference: Difference, steps: float = 0.0) -> Finding | None:
     size = scale * float(np.sqrt(squares / max(int(used.sum()), 1)))
     if size < _STEPS_ALLOWED * steps:
         probability = 1.0
-    student = float(student_quantile(max(probability, 1e-300) / 2, degrees)) if probability < 1 else 0.0
     parameters = {"period_px": period, "cycles_right": x, "cycles_down": y}
     name = f"ripple with a period of {period:.3g} px"
-    return Finding(name, int(used.sum()), size, size / max(student, 1e-3), degrees, probability, parameters)
+    return Finding(name, int(used.sum()), size, sigma_of(size, probability, degrees), degrees, probability, parameters)
 
 
 def _normalised(difference: Difference, used: NDArray[np.bool_]) -> tuple[NDArray[np.float64], float]:
