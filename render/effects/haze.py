@@ -170,7 +170,7 @@ def _towards_camera(light: PatchLight, air: AirTransport, smooth: NDArray, sigma
 
 
 def _way_from(centre: NDArray, eye: NDArray, direction: NDArray) -> Callable[[NDArray], NDArray[np.float64]]:
-    """Distance of a lamp's centre from the points of rays, a function of the distance (y, x) along each ray, mm."""
+    """Function of the distance (y, x) along each ray, mm, to the distance from a lamp's centre."""
     across = direction @ (eye - centre)
     square = float((eye - centre) @ (eye - centre))
     return lambda along: np.sqrt(np.maximum(along**2 + 2 * along * across + square, 0.0))
