@@ -24,7 +24,7 @@ from cboxlab.rendering.image import NOTHING, RenderedImage, RenderJob
 from cboxlab.rendering.integrators import MOST_PASSES, fireflies, relative_errors, render_to_precision
 from cboxlab.rendering.model import model_cube_inputs
 from cboxlab.rendering.photometry import tristimulus_weights
-from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate
+from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate_frame
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
@@ -277,7 +277,7 @@ def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> M
         usual = auto_exposure(cut, camera, channel)
         for index, factor in enumerate(sensor.exposures):
             exposures.append(usual * factor)
-            frames.append(simulate(cut, camera, usual * factor, seed + 31 * number + index, channel))
+            frames.append(simulate_frame(cut, camera, usual * factor, seed + 31 * number + index, channel))
     name = sensor.name.replace("-", "_")
     along = (f"frame_{name}", "y", "x")
     channel_names = ", ".join(str(channel or "mosaic") for channel in channels for _ in sensor.exposures)

@@ -349,7 +349,7 @@ def _published_view(camera: Camera | Path | None, size: int | Sequence[int]) -> 
 
 def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
     """Side rendered from a model. seed : number of the side, which gets its own random numbers."""
-    from cboxlab.rendering.integrators import BATCHES, RenderJob, render
+    from cboxlab.rendering.integrators import BATCHES, RenderJob, render_image
     from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs
 
     from ...predict import transported
@@ -357,7 +357,7 @@ def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int]
     model = load_model(text)
     scene, view, bounces = model_cube_inputs(model, *_camera_and_lamp(camera, size))
     side_seed = model.render.seed + 7 * seed
-    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
+    image = render_image(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
     image = transported(image, scene, view, model.effects, side_seed, bounces)
     return side_of([labelled_cube(image)], [text])
 
