@@ -14,7 +14,7 @@ from cboxlab.calibration import frame_readers
 from cboxlab.calibration.frame_readers import FrameFacts, FrameHeader, FrameReader, frame_header, read_pictures
 from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
-from helpers.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
+from helpers.files.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

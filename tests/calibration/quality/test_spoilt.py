@@ -12,7 +12,7 @@ from capture_mistakes import MISTAKES, Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.result import calibrate_capture
-from helpers.calibrations import quick_calibration
+from helpers.captures.calibrations import quick_calibration
 from helpers.places import ROOT
 
 

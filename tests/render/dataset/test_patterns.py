@@ -9,7 +9,7 @@ from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render_image, render_passes
 from cboxlab.rendering.model import load_model, write_model
 from cboxlab.utils.errors import InputError
-from helpers.recipes import write_recipe
+from helpers.scenes.recipes import write_recipe
 from PIL import Image
 
 GRID = np.array([450.0, 550.0, 650.0])

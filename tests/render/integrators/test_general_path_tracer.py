@@ -16,7 +16,7 @@ from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Medium, Spectrum, cornell_box, cornell_camera, load_scene
 from cboxlab.utils.errors import InputError
-from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

@@ -21,7 +21,7 @@ from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import ProgressReporter
-from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
+from helpers.scenes.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 
 needs_llvm = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

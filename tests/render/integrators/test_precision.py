@@ -23,7 +23,7 @@ from cboxlab.rendering.integrators.precision import (
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Cancelled, ProgressReporter
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

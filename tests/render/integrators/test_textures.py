@@ -15,7 +15,7 @@ from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Spectrum, Texture
 from cboxlab.utils.errors import InputError
-from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey
+from helpers.scenes.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey
 from scipy.ndimage import map_coordinates
 from scipy.stats import t as student
 

@@ -17,7 +17,7 @@ from cboxlab.rendering.radiosity.solution import indirect_basis, solve_exchange,
 from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Scene, Surface, cornell_box
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
-from helpers.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
+from helpers.scenes.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 

@@ -30,7 +30,7 @@ from cboxlab.scenes.spectra import Spectrum, planck
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
-from helpers.raw_frames import read_raw
+from helpers.files.raw_frames import read_raw
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
 TUNGSTEN = Spectrum(WAVELENGTH_NM, planck(WAVELENGTH_NM, 3000.0))

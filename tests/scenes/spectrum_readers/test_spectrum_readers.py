@@ -14,7 +14,7 @@ from cboxlab.scenes.spectrum_readers import (
     spectrum_readers_by_id,
 )
 from cboxlab.utils.errors import InputError
-from helpers.instrument_texts import INSTRUMENTS
+from helpers.files.instrument_texts import INSTRUMENTS
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -6,7 +6,7 @@ from cboxlab.calibration.result import calibrate_capture
 from cboxlab.rendering.device import variant
 from cboxlab.validation.capture_checks import find as checks
 from cboxlab.validation.capture_checks import find_scene_suspicions, with_scene_checks
-from helpers.calibrations import quick_calibration
+from helpers.captures.calibrations import quick_calibration
 from helpers.fakes.capture import FakeCapture
 from helpers.places import ROOT
 

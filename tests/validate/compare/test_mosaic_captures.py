@@ -23,7 +23,7 @@ from cboxlab.validation.diagnose.diagnosis import diagnose_validation
 from cboxlab.validation.report.viewer.payload import picture_data
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_scene
-from helpers.mosaic_capture import write_mosaic_capture
+from helpers.captures.mosaic_capture import write_mosaic_capture
 
 SIZE, SEED = 64, 11
 #: Stages of effects that channels may show.

@@ -35,7 +35,7 @@ from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.stepwise import refitted
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
-from helpers.browser import open_browser
+from helpers.pages.browser import open_browser
 from scipy import stats
 
 SIZE = 64

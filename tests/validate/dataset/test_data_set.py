@@ -22,9 +22,9 @@ from cboxlab.validation.dataset.layout import Layout, begin
 from cboxlab.validation.dataset.picture import render_pictures, rounded
 from cboxlab.validation.dataset.tasks import tasks_of
 from cboxlab.validation.dataset.workers import in_processes
-from helpers.command_line import assert_one_line_of_help
-from helpers.ending import ends_once
-from helpers.recipes import write_recipe
+from helpers.programs.command_line import assert_one_line_of_help
+from helpers.programs.ending import ends_once
+from helpers.scenes.recipes import write_recipe
 from threadpoolctl import threadpool_limits
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

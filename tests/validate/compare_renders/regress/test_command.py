@@ -23,7 +23,7 @@ from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.compare_renders.regress import NamedChange, assert_same_light, change_text
 from cboxlab.validation.compare_renders.regress.inputs import regress_inputs
 from cboxlab.validation.synthetic import perturbed_camera
-from helpers.rgbe import write_rgbe
+from helpers.files.rgbe import write_rgbe
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 
 

@@ -17,7 +17,7 @@ from cboxlab.validation.compare_renders.stored_references import (
     require_same_light,
     write_reference,
 )
-from helpers.other_suite import run_suite
+from helpers.programs.other_suite import run_suite
 
 BANDS, SIZE, SEEDS = np.array([450.0, 550.0, 650.0]), 32, 200
 CLEAN = np.linspace(1, 2, SIZE)[:, None, None] * np.array([1.0, 2.0, 3.0]) * np.ones((SIZE, SIZE, 1))
