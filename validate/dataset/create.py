@@ -19,6 +19,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from .card import write_card, write_croissant
 from .formats import require_format
 from .layout import begin, write_index
+from .memory import require_memory
 from .opened import Dataset, open_dataset
 from .picture import sensor_camera
 from .sheet import write_sheet
@@ -203,6 +204,8 @@ def create_dataset(
     variant.require_compiled("dataset")
     path, target, begun, begun_cpu = Path(recipe_file), Path(folder), time.monotonic(), _processor_s()
     recipe = read_recipe(path)
+    if workers.scheduler is None:
+        require_memory(recipe, path, workers.local_cluster or workers.processes)
     layout = begin(recipe, path, target)
     names = camera_names(recipe)
     total = recipe.boxes * len(names)

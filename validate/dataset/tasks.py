@@ -19,10 +19,10 @@ from .formats import COPY_ENDINGS, PICTURE_ENDINGS, write_copy, write_picture
 from .layout import Layout, file_hash, write_json
 from .picture import mean_spectrum, render_pictures, visible_weights
 
-__all__ = ["Task", "block_of", "camera_names", "run_task", "tasks_of"]
+__all__ = ["MOST_BOXES", "Task", "block_of", "camera_names", "run_task", "tasks_of"]
 
 #: Most boxes of a task, which may share rays: a task of a minute is repeated where its worker ends.
-_MOST_BOXES = 8
+MOST_BOXES = 8
 
 #: Decimals of a figure in a record.
 _DIGITS = 6
@@ -80,8 +80,8 @@ def block_of(recipe: Recipe, number: int) -> range:
     """
     geometry, variant = divmod(number, recipe.boxes_per_geometry)
     first = geometry * recipe.boxes_per_geometry
-    start = first + variant - variant % _MOST_BOXES
-    return range(start, min(start + _MOST_BOXES, first + recipe.boxes_per_geometry))
+    start = first + variant - variant % MOST_BOXES
+    return range(start, min(start + MOST_BOXES, first + recipe.boxes_per_geometry))
 
 
 def tasks_of(recipe: Recipe, recipe_file: Path, layout: Layout) -> list[Task]:
