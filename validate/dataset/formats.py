@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import h5netcdf
 import h5py
@@ -91,7 +92,7 @@ def write_picture(path: Path, cube: xr.Dataset) -> None:
                     file[str(name)].id.write_direct_chunk(offset, _deflated(values.values[first : first + step]))
 
 
-def _write_structure(raw: IO[bytes], cube: xr.Dataset) -> None:
+def _write_structure(raw: io.RawIOBase, cube: xr.Dataset) -> None:
     """Write everything of a picture but the values of its variables, whose chunks remain absent."""
     with h5netcdf.File(raw, "w") as file:
         file.dimensions = {str(name): size for name, size in cube.sizes.items()}
