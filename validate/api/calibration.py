@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.colour import patch_errors
-from cboxlab.calibration.result import Calibration, calibration_record, write_calibration
-from cboxlab.calibration.result import calibrate as calibrated
+from cboxlab.calibration.result import Calibration, calibrate_capture, calibration_record, write_calibration
 from cboxlab.utils.table import Table
 
 from ..capture_checks import with_scene_checks
@@ -149,4 +148,4 @@ def calibrate(capture: CaptureLike, *, reference_uncertainty: float = 0.0) -> Ca
     >>> calibration = cboxlab.calibrate("capture")  # doctest: +SKIP
     >>> calibration.to_dict()["gain_e_per_dn"]["value"]  # doctest: +SKIP
     """
-    return CalibrationResult(with_scene_checks(calibrated(as_capture(capture), reference_uncertainty)))
+    return CalibrationResult(with_scene_checks(calibrate_capture(as_capture(capture), reference_uncertainty)))

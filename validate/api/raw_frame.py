@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import open_cube, raw_to_srgb, scene_white, write_dng, write_raw
-from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera
-from cboxlab.rendering.sensor import simulate as simulated
+from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera, simulate_frame
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
@@ -214,5 +213,5 @@ def simulate(
         sensor = sensor.at_f_number(f_number)
     with _opened(cube) as dataset:
         seconds = auto_exposure(dataset, sensor, channel) if exposure_s is None else exposure_s
-        counts = simulated(dataset, sensor, seconds, seed, channel)
+        counts = simulate_frame(dataset, sensor, seconds, seed, channel)
         return RawFrame(sensor, seconds, seed, counts, scene_white(dataset))

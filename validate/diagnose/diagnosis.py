@@ -14,7 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
+from .alternatives import LikelyCause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import (
     Limit,
@@ -57,7 +57,7 @@ from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
 from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
 
-__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
+__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose_validation"]
 
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
@@ -126,7 +126,7 @@ class Diagnosis:
     #: not used.
     residual: NDArray[np.float32]
     #: The likeliest causes tried alone, to be compared with `residual`.
-    causes: tuple[Cause, ...]
+    causes: tuple[LikelyCause, ...]
     #: The family of fields that explains what no effect does; None where nothing remains.
     explanation: Explanation | None = None
     #: Light that an external rendering lacks by itself; None for our own.
@@ -192,7 +192,9 @@ class _Judged:
     imitated: tuple[str, ...]
 
 
-def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
+def diagnose_validation(
+    validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()
+) -> Diagnosis:
     """Find the effects of the catalogue that explain a validation's residual.
 
     Parameters

@@ -6,10 +6,10 @@ from cboxlab.rendering.dataset import draw_box, light_parts, load_recipe, visibl
 from cboxlab.rendering.dataset.patterns import drawn_tiles, tiled_wall
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render, render_passes
+from cboxlab.rendering.integrators import render_image, render_passes
 from cboxlab.rendering.model import load_model, write_model
 from cboxlab.utils.errors import InputError
-from helpers.recipes import write_recipe
+from helpers.scenes.recipes import write_recipe
 from PIL import Image
 
 GRID = np.array([450.0, 550.0, 650.0])
@@ -88,7 +88,7 @@ def test_the_albedo_of_tiles_is_exact_and_their_light_unbiased(box):
     np.testing.assert_allclose(parts.albedo[alone], expected, atol=1e-6)
     product = (parts.albedo * parts.irradiance / np.pi)[alone]
     np.testing.assert_allclose(product, (mean - parts.reflections[0])[alone], atol=1e-6 * mean.max())
-    other = render(RenderJob(scene, camera, GRID, 64, 16, seed=8), integrator="path")
+    other = render_image(RenderJob(scene, camera, GRID, 64, 16, seed=8), integrator="path")
     for surface in np.flatnonzero(back | np.array(["floor" in s.name for s in scene.surfaces] + [False])):
         on = image.surface == surface
         batches = [[(c[on].mean(axis=0) @ i.spectra) for c in i.coefficients] for i in (image, other)]

@@ -13,7 +13,7 @@ from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare.failure import parts, ranked_failures
 from cboxlab.validation.report.table_sections import parts_section
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
 NAMES = ("floor", "left", "right")

@@ -6,8 +6,8 @@ from io import BytesIO
 
 import pytest
 from cboxlab.validation.report.page import ReportInputs, build_report
-from helpers.browser import open_browser
 from helpers.fakes.box import FakeBox, fake_run, fake_weights
+from helpers.pages.browser import open_browser
 from pypdf import PdfReader
 
 BOX = FakeBox(size=48)

@@ -14,10 +14,10 @@ from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench
 from cboxlab.validation.compare import band_centres
 from cboxlab.validation.diagnose import stepwise
-from helpers.glare_capture import GLARE
-from helpers.page_faults import FAULTS
-from helpers.server import served
-from helpers.studio import add, chi2, finished, present, press, record_of, step
+from helpers.captures.glare_capture import GLARE
+from helpers.pages.page_faults import FAULTS
+from helpers.pages.server import served
+from helpers.pages.studio import add, chi2, finished, present, press, record_of, step
 
 #: Effects that the diagnosis tries here; each costs seconds.
 TRIED = ("veiling-glare", "ghost", "lamp-drift")
