@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from .card import write_card, write_croissant
 from .formats import require_format
 from .layout import begin, write_index
+from .memory import require_memory
 from .opened import Dataset, open_dataset
 from .picture import sensor_camera
 from .sheet import write_sheet
@@ -59,6 +61,10 @@ class DatasetRun:
     seconds: float
     #: Sum of the seconds in which pictures were rendered and written, over all processes.
     picture_seconds: float
+    #: Processor time in which pictures were rendered with their truths, over all processes, s.
+    rendering_processor_seconds: float
+    #: Processor time of this process and of those that it started, s; it lacks workers on other machines.
+    processor_seconds: float
     #: Pictures that failed a check, with their faults.
     failed: tuple[tuple[str, str], ...]
 
@@ -84,6 +90,8 @@ class DatasetRun:
             "failed": [{"picture": name, "faults": fault} for name, fault in self.failed],
             "seconds": round(self.seconds, 1),
             "picture_seconds": round(self.picture_seconds, 1),
+            "processor_seconds": round(self.processor_seconds, 1),
+            "rendering_processor_seconds": round(self.rendering_processor_seconds, 1),
             "pictures_per_hour": round(self.per_hour, 1),
             "median_relative_standard_error": _median([row["relative_standard_error"] for row in rows]),
             "bytes": sum(row["bytes"] for row in rows),
@@ -104,6 +112,9 @@ class DatasetRun:
             f"{record['median_relative_standard_error']:.2%} (median picture)",
             f"{self.rendered} rendered in {self.seconds:.0f} s ({self.per_hour:.0f} an hour), {self.reused} were there",
         ]
+        if 0 < self.rendering_processor_seconds < self.processor_seconds:
+            other = 1 - self.rendering_processor_seconds / self.processor_seconds
+            lines.append(f"{self.processor_seconds:.0f} s of processor time, {other:.1%} of it no rendering")
         lines += [f"• {name} failed and is kept apart: {fault}" for name, fault in self.failed[:10]]
         return lines
 
@@ -191,15 +202,17 @@ def create_dataset(
         If the recipe is faulty, the folder holds something else, or no worker answers.
     """
     variant.require_compiled("dataset")
-    path, target, begun = Path(recipe_file), Path(folder), time.monotonic()
+    path, target, begun, begun_cpu = Path(recipe_file), Path(folder), time.monotonic(), _processor_s()
     recipe = read_recipe(path)
+    if workers.scheduler is None:
+        require_memory(recipe, path, workers.local_cluster or workers.processes)
     layout = begin(recipe, path, target)
     names = camera_names(recipe)
     total = recipe.boxes * len(names)
     tasks = tasks_of(recipe, path, layout)
     numbers = [n for task in tasks for n in task.boxes if n < recipe.boxes]
     pending = {(n, name) for n in numbers for name in names if layout.record(n, name) is None}
-    done, seconds = total - len(pending), 0.0
+    done, seconds, rendering_s = total - len(pending), 0.0, 0.0
     progress.stage("rendering pictures")
     progress.part(done / total)
 
@@ -210,6 +223,7 @@ def create_dataset(
         if (record["box"], record["camera"]) in pending:
             done += 1
             seconds += record["seconds"]
+            rendering_s += record["rendering_processor_seconds"]
         progress.part(done / total)
     progress.stage("index and quality sheet")
     everything = [layout.record(n, name) for n in range(recipe.boxes) for name in names]
@@ -220,8 +234,22 @@ def create_dataset(
     write_croissant(layout, recipe, sound)
     write_sheet(layout, recipe, records)
     failed = tuple((f"{r['box']:06d}/{r['camera']}", "; ".join(r["faults"])) for r in records if r["faults"])
-    spent = time.monotonic() - begun
-    return DatasetRun(open_dataset(target), len(pending), total - len(pending), spent, seconds, failed)
+    return DatasetRun(
+        dataset=open_dataset(target),
+        rendered=len(pending),
+        reused=total - len(pending),
+        seconds=time.monotonic() - begun,
+        picture_seconds=seconds,
+        rendering_processor_seconds=rendering_s,
+        processor_seconds=_processor_s() - begun_cpu,
+        failed=failed,
+    )
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of those that it started and that have ended, s."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _records(tasks: list[Task], workers: Workers, still: Any) -> Iterator[dict[str, Any]]:

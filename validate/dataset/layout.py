@@ -38,8 +38,8 @@ BOXES = "boxes"
 #: Folder of the pictures that fail a check.
 FAILED = "failed"
 
-#: Packages on which the bits of a picture depend.
-_PACKAGES = ("cboxlab", "mitsuba", "drjit", "numpy", "scipy")
+#: Packages on which the bits of a picture's file depend.
+_PACKAGES = ("cboxlab", "mitsuba", "drjit", "numpy", "scipy", "isal")
 
 
 class Layout:

@@ -364,3 +364,30 @@ def test_a_preview_costs_what_the_run_costs(folder, run, recipe_file, monkeypatc
 def test_a_folder_without_a_data_set_is_refused(tmp_path):
     with pytest.raises(InputError, match="state of a data set"):
         open_dataset(tmp_path)
+
+
+def test_a_large_picture_is_that_of_its_strips(tmp_path, monkeypatch):
+    """Labels, points and albedo are the same to the bit; the light differs by its error alone."""
+    gloss = '[[effect]]\nid = "veiling-glare"\n[room]'
+    path = write_recipe(tmp_path, ("noise = 0.1", "noise = 0.05"), ("[room]", gloss))
+    recipe = load_recipe(path)
+    box = draw_box(recipe, 0, tmp_path)
+    (plain,) = render_pictures([box], "main", recipe, tmp_path)
+    monkeypatch.setattr(sys.modules["cboxlab.validation.dataset.picture"], "STRIP_PIXELS", 16 * 5)
+    (joined,) = render_pictures([box], "main", recipe, tmp_path)
+    assert joined.sizes == plain.sizes and list(joined.data_vars) == list(plain.data_vars)
+    for name in ("surface", "material", "coverage", "depth", "position", "normal", "albedo"):
+        np.testing.assert_array_equal(joined[name], plain[name])
+    visible = plain["surface"].values >= 0
+    scale = np.hypot(plain["standard_error"], joined["standard_error"]).values[visible]
+    z = (joined["radiance"] - plain["radiance"]).values[visible] / scale
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.3  # independent errors of the stated size
+    assert check_picture(joined, box, 0.05, 23).faults == ()
+
+
+def test_pictures_that_do_not_fit_into_memory_are_refused(tmp_path, monkeypatch):
+    path = write_recipe(tmp_path, ("width_px = 16", "width_px = 4096"), ("height_px = 16", "height_px = 4096"))
+    monkeypatch.setattr(sys.modules["cboxlab.validation.dataset.memory"], "_memory_bytes", lambda: 8e9)
+    with pytest.raises(InputError, match=r"camera\[0\].*4096 x 4096 pixels, about 1\d\.\d GB.*at most the 8.0 GB"):
+        create_dataset(path, tmp_path / "set")
+    assert not (tmp_path / "set").exists()

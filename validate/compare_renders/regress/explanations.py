@@ -182,7 +182,7 @@ def _values(evidence: Evidence) -> Iterator[FittedChange]:
 def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterator[FittedChange]:
     """Values raised to a power, times a factor. base : (y, x, w) radiances over their mean."""
     used = (evidence.cell >= 0)[..., None] & (evidence.candidate > 0) & (base > 1e-3)
-    if np.count_nonzero(used) < 3:
+    if np.count_nonzero(used) < 3 or not np.ptp(base[used]):
         return
     exponent, level = np.polyfit(np.log(base[used]), np.log(evidence.candidate[used] / mean), 1)
     factor, best = float(np.exp(level)), None

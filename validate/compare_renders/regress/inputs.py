@@ -19,7 +19,7 @@ from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
-from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
+from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of, sound_side
 from .verdict import FALSE_ALARMS, regress_sides
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def regress_pictures(
         If the sides cannot be compared.
     """
     progress.part(0.02)
-    baseline, candidate, cut = on_common_pixels(baseline, candidate)
+    baseline, candidate, cut = on_common_pixels(sound_side(baseline), sound_side(candidate))
     baseline, candidate = in_common_quantity(baseline, candidate)
     notes: list[str] = [*cut]
     view = None if view is None else _cut_view(view, baseline)

@@ -22,7 +22,7 @@ from .pooled import (
     difference_of,
     pooled_means,
 )
-from .sides import Side, SurfaceIndices, quieter_part, roughness_of
+from .sides import Side, SurfaceIndices, quieter_part, roughness_of, sound_side
 from .strata import Strata, strata_of
 
 __all__ = ["FALSE_ALARMS", "RegressionData", "compared_sides", "regress_sides"]
@@ -95,8 +95,9 @@ def compared_sides(
     Raises
     ------
     InputError
-        If the pictures differ in size or their wavelengths do not overlap.
+        If a side is not sound, if the pictures differ in size, or if their wavelengths do not overlap.
     """
+    baseline, candidate = sound_side(baseline), sound_side(candidate)
     rows, columns = baseline.shape
     if min(rows, columns) < _SHORTEST_SIDE_PX:
         least = f"{_SHORTEST_SIDE_PX} x {_SHORTEST_SIDE_PX} px or more: noise and edges come from neighbouring pixels"
