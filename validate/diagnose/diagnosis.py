@@ -140,7 +140,7 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
-    #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
+    #: Kinds of flaws of the base, the largest first; empty without any.
     flaws: tuple[Flaw, ...] = ()
     #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
     flaws_cost: float = 1.0
@@ -182,7 +182,7 @@ class _Judged:
     effects: list[Candidate]
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: BaseFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
