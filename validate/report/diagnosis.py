@@ -224,13 +224,20 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
         sentences.append(
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
-    sentences += [
+    return sentences + [_refused(verdict) for verdict in diagnosis.verdicts if not verdict.holds]
+
+
+def _refused(verdict: Verdict) -> str:
+    """Reason for which an effect that fits is not reported."""
+    if verdict.holds_next_to_flaws:
+        return (
+            f"{verdict.effect} is not reported: pixels or bands that the fit left out do not confirm it, or its size "
+            "is within the tolerance of the survey."
+        )
+    return (
         f"{verdict.effect} is not reported: the flaws may imitate it. With the flaws in the fit, its size is "
         f"{100 * verdict.stability:.0f} % of the size without them ({verdict.certainty:.1f} standard deviations)."
-        for verdict in diagnosis.verdicts
-        if not verdict.holds
-    ]
-    return sentences
+    )
 
 
 def separation_sentence(s: Separation) -> str:
