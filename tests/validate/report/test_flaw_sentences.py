@@ -16,5 +16,5 @@ def test_an_effect_that_samples_held_out_refuse_is_not_said_to_miss_the_flaws():
         flaws=(Flaw("pixels", 0.1, 1.0, 0.8),), flaws_cost=1.0, verdicts=(beside_flaws, not_beside_flaws, named)
     )
     _, first, second = flaw_sentences(diagnosis)
-    assert first.startswith("lamp-offset fits, next to these flaws, too, but pixels or bands that the fit left out")
-    assert second.startswith("gloss fits, but not next to these flaws: with them its size is 2.0 standard deviations")
+    assert first.startswith("lamp-offset is not reported: pixels or bands that the fit left out")
+    assert second.startswith("gloss is not reported: the flaws may imitate it. With the flaws in the fit, its size is")

@@ -326,12 +326,16 @@ def cube_paths(text: str) -> tuple[Path, ...]:
         If a folder holds no cube.
     """
     path = Path(text)
-    if path.is_dir():
+    try:
+        exists = path.exists()
+    except OSError:  # a list of many files is too long for the name of one
+        exists = False
+    if exists and path.is_dir():
         cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in READABLE))
         if not cubes:
             raise InputError(path, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
         return cubes
-    return (path,) if path.exists() else tuple(Path(part) for part in text.split(","))
+    return (path,) if exists else tuple(Path(part) for part in text.split(","))
 
 
 def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
