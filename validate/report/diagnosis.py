@@ -23,6 +23,7 @@ __all__ = [
     "diagnosis_record",
     "error_sentence",
     "evidence_sentences",
+    "explained_share",
     "finding_sentences",
     "flaw_sentences",
     "further_sentences",
@@ -41,6 +42,9 @@ __all__ = [
 
 #: Factor on the detectable size from which it is worth a sentence.
 _MIN_COST = 1.1
+
+#: Excess of chi-square per degree of freedom from which its parts are given.
+_MIN_EXCESS = 0.01
 
 #: Descriptions of the kinds of flaws of a base.
 _FLAWS = {
@@ -504,6 +508,25 @@ class _Signed(float):
 
     def __format__(self, form: str) -> str:
         return format(float(self), form).replace("-", "−").replace("%", " %")
+
+
+def explained_share(diagnosis: Diagnosis, ranked: Ranked) -> float:
+    """Part of the excess that an effect tried alone explains.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+    ranked
+        Entry of its ranking.
+
+    Returns
+    -------
+    float
+        May exceed 1, since errors of the rendering count as noise; NaN without an excess.
+    """
+    excess = diagnosis.chi2_per_dof - 1
+    return (diagnosis.chi2_per_dof - ranked.chi2_per_dof) / excess if excess > _MIN_EXCESS else float("nan")
 
 
 def ranked_values(ranked: Ranked) -> str:
