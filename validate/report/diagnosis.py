@@ -224,16 +224,19 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
         sentences.append(
             f"With these flaws free, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
-    return sentences + [_refused(verdict) for verdict in diagnosis.verdicts if not verdict.holds]
+    refused = (verdict for verdict in diagnosis.verdicts if not verdict.holds and verdict.gain > 0)
+    return [*sentences, *map(_reason_of_refusal, refused)]
 
 
-def _refused(verdict: Verdict) -> str:
+def _reason_of_refusal(verdict: Verdict) -> str:
     """Reason for which an effect that fits is not named."""
     if verdict.holds_next_to_flaws:
         return (
             f"{verdict.effect} fits, next to these flaws, too, but pixels or bands that the fit left out do not "
             "confirm it, or its size is within the tolerance of the survey."
         )
+    if verdict.certainty <= 0:
+        return f"{verdict.effect} fits, but not next to these flaws: with them nothing remains of it."
     return (
         f"{verdict.effect} fits, but not next to these flaws: with them its size is {verdict.certainty:.1f} standard "
         f"deviations, {100 * verdict.stability:.0f} % of its size without."
