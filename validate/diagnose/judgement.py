@@ -39,6 +39,7 @@ __all__ = [
     "confirmed_with_flaws",
     "cost_in_power",
     "flaws_of",
+    "flaws_without",
     "scores_with_flaws",
     "selected_with_flaws",
     "verdict_of",
@@ -422,6 +423,28 @@ def flaws_of(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawsW
         model.change_dn(linearised.model, fitted, residual),
         tuple(model.flaws(fitted, whitened)),
     )
+
+
+def flaws_without(
+    linearised: LinearisedFit, residual: NDArray[np.float64], change: NDArray[np.float64]
+) -> FlawsWithEffects:
+    """Flaws of the base in what a cause leaves.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    residual
+        (n + 11,) residual with the effects in question.
+    change
+        (band, y, x) change by the cause, DN.
+
+    Returns
+    -------
+    FlawsWithEffects
+        As `flaws_of`.
+    """
+    return flaws_of(linearised, residual - linearised.model.whiten(change))
 
 
 def scores_with_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> list[float]:

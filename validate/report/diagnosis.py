@@ -228,16 +228,19 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
         sentences.append(
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
-    return sentences + [_refused(verdict) for verdict in diagnosis.verdicts if not verdict.holds]
+    refused = (verdict for verdict in diagnosis.verdicts if not verdict.holds and verdict.gain > 0)
+    return [*sentences, *map(_reason_of_refusal, refused)]
 
 
-def _refused(verdict: Verdict) -> str:
+def _reason_of_refusal(verdict: Verdict) -> str:
     """Reason for which an effect that fits is not reported."""
     if verdict.holds_next_to_flaws:
         return (
             f"{verdict.effect} is not reported: pixels or bands that the fit left out do not confirm it, or its size "
             "is within the tolerance of the survey."
         )
+    if verdict.certainty <= 0:
+        return f"{verdict.effect} is not reported: with the flaws in the fit, nothing remains of it."
     return (
         f"{verdict.effect} is not reported: the flaws may imitate it. With the flaws in the fit, its size is "
         f"{100 * verdict.stability:.0f} % of the size without them ({verdict.certainty:.1f} standard deviations)."

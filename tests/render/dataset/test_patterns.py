@@ -68,19 +68,19 @@ def test_tiles_fill_their_wall_and_face_inwards():
 
 def test_tiles_of_a_block_cover_its_mesh(box):
     """Area, closedness, volume and outward faces are those of the plain block; each side has its own drawn tiles."""
-    drawn = box.record["blocks"][0]
+    record = box.record["blocks"][0]
     surfaces = [surface for surface in box.model.scene.surfaces if surface.name.startswith("1-block-")]
     assert [surface.material for surface in surfaces] == ["colour", "light"]
     corners = np.concatenate([surface.vertices_mm[surface.faces] for surface in surfaces])
-    width, height, depth = drawn["size_mm"]
+    width, height, depth = record["size_mm"]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(2 * (width * height + height * depth + depth * width))
-    centred = corners - drawn["center_mm"]
+    centred = corners - record["center_mm"]
     assert np.linalg.det(centred).sum() / 6 == pytest.approx(width * height * depth)
     assert (np.linalg.det(centred) > 0).all()  # the centre is behind every face
-    plain = Solid(np.array(drawn["center_mm"]), np.array(drawn["size_mm"]) / 2, drawn["yaw_deg"]).mesh[0]
+    plain = Solid(np.array(record["center_mm"]), np.array(record["size_mm"]) / 2, record["yaw_deg"]).mesh[0]
     np.testing.assert_allclose(np.ptp(corners.reshape(-1, 3), axis=0), np.ptp(plain, axis=0))
-    assert np.shape(drawn["tiles"]["top"]) == (3, 5) and drawn["tiles"]["bottom"] == [["light"]]
+    assert np.shape(record["tiles"]["top"]) == (3, 5) and record["tiles"]["bottom"] == [["light"]]
 
 
 def test_a_box_of_patterns_is_drawn_written_and_read_again(box, tmp_path):

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.validation.diagnose import judgement
 from cboxlab.validation.diagnose.base_flaws import Flaw
-from cboxlab.validation.diagnose.judgement import BaseFlaws, verdict_of
+from cboxlab.validation.diagnose.judgement import BaseFlaws
 
 COUNT = 400
 CANDIDATE = SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id="lamp")), by_priors=False, numbers=[1])
@@ -37,8 +38,17 @@ def test_an_effect_holds_by_its_amplitude_and_one_that_changes_nothing_does_not(
     rest = np.random.default_rng(3).standard_normal(COUNT)
     shape = np.ones(COUNT) / np.sqrt(COUNT)
     rest -= shape * (shape @ rest)
-    verdict = verdict_of(CANDIDATE, rest + sigmas * shape, rest, sound_base(rest))
+    verdict = judgement.verdict_of(CANDIDATE, rest + sigmas * shape, rest, sound_base(rest))
     assert verdict.holds is holds
     assert verdict.certainty == pytest.approx(sigmas, abs=1e-9)
     assert verdict.gain == pytest.approx(sigmas**2 / COUNT)
     assert verdict.holds_next_to_flaws is holds
+
+
+def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
+    noise, cause = np.random.default_rng(4).standard_normal((2, 5, 6, 7))
+    linearised = SimpleNamespace(model=SimpleNamespace(whiten=np.ravel))
+    monkeypatch.setattr(judgement, "flaws_of", lambda fit, rest: (fit, rest))
+    fit, rest = judgement.flaws_without(linearised, (noise + cause).ravel(), cause)
+    assert fit is linearised
+    assert rest == pytest.approx(noise.ravel())
