@@ -86,8 +86,8 @@ class Failure(FrozenMappings):
     def sentence(self) -> str:
         """The entry as a sentence."""
         return (
-            f"{100 * self.share_of_excess:.0f} % of the excess χ² is {self.label}, "
-            f"with {100 * self.share_of_residuals:.0f} % of the residuals "
+            f"{self.label[:1].upper()}{self.label[1:]}: {100 * self.share_of_excess:.0f} % of the excess χ², "
+            f"{100 * self.share_of_residuals:.0f} % of the residuals "
             f"(mean χ² per residual {self.chi2_per_residual:.3g})."
         )
 
