@@ -99,6 +99,14 @@ class Verdict:
     #: Whether it holds.
     holds: bool
 
+    @property
+    def holds_next_to_flaws(self) -> bool:
+        """Whether evidence, certainty and stability suffice, before samples held out are asked."""
+        if not (self.evidence > _MIN_EVIDENCE and self.certainty > _MIN_CERTAINTY):
+            return False
+        sigma = self.stability / self.certainty
+        return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))
+
 
 @dataclass(frozen=True, eq=False)
 class FlawsWithEffects:
@@ -295,7 +303,7 @@ def verdict_of(
     Returns
     -------
     Verdict
-        An effect that priors judge holds.
+        An effect that priors judge holds. One whose numbers are null changes nothing, and does not.
     """
     name, model = candidate.hypothesis.effect.id, flaws.model
     gain = (square(without) - square(residual)) / model.model.count
@@ -305,12 +313,10 @@ def verdict_of(
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
     (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
-    sigma = float(np.sum(model.weighted(fitted, shape) * shape)) ** -0.5
+    information = float(np.sum(model.weighted(fitted, shape) * shape))
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
-    certainty = amplitude / sigma
-    steady = abs(amplitude - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma)
-    holds = bool(evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady)
-    return Verdict(name, gain, evidence, certainty, amplitude, holds)
+    verdict = Verdict(name, gain, evidence, amplitude * np.sqrt(max(information, 0.0)), amplitude, False)
+    return replace(verdict, holds=verdict.holds_next_to_flaws)
 
 
 @dataclass(frozen=True, eq=False)

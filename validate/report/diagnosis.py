@@ -23,6 +23,7 @@ __all__ = [
     "diagnosis_record",
     "error_sentence",
     "evidence_sentences",
+    "explained_share",
     "finding_sentences",
     "flaw_sentences",
     "further_sentences",
@@ -41,6 +42,9 @@ __all__ = [
 
 #: Factor on the detectable size from which it is worth a sentence.
 _MIN_COST = 1.1
+
+#: Excess of chi-square per degree of freedom from which its parts are given.
+_MIN_EXCESS = 0.01
 
 #: Descriptions of the kinds of flaws of a base.
 _FLAWS = {
@@ -224,13 +228,20 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
         sentences.append(
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
-    sentences += [
+    return sentences + [_refused(verdict) for verdict in diagnosis.verdicts if not verdict.holds]
+
+
+def _refused(verdict: Verdict) -> str:
+    """Reason for which an effect that fits is not reported."""
+    if verdict.holds_next_to_flaws:
+        return (
+            f"{verdict.effect} is not reported: pixels or bands that the fit left out do not confirm it, or its size "
+            "is within the tolerance of the survey."
+        )
+    return (
         f"{verdict.effect} is not reported: the flaws may imitate it. With the flaws in the fit, its size is "
         f"{100 * verdict.stability:.0f} % of the size without them ({verdict.certainty:.1f} standard deviations)."
-        for verdict in diagnosis.verdicts
-        if not verdict.holds
-    ]
-    return sentences
+    )
 
 
 def separation_sentence(s: Separation) -> str:
@@ -497,6 +508,25 @@ class _Signed(float):
 
     def __format__(self, form: str) -> str:
         return format(float(self), form).replace("-", "−").replace("%", " %")
+
+
+def explained_share(diagnosis: Diagnosis, ranked: Ranked) -> float:
+    """Part of the excess that an effect tried alone explains.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+    ranked
+        Entry of its ranking.
+
+    Returns
+    -------
+    float
+        May exceed 1, since errors of the rendering count as noise; NaN without an excess.
+    """
+    excess = diagnosis.chi2_per_dof - 1
+    return (diagnosis.chi2_per_dof - ranked.chi2_per_dof) / excess if excess > _MIN_EXCESS else float("nan")
 
 
 def ranked_values(ranked: Ranked) -> str:

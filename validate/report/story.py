@@ -17,6 +17,7 @@ from .blocks import Cell, Headline, ReportSection, ReportTable, Story, number, s
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
+    explained_share,
     flaw_sentences,
     limit_text,
     ranked_values,
@@ -202,7 +203,8 @@ def signature_layers(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     if len(diagnosis.path) > 1:
         remaining = diagnosis.path[-1].comparison.maps["residual_over_sigma"].values.astype(np.float32)
         name = "Difference that remains with the effects found, in σ"
-        layers.append({"id": "remaining", "name": name, "unit": "σ", "perBand": True, "values": remaining})
+        red = "the photograph is brighter"
+        layers.append({"id": "remaining", "name": name, "unit": "σ", "perBand": True, "values": remaining, "red": red})
     return layers
 
 
@@ -330,12 +332,11 @@ def _before_and_after(diagnosis: Diagnosis) -> ReportTable:
 
 def _ranking(diagnosis: Diagnosis) -> ReportTable:
     """Effects tried alone, by the part of the excess that each explains."""
-    excess = diagnosis.chi2_per_dof - 1
     rows = [
         (
             r.effect,
             Cell(_size(diagnosis, r.effect, ranked_values(r)), wrap=True),
-            number(100 * (diagnosis.chi2_per_dof - r.chi2_per_dof) / excess if excess > 0.01 else np.nan, 1),
+            number(100 * explained_share(diagnosis, r), 1),
             number(100 * r.probability, 1),
         )
         for r in diagnosis.ranking[:_NUM_RANKED]
