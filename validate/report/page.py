@@ -147,6 +147,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
             run=run,
             headline=story.headline,
             level=verdict(c).level,
+            as_given=story.falling is not None,
             figures=_figures(c),
             warnings=[*warnings(c, run), *inputs.further_warnings],
             suspicions=inputs.suspicions,

@@ -43,7 +43,9 @@ def _chi2(chi2: ChiSquare) -> Cell:
     return Cell(number(chi2.per_dof, digits), f"± {number(chi2.per_dof_sigma, 3)}", beyond)
 
 
-def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequence[str] | None = None) -> ReportTable:
+def _regions(
+    header: str, regions: Sequence[Region], caption: str, every: ChiSquare, names: Sequence[str] | None = None
+) -> ReportTable:
     """A partition of the residuals with a row for all of them."""
     rows = [
         (name, _chi2(r.chi2), percent(r.share_of_residuals), percent(r.share_of_excess))
@@ -52,7 +54,7 @@ def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequen
     total = sum(r.share_of_residuals for r in regions), sum(r.share_of_excess for r in regions)
     return ReportTable(
         (header, "χ²/dof", "share of the residuals, %", "share of the excess χ², %"),
-        [*rows, ("all", "", percent(total[0]), percent(total[1]))],
+        [*rows, ("all", _chi2(every), percent(total[0]), percent(total[1]))],
         caption,
     )
 
@@ -92,9 +94,9 @@ def where_section(
         sentences,
         (
             maps,
-            _regions("place", regions["place"], _DEFINITION),
-            _regions("surface", regions["surface"], "By surface, its edges included."),
-            _regions("band", by_band, "By band.", [name for _, name in bands]),
+            _regions("place", regions["place"], _DEFINITION, c.chi2),
+            _regions("surface", regions["surface"], "By surface, its edges included.", c.chi2),
+            _regions("band", by_band, "By band.", c.chi2, [name for _, name in bands]),
         ),
     )
 
