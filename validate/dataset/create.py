@@ -14,6 +14,7 @@ from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.sensor import integration_weights
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import referred
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .card import write_card, write_croissant
@@ -145,7 +146,10 @@ def read_recipe(path: Path) -> Recipe:
     recipe = load_recipe(path)
     require_format(recipe.picture.format, f"{path}: picture.format")
     for index, sensor in enumerate(recipe.sensor):
-        camera = sensor_camera(sensor, path.parent)
+        try:
+            camera = sensor_camera(sensor, path.parent)
+        except InputError as fault:
+            raise referred(fault, f"{path}: sensor[{index}].camera") from None
         for channel in camera.channels.values():
             try:
                 integration_weights(channel, recipe.picture.wavelength_nm)
