@@ -15,6 +15,7 @@ from cboxlab.rendering.device import variant
 from cboxlab.rendering.sensor import integration_weights
 from cboxlab.utils.arguments import require_progress, require_type, required_folder, required_path
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import referred
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .card import write_card, write_croissant
@@ -146,7 +147,10 @@ def read_recipe(path: Path) -> Recipe:
     recipe = load_recipe(path)
     require_format(recipe.picture.format, f"{path}: picture.format")
     for index, sensor in enumerate(recipe.sensor):
-        camera = sensor_camera(sensor, path.parent)
+        try:
+            camera = sensor_camera(sensor, path.parent)
+        except InputError as fault:
+            raise referred(fault, f"{path}: sensor[{index}].camera") from None
         for channel in camera.channels.values():
             try:
                 integration_weights(channel, recipe.picture.wavelength_nm)
