@@ -112,7 +112,7 @@ def test_a_moved_block_keeps_its_shape_and_turns_about_its_own_foot():
         (lambda box: box.with_lamp([400, 700], [-1.0, 1.0]), "0 or more"),
         (lambda box: box.with_material("red"), "a Material"),
         (lambda box: box.moved("tall-blok"), "Did you mean 'tall-block'"),
-        (lambda box: box.moved("tall-block", (1.0, 2.0)), "three finite mm"),
+        (lambda box: box.moved("tall-block", (1.0, 2.0)), "three finite numbers, mm"),
         (lambda box: box.moved("tall-block", "up"), "numbers"),
         (lambda box: box.write("room.json"), "'.toml'"),
         (lambda box: load_scene(3), "a packaged scene's name"),

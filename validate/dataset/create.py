@@ -13,7 +13,9 @@ import numpy as np
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.sensor import integration_weights
+from cboxlab.utils.arguments import require_progress, require_type, required_folder, required_path
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import referred
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .card import write_card, write_croissant
@@ -145,7 +147,10 @@ def read_recipe(path: Path) -> Recipe:
     recipe = load_recipe(path)
     require_format(recipe.picture.format, f"{path}: picture.format")
     for index, sensor in enumerate(recipe.sensor):
-        camera = sensor_camera(sensor, path.parent)
+        try:
+            camera = sensor_camera(sensor, path.parent)
+        except InputError as fault:
+            raise referred(fault, f"{path}: sensor[{index}].camera") from None
         for channel in camera.channels.values():
             try:
                 integration_weights(channel, recipe.picture.wavelength_nm)
@@ -202,7 +207,10 @@ def create_dataset(
         If the recipe is faulty, the folder holds something else, or no worker answers.
     """
     variant.require_compiled("dataset")
-    path, target, begun, begun_cpu = Path(recipe_file), Path(folder), time.monotonic(), _processor_s()
+    path, target = required_path("recipe_file", recipe_file, "a recipe (.toml)"), required_folder("folder", folder)
+    require_type("workers", workers, Workers, "Workers")
+    require_progress(progress)
+    begun, begun_cpu = time.monotonic(), _processor_s()
     recipe = read_recipe(path)
     if workers.scheduler is None:
         require_memory(recipe, path, workers.local_cluster or workers.processes)

@@ -16,16 +16,10 @@ from numpy.typing import NDArray
 from ..compare import Comparison, Validation, compared
 from .alternatives import LikelyCause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
 from .base_flaws import Flaw
-from .evidence import (
-    Limit,
-    explained_part,
-    prior_pull,
-    something_remains,
-    square,
-    tolerance_notes,
-)
+from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
+    NONE,
     Explanation,
     Signs,
     explain,
@@ -39,6 +33,7 @@ from .judgement import (
     Verdict,
     confirmed_with_flaws,
     cost_in_power,
+    flaws_without,
     scores_with_flaws,
     selected_with_flaws,
     verdicts_with_flaws,
@@ -140,9 +135,10 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
-    #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
+    #: Kinds of flaws of the base next to effects and explanation, the largest first; empty without any.
     flaws: tuple[Flaw, ...] = ()
-    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
+    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue; 1
+    #: where it was not computed.
     flaws_cost: float = 1.0
     #: Judgement of every effect next to the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
@@ -182,7 +178,7 @@ class _Judged:
     effects: list[Candidate]
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: BaseFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
@@ -235,6 +231,10 @@ def diagnose_validation(
     answer = replace(answer, imitations=_imitations(judged, assessed))
     progress.stage("explaining what remains")
     answer = _explained(first, answer, judged.flaws, prepared.calibration.capture, progress)
+    flaws, flaws_cost, explanation = judged.flaws, judged.flaws_cost, answer.explanation
+    if explanation is not None and explanation.family != NONE and not flaws.small:
+        # their fit contained part of that cause
+        flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
@@ -255,13 +255,13 @@ def diagnose_validation(
         model=replace(model, effects=(*model.effects, *(c.applied for c in answer.effects))),
         residual=start.image(start.residual).astype(np.float32),
         causes=likeliest_causes(search.first, search.singles, effect_ids) if answer.selected else (),
-        explanation=answer.explanation,
+        explanation=explanation,
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
         notes=scale_notes(prepared.free_scale, judged.imitated) + tolerated,
-        flaws=judged.flaws.reported,
-        flaws_cost=judged.flaws_cost,
+        flaws=flaws.reported,
+        flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)

@@ -86,7 +86,7 @@ def where_section(
     if np.isfinite(regions["place"][0].share_of_excess) and (failures or verdict(c).level != "explained"):
         worst = max(regions["place"], key=lambda r: r.share_of_excess)
         sentences = [f.sentence for f in failures] or [
-            f"{percent(worst.share_of_excess, 0)} % of the excess χ² is {_in_place(worst.name)}, with "
+            f"Most of the excess χ² is {_in_place(worst.name)}: {percent(worst.share_of_excess, 0)} %, with "
             f"{percent(worst.share_of_residuals, 0)} % of the residuals."
         ]
     return ReportSection(

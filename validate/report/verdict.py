@@ -86,7 +86,7 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
         regions = regions_of(c)
         region = max(regions["place"], key=lambda r: r.share_of_excess)
         details.append(
-            f"{100 * region.share_of_excess:.0f} % of the excess χ² is in one region: {region.name}, with "
+            f"The region with most of the excess χ² is {region.name}: {100 * region.share_of_excess:.0f} %, with "
             f"{100 * region.share_of_residuals:.0f} % of the residuals."
         )
         surface, band = (_worst(regions[kind]) for kind in ("surface", "band"))

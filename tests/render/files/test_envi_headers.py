@@ -37,6 +37,14 @@ def test_the_faults_header_without_an_order_is_refused(tmp_path):
         read_cube(fault_folder("envi-no-interleave", tmp_path) / "x.hdr")
 
 
+def test_a_key_with_two_values_is_refused(tmp_path):
+    """The same value twice, or two descriptions, do no harm."""
+    twice = header_text() + "interleave = BSQ\ndescription = {one}\ndescription = {another}\n"
+    np.testing.assert_array_equal(read(tmp_path / "same", twice)["radiance"], LIGHT)
+    with pytest.raises(InputError, match=r"interleave: found 'bsq' and 'bil'; expected one value"):
+        read(tmp_path / "other", header_text() + "interleave = bil\n")
+
+
 def test_the_faults_bad_bands_are_left_out(tmp_path):
     cube = read_cube(fault_folder("envi-bad-bands", tmp_path) / "x.hdr")
     np.testing.assert_array_equal(cube["wavelength"], [450, 500, 550, 600])

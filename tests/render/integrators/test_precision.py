@@ -101,7 +101,7 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     messages = []
     reporter = ProgressReporter(lambda stage, done: messages.append((stage, done)))
     resumed = render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes, progress=reporter)
-    assert list(dict.fromkeys(stage for stage, _ in messages)) == ["rendering a pilot", "rendering"]
+    assert list(dict.fromkeys(stage for stage, _ in messages)) == ["rendering with few samples", "rendering"]
     parts = [done for stage, done in messages if stage == "rendering"]
     first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
     assert first == sorted(first) and parts[-1] == 1

@@ -134,7 +134,7 @@ MALFORMED = [
     ("tm27", "1.3e-2", "1.3e-2 W", "line 12", "'1.3e-2 W'"),
     ("tm27", "<SpectralQuantity>radiance", "<SpectralQuantity>brightness", "line 7", "one of"),
     ("tm27", '"405.5"', '"399"', "line 11", "399 nm after 400 nm"),
-    ("tm27", "0.012", "0.0\n12", "line 11", "'0.0 12'"),
+    ("tm27", "0.012", "0.0\n12", "line 11", r"'0.0\n12'"),
     ("tm27", "</Header>", "</Head>", "line 6", "damaged"),
     ("tm27", "<IESTM2714 xmlns", '<!DOCTYPE x [<!ENTITY a "b">]>\n<IESTM2714 xmlns', "line 2", "DOCTYPE"),
     ("pr650", "0000,1", "0018,1", "line 1", "quality code 18"),

@@ -117,6 +117,14 @@ def test_the_index_and_the_pictures_say_the_same(run):
         dataset.arrays("albedoo")
 
 
+def test_the_index_as_parquet_is_that_of_the_text(run):
+    table = pytest.importorskip("arro3.io").read_parquet(run.dataset.folder / "index.parquet").read_all()
+    columns = {name: table[name].to_pylist() for name in run.dataset.index[0]}
+    assert [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)] == [
+        dict(row) for row in run.dataset.index
+    ]
+
+
 def test_the_model_of_a_picture_is_that_of_its_box(folder, run, recipe_file):
     box = draw_box(load_recipe(recipe_file), 1, recipe_file.parent)
     number = next(i for i, row in enumerate(run.dataset.index) if row["box"] == 1)
@@ -136,6 +144,7 @@ def test_card_and_croissant_name_every_part(run):
     assert record["conformsTo"] == "http://mlcommons.org/croissant/1.0"
     columns = {field["source"]["extract"]["column"] for field in record["recordSet"][0]["field"]}
     assert columns <= set(run.dataset.index[0])
+    assert record["creator"]["@type"] in ("sc:Organization", "sc:Person")  # readers refuse anything else
     assert "4 pictures pass all checks" in (run.dataset.folder / "quality.html").read_text()
 
 
@@ -306,7 +315,7 @@ def outcome(capsys, *arguments):
     return ended.value.code, out, err
 
 
-@pytest.mark.parametrize("case", ["key", "nowhere", "other", "begun", "version", "sensor", "dark", "scheduler"])
+@pytest.mark.parametrize("case", ["key", "nowhere", "other", "file", "begun", "version", "sensor", "dark", "scheduler"])
 def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeypatch, case):
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
@@ -314,6 +323,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         "key": ["seeds", "Did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
+        "file": ["a file", "a new or empty folder"],
         "begun": ["another recipe"],
         "version": ["mitsuba 0.1"],
         "sensor": ["sensor[0]", "of the sensitivity"],
@@ -332,6 +342,8 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
     elif case == "other":
         target.mkdir()
         (target / "notes.txt").write_text("mine")
+    elif case == "file":
+        target.write_text("mine")
     elif case in ("begun", "version"):
         begin(load_recipe(path), path, target)
         if case == "begun":

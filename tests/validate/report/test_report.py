@@ -124,7 +124,7 @@ def test_a_third_colour_difference_needs_one_record(monkeypatch, tmp_path):
 
 def test_verdict_in_words(pages):
     assert "Where it fails" in pages["error"]
-    assert re.search(r"\d+ % of the excess χ² is (in interiors of|on) surfaces", pages["error"])
+    assert re.search(r"Most of the excess χ² is (in interiors of|on) surfaces[^:]*: \d+ %", pages["error"])
     for text in (*SURFACES, *BANDS):
         assert text in pages["noise"]
 

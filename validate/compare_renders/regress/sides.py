@@ -179,8 +179,8 @@ def sound_side(side: Side) -> Side:
     Raises
     ------
     InputError
-        If the picture is empty, if radiance or a variance is not finite, of extreme size or of another shape than
-        stated, or if a tenth of the light is below 0.
+        If the picture is empty, or if a tenth of the light is below 0. If radiance or a variance is not finite, of
+        extreme size or of another shape than stated.
     """
     shape = side.radiance.shape
     planes = len(side.bands)
@@ -326,12 +326,16 @@ def cube_paths(text: str) -> tuple[Path, ...]:
         If a folder holds no cube.
     """
     path = Path(text)
-    if path.is_dir():
+    try:
+        exists = path.exists()
+    except OSError:  # a list of many files is too long for the name of one
+        exists = False
+    if exists and path.is_dir():
         cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in READABLE))
         if not cubes:
             raise InputError(path, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
         return cubes
-    return (path,) if path.exists() else tuple(Path(part) for part in text.split(","))
+    return (path,) if exists else tuple(Path(part) for part in text.split(","))
 
 
 def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:

@@ -279,8 +279,8 @@ def _remarks(comparison: RegressionData) -> list[str]:
         notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
     if np.array_equal(comparison.common.candidate.radiance, comparison.common.baseline.radiance):
         notes.append(
-            "both sides have the same numbers to the bit: between independent pictures noise would hide a larger "
-            "change than is stated as detectable"
+            "both sides have the same numbers to the bit. Independent pictures differ by noise, so that a change "
+            "between them must be larger to be detected"
         )
     ratio = comparison.noise.ratio
     if np.isfinite(ratio) and ratio > _NOTED_RATIO and not comparison.noise.estimated:

@@ -67,7 +67,7 @@ def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, w
     batch_noise = 0.15 * rng.standard_normal((*shape, clean.shape[2]))
     values = clean * (1 + noise * np.sqrt(batches) * (common[..., None] + batch_noise))
     hit = rng.random(clean.shape[:2]) < fireflies
-    values = values + np.where(hit, rng.standard_cauchy(hit.shape), 0.0)[..., None] * clean.mean()
+    values = values + np.where(hit, np.abs(rng.standard_cauchy(hit.shape)), 0.0)[..., None] * clean.mean()
     mean = values.mean(axis=0).astype(np.float32).astype(float)
     variance = values.var(axis=0, ddof=1) / batches
     side = Side(f"picture {seed}", WAVELENGTHS, mean, variance, batches - 1.0, surfaces)
