@@ -12,6 +12,7 @@ import numpy as np
 from cboxlab.scenes import Scene, load_scene, named_camera_channel
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
+from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
 from cboxlab.utils.frozen import FrozenDict, FrozenMappings
@@ -434,7 +435,7 @@ class Capture(FrozenMappings):
         return read_spectra(self.folder / labels.reflectance, "hold")
 
 
-def load_capture(folder: Path) -> Capture:
+def load_capture(folder: str | Path) -> Capture:
     """Load the capture in a folder and check it.
 
     Checked at once: every key, every cross-reference, the existence, type and size of every frame (by its header),
@@ -455,7 +456,7 @@ def load_capture(folder: Path) -> Capture:
     InputError
         One error that names every fault of the capture, one line each.
     """
-    folder = Path(folder)
+    folder = required_path("load_capture", folder, "the folder of a capture")
     if not folder.is_dir():
         content = "a file" if folder.is_file() else "no such folder"
         raise InputError(folder, content, "the folder of a capture, with a capture.toml in it")

@@ -10,7 +10,7 @@ from cboxlab.calibration.correction.block_sampling import variance_by_edges
 from cboxlab.calibration.geometry import capture_points
 from cboxlab.calibration.quality.points import check_points
 from cboxlab.calibration.radiometry.sensor_equation import nominal_constant
-from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result import calibrate_capture
 from cboxlab.calibration.result.write import calibration_record
 from cboxlab.scenes import cornell_camera
 from cboxlab.utils.errors import InputError
@@ -102,7 +102,7 @@ def test_the_camera_of_the_blocks_sees_what_the_camera_of_the_pixels_sees(tmp_pa
     survey(unbinned_camera, tmp_path / "points.csv")
     tables = GEOMETRY + f"[lens]\nfx_px = {unbinned_camera.focal_length_px}\nfocal_length_mm = 1.26\n"
     capture = written(tmp_path, "binning = 3\nwindow_px = [12, 9, 150, 162]", tables, shape=(180, 180), repeats=2)
-    calibration = calibrate(capture)
+    calibration = calibrate_capture(capture)
     camera = calibration.camera
     assert camera.focal_length_px == pytest.approx(unbinned_camera.focal_length_px / 3)
     point = np.array([[200.0, 300.0, 100.0]])

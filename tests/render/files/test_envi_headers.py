@@ -5,8 +5,8 @@ import pytest
 from cboxlab.rendering.files import Declared, declared_for, files_of, read_cube, require_used, stated_in
 from cboxlab.rendering.files.headers import in_nanometres, nanometres_per_unit, states_no_unit
 from cboxlab.utils.errors import InputError
-from helpers.envi_files import LIGHT, NM, RADIANCE, header_text, write
 from helpers.faults import fault_folder
+from helpers.files.envi_files import LIGHT, NM, RADIANCE, header_text, write
 
 
 def read(tmp_path, *arguments, declared=None, **keywords):
