@@ -219,7 +219,8 @@ class Capture(FrozenMappings):
         Returns
         -------
         tuple | None
-            (y, x) mean sum, DN, and scatter about it, DN^2, the means over repeats; None where all pixels count.
+            (y, x) mean sum, DN, and (2, y, x) scatters of the pixels, DN^2, the means over repeats; None where all
+            pixels count.
         """
         reduction = self.reduction
         if reduction is None or self.is_merged or reduction.step_px == 1 or reduction.summed == 1:
@@ -228,7 +229,7 @@ class Capture(FrozenMappings):
         return np.mean(sums, axis=0), np.mean(spreads, axis=0)
 
     def _reduced(self, path: str, reduction: Reduction) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
-        """Sums of a frame and the scatter in its blocks."""
+        """Sums of a frame and the scatters in its blocks."""
         return self.reduced_frames.get(path, reduction, lambda: self.stored_frame(path))
 
     def f_number(self, table: BandTable | BracketTable) -> float | None:

@@ -20,7 +20,7 @@ from ._frame_reader import (
     FrameHeader,
     FrameReader,
     as_counts,
-    pattern_of,
+    mosaic_pattern,
     positive_number,
     require_plausible_size,
 )
@@ -161,7 +161,7 @@ def _pattern(path: Path, text: str, offset: tuple[int, int]) -> str | None:
     if side is None:
         raise InputError(f"{path}: BAYERPAT", f"'{text}'", "4 letters (2 x 2) or 36 letters (6 x 6)")
     letters = np.array(list(text)).reshape(side, side)
-    return pattern_of(path, np.tile(np.roll(letters, (-offset[0], -offset[1]), (0, 1)), (2, 2)))
+    return mosaic_pattern(path, np.tile(np.roll(letters, (-offset[0], -offset[1]), (0, 1)), (2, 2)))
 
 
 def _time(text: str) -> datetime | None:

@@ -7,7 +7,7 @@ import pytest
 from cboxlab.scenes import Material, Spectrum, cornell_box, load_scene
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.errors import InputError
-from helpers.scene_files import GOOD, load
+from helpers.scenes.scene_files import GOOD, load
 
 WAVELENGTHS = np.arange(400.0, 701.0, 25.0)
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.colour import patch_errors
-from cboxlab.calibration.result import Calibration, calibration_record, write_calibration
-from cboxlab.calibration.result import calibrate as calibrated
+from cboxlab.calibration.result import Calibration, calibrate_capture, calibration_record, write_calibration
 from cboxlab.utils.arguments import required_folder, required_number
 from cboxlab.utils.table import Table
 
@@ -151,4 +150,4 @@ def calibrate(capture: CaptureLike, *, reference_uncertainty: float = 0.0) -> Ca
     >>> calibration.to_dict()["gain_e_per_dn"]["value"]  # doctest: +SKIP
     """
     uncertainty = required_number("reference_uncertainty", reference_uncertainty, least=0.0, most=1.0)
-    return CalibrationResult(with_scene_checks(calibrated(as_capture(capture), uncertainty)))
+    return CalibrationResult(with_scene_checks(calibrate_capture(as_capture(capture), uncertainty)))

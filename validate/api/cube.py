@@ -193,7 +193,7 @@ class CubeResult(Result):
                 "is understated."
             )
         if self.left_out:
-            lines.append(f"Effects not in the cube, since they act behind the scene: {', '.join(self.left_out)}.")
+            lines.append(f"Effects of the camera, which are not in the cube: {', '.join(self.left_out)}.")
         reason = why_no_luminance(self.cube["wavelength"].values)
         if reason is not None:
             lines.append(reason)

@@ -237,5 +237,5 @@ def diagnose(
                 progress=share(progress, first, last),
             )
         validations.append(item.validation)
-    diagnosis = engine.diagnose(validations[0], share(progress, _VALIDATION_SHARE, 1.0), validations[1:])
+    diagnosis = engine.diagnose_validation(validations[0], share(progress, _VALIDATION_SHARE, 1.0), validations[1:])
     return DiagnosisResult(diagnosis, validations[0])

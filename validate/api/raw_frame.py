@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import open_cube, raw_to_srgb, require_stored, scene_white, write_dng, write_raw
-from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera
-from cboxlab.rendering.sensor import simulate as simulated
+from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera, simulate_frame
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.arguments import (
     MAX_SEED,
@@ -229,5 +228,5 @@ def simulate(
     seed = required_whole_number("seed", seed, 0, MAX_SEED)
     with _opened(cube) as dataset:
         seconds = auto_exposure(dataset, sensor, channel) if stated_s is None else stated_s
-        counts = simulated(dataset, sensor, seconds, seed, channel)
+        counts = simulate_frame(dataset, sensor, seconds, seed, channel)
         return RawFrame(sensor, seconds, seed, counts, scene_white(dataset))

@@ -626,7 +626,7 @@ class Study(Result):
         require_progress(progress)
         index = self._capture(capture)
         validation = self.validations(share(progress, 0.0, 0.3))[index]
-        return DiagnosisResult(engine.diagnose(validation, share(progress, 0.3, 1.0)), validation)
+        return DiagnosisResult(engine.diagnose_validation(validation, share(progress, 0.3, 1.0)), validation)
 
     def to_dict(self) -> dict[str, Any]:
         """Effects, and chi-square, lamp and camera of each capture.

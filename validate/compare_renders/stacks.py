@@ -158,9 +158,9 @@ def _capture_stack(folder: Path) -> ImageStack:
     """
     from cboxlab.calibration.capture import load_capture
     from cboxlab.calibration.radiometry import optical_factor
-    from cboxlab.calibration.result import calibrate
+    from cboxlab.calibration.result import calibrate_capture
 
-    calibration = calibrate(load_capture(folder))
+    calibration = calibrate_capture(load_capture(folder))
     capture, images = calibration.capture, calibration.images
     factors = [optical_factor(capture, band) for band in capture.manifest.band]
     optics_known = all(factor is not None for factor in factors)

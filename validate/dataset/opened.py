@@ -27,14 +27,9 @@ from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
 from .formats import COPY_ENDINGS, open_picture, write_copy
-from .layout import INDEX, file_hash, read_state
+from .layout import FRACTIONS, INDEX, WHOLE_NUMBERS, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
-
-#: Columns of the index that hold whole numbers.
-_NUMBERS = ("picture", "box", "geometry", "bytes")
-#: Columns of the index that hold other numbers.
-_FRACTIONS = ("relative_standard_error", "mean_luminance")
 
 #: Parts of a data set.
 PARTS = ("train", "validation", "test")
@@ -295,11 +290,11 @@ def open_dataset(folder: str | Path) -> Dataset:
 def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
     """Row of the index with its numbers."""
     try:
-        numbers: dict[str, Any] = {key: whole_number_of(row[key]) for key in _NUMBERS}
-        numbers.update({key: number_of(row[key]) for key in _FRACTIONS})
+        numbers: dict[str, Any] = {key: whole_number_of(row[key]) for key in WHOLE_NUMBERS}
+        numbers.update({key: number_of(row[key]) for key in FRACTIONS})
     except (KeyError, AttributeError) as error:
         raise InputError(path, f"a row that cannot be read ({error})", "an index that cbox wrote") from None
-    for key in (*_NUMBERS, *_FRACTIONS):
+    for key in (*WHOLE_NUMBERS, *FRACTIONS):
         if numbers[key] is None or (np.isnan(numbers[key]) and row[key] != "nan"):
             raise InputError(path, f"{key} '{row[key][:40]}'", "a number")
     return {**row, **numbers}

@@ -7,9 +7,14 @@ import colour
 import numpy as np
 import pytest
 from cboxlab.scenes import read_spectra, read_spectrum
-from cboxlab.scenes.spectrum_readers import InstrumentText, catalogue, read_instrument_file, recognised_reader
+from cboxlab.scenes.spectrum_readers import (
+    InstrumentText,
+    read_instrument_file,
+    recognised_reader,
+    spectrum_readers_by_id,
+)
 from cboxlab.utils.errors import InputError
-from helpers.instrument_texts import INSTRUMENTS
+from helpers.files.instrument_texts import INSTRUMENTS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,7 +52,7 @@ def test_the_ending_and_windows_lines_change_nothing(tmp_path, key):
 
 
 def test_every_format_has_a_file_here():
-    assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(catalogue())
+    assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(spectrum_readers_by_id())
 
 
 def test_further_spectra_of_a_file():

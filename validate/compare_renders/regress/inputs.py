@@ -20,7 +20,7 @@ from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
-from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
+from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of, sound_side
 from .verdict import FALSE_ALARMS, regress_sides
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def regress_pictures(
         If the sides cannot be compared.
     """
     progress.part(0.02)
-    baseline, candidate, cut = on_common_pixels(baseline, candidate)
+    baseline, candidate, cut = on_common_pixels(sound_side(baseline), sound_side(candidate))
     baseline, candidate = in_common_quantity(baseline, candidate)
     notes: list[str] = [*cut]
     view = None if view is None else _cut_view(view, baseline)
@@ -357,7 +357,7 @@ def _published_view(camera: Camera | Path | None, size: int | Sequence[int]) -> 
 
 def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
     """Side rendered from a model. seed : number of the side, which gets its own random numbers."""
-    from cboxlab.rendering.integrators import BATCHES, RenderJob, render
+    from cboxlab.rendering.integrators import BATCHES, RenderJob, render_image
     from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs
 
     from ...predict import transported
@@ -365,7 +365,7 @@ def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int]
     model = load_model(text)
     scene, view, bounces = model_cube_inputs(model, *_camera_and_lamp(camera, size))
     side_seed = model.render.seed + 7 * seed
-    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
+    image = render_image(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
     image = transported(image, scene, view, model.effects, side_seed, bounces)
     return side_of([labelled_cube(image)], [text])
 
