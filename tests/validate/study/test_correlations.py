@@ -56,7 +56,7 @@ def test_a_strong_correlation_has_one_plain_sentence():
 @pytest.mark.parametrize("fraction", [0.2, 0.5])
 def test_a_number_at_its_upper_bound_has_the_sign_that_it_has_below(monkeypatch, fraction):
     """Signals that are linear in both numbers; the step from the bound is downwards, and stays within the bounds."""
-    columns, sigma = np.array([[1.0, 2.0, 0.5], [1.0, -1.0, 2.0]]), 0.01
+    columns, sigma = np.array([[1.0, 2.0, 0.5], [1.0, 1.0, 2.0]]), 0.01
     effects = tuple(
         replace(apply_checked(name, {key: value}, "test"), sigma={key: sigma})
         for name, key, value in (("veiling-glare", "fraction", fraction), ("lamp-power", "scale", 1.0))
