@@ -14,7 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
+from .alternatives import LikelyCause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
 from .base_flaws import Flaw
 from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
@@ -52,7 +52,7 @@ from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
 from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
 
-__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
+__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose_validation"]
 
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
@@ -121,7 +121,7 @@ class Diagnosis:
     #: not used.
     residual: NDArray[np.float32]
     #: The likeliest causes tried alone, to be compared with `residual`.
-    causes: tuple[Cause, ...]
+    causes: tuple[LikelyCause, ...]
     #: The family of fields that explains what no effect does; None where nothing remains.
     explanation: Explanation | None = None
     #: Light that an external rendering lacks by itself; None for our own.
@@ -135,7 +135,7 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
-    #: Kinds of flaws by which the base itself is off next to effects and explanation, the largest first.
+    #: Kinds of flaws of the base next to effects and explanation, the largest first; empty without any.
     flaws: tuple[Flaw, ...] = ()
     #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue; 1
     #: where it was not computed.
@@ -178,7 +178,7 @@ class _Judged:
     effects: list[Candidate]
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: BaseFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
@@ -188,7 +188,9 @@ class _Judged:
     imitated: tuple[str, ...]
 
 
-def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
+def diagnose_validation(
+    validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()
+) -> Diagnosis:
     """Find the effects of the catalogue that explain a validation's residual.
 
     Parameters

@@ -133,7 +133,7 @@ class FlawsWithEffects:
 
     @property
     def evident(self) -> bool:
-        """Whether the base is off by more than chance."""
+        """Whether the base has flaws larger than chance makes."""
         return self.evidence > _MIN_FLAW_EVIDENCE
 
     @property
@@ -168,7 +168,7 @@ class BaseFlaws:
 
     @property
     def imitated(self) -> bool:
-        """Whether an effect may be what the base is off by: single pixels deviate otherwise."""
+        """Whether an effect may imitate the flaws: single pixels deviate otherwise."""
         return self.imitable_chi2 > 0
 
     @property
@@ -264,7 +264,7 @@ def verdicts_with_flaws(
     Returns
     -------
     flaws : FlawsWithEffects
-        What the base is off by with them.
+        Flaws of the base that remain with them.
     verdicts : list of Verdict
         In the order of the effects.
     """
@@ -330,7 +330,7 @@ class SelectionWithFlaws:
     selected: list[Candidate]
     #: The same with their alternatives and tests.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: FlawsWithEffects
     #: Judgement of every effect, those that left included.
     verdicts: tuple[Verdict, ...]

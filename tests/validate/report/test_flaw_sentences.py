@@ -20,6 +20,6 @@ def test_an_effect_that_is_not_named_has_its_true_reason():
         verdicts=(unconfirmed, imitation, reversed_, without_gain, accepted),
     )
     _, first, second, third = flaw_sentences(diagnosis)
-    assert first.startswith("lamp-offset fits, next to these flaws, too, but pixels or bands that the fit left out")
-    assert second.startswith("gloss fits, but not next to these flaws: with them its size is 2.0 standard deviations")
-    assert third == "haze fits, but not next to these flaws: with them nothing remains of it."
+    assert first.startswith("lamp-offset is not reported: pixels or bands that the fit left out")
+    assert second.startswith("gloss is not reported: the flaws may imitate it. With the flaws in the fit, its size is")
+    assert third == "haze is not reported: with the flaws in the fit, nothing remains of it."
