@@ -179,8 +179,8 @@ def sound_side(side: Side) -> Side:
     Raises
     ------
     InputError
-        If the picture is empty, if radiance or a variance is not finite, of extreme size or of another shape than
-        stated, or if a tenth of the light is below 0.
+        If the picture is empty, or if a tenth of the light is below 0. If radiance or a variance is not finite, of
+        extreme size or of another shape than stated.
     """
     shape = side.radiance.shape
     planes = len(side.bands)
