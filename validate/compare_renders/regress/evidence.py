@@ -186,8 +186,8 @@ class Evidence:
             amplitudes = np.asarray(np.linalg.lstsq(columns * root[:, None], goal * root, rcond=1e-9)[0], float)
         residual, cells = goal - columns @ amplitudes, self.level.size
         pixels = np.clip(residual[cells:], -_MAX_PIXEL_SIGMAS, _MAX_PIXEL_SIGMAS)
-        in_cells = (part[:cells].astype(np.float32) for part in (residual, columns))
-        return Fit(amplitudes, huber(residual[:cells]), huber(pixels), *in_cells), residual
+        residual_in_cells, columns_in_cells = residual[:cells].astype(np.float32), columns[:cells].astype(np.float32)
+        return Fit(amplitudes, huber(residual[:cells]), huber(pixels), residual_in_cells, columns_in_cells), residual
 
 
 def huber(residual: NDArray[np.float64]) -> float:

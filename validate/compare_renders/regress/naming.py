@@ -162,18 +162,19 @@ def _further_changes(comparison: Comparison, evidence: Evidence, variants: Varia
     """
     grouped = evidence.grouped()
     base = grouped.baseline
-    y, x = np.meshgrid(*(np.linspace(-1, 1, size) for size in base.shape[:2]), indexing="ij")
+    rows, columns = (np.linspace(-1, 1, size) for size in base.shape[:2])
+    y, x = np.meshgrid(rows, columns, indexing="ij")
     slow = [np.ones_like(x), x, y, x * x, x * y, y * y]
-    surfaces = comparison.strata.surfaces.values()
+    surfaces = [mask.astype(float) for mask in comparison.strata.surfaces.values()]
     changes = [grouped.features(base * shape[..., None]) for shape in (*slow, *surfaces)]
     if variants is not None:
         until = [variants.light.change(max_bounces=n).picture() for n in range(_MOST_REFLECTIONS + 1)]
         for before, after in pairwise([*until, variants.picture]):
             ratio = variants.ratio(variants.picture + np.maximum(after - before, 0))
             changes.append(evidence.features(evidence.baseline * (ratio - 1)))
-    columns = np.stack(changes, axis=1)
-    enough = columns.shape[1] * _CELLS_PER_CHANGE <= evidence.level.size and bool(np.isfinite(columns).all())
-    return columns if enough else columns[:, :0]
+    further = np.stack(changes, axis=1)
+    enough = further.shape[1] * _CELLS_PER_CHANGE <= evidence.level.size and bool(np.isfinite(further).all())
+    return further if enough else further[:, :0]
 
 
 def pattern_alone(description: str) -> NamedChange:
