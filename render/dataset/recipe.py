@@ -21,7 +21,7 @@ from ..model import named_effect
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
 from .light_parts import REFLECTIONS
 from .paints import light_source, reflectance_source
-from .patterns import MOST_TILES, image_tiles
+from .patterns import MOST_BLOCK_TILES, MOST_TILES, image_tiles
 from .solids import closed_mesh
 
 __all__ = [
@@ -95,7 +95,7 @@ class PaintTable(_Table):
 
 
 class PatternTable(_Table):
-    """A wall of rectangular tiles, each of one paint."""
+    """Rectangular tiles of a wall, or of each side of a block, each of one paint."""
 
     kind: Literal["checker", "stripes", "random", "image"] = "checker"
     #: Paints of the tiles, in the order of an image's grey levels.
@@ -322,12 +322,16 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
         (f"walls.{wall}", choice.names, paints if wall == "ceiling" else [*paints, *patterns])
         for wall, choice in recipe.walls.items()
     ]
-    users += [(f"block[{index}].paint", block.paint.names, paints) for index, block in enumerate(recipe.block)]
+    users += [
+        (f"block[{index}].paint", block.paint.names, [*paints, *patterns] if block.shape == "box" else paints)
+        for index, block in enumerate(recipe.block)
+    ]
     for name, pattern in recipe.pattern.items():
         users.append((f"pattern.{name}.paints", tuple(pattern.paints), paints))
         faults += _pattern_faults(f"{path}: pattern.{name}", name, pattern, recipe, path.parent)
     for index, block in enumerate(recipe.block):
         faults += _mesh_faults(f"{path}: block[{index}]", block, path.parent)
+        faults += _tile_faults(f"{path}: block[{index}].paint", block, recipe, path.parent)
     for key, listed, allowed in users:
         for name in listed:
             if name not in allowed:
@@ -397,6 +401,25 @@ def _pattern_faults(where: str, name: str, pattern: PatternTable, recipe: Recipe
         except InputError as fault:
             return [fault]
     return []
+
+
+def _tile_faults(where: str, block: BlockTable, recipe: Recipe, folder: Path) -> list[InputError]:
+    """Faults of patterns with too many tiles for a block."""
+    faults = []
+    for name in block.paint.names:
+        if (pattern := recipe.pattern.get(name)) is None:
+            continue
+        if pattern.image is None:
+            most = max(pattern.rows.support[1], pattern.columns.support[1])
+        else:
+            try:
+                most = max(image_tiles(pattern.image, len(pattern.paints), folder, where).shape)
+            except InputError:
+                continue  # a fault of the pattern
+        if most > MOST_BLOCK_TILES:
+            expected = f"at most {MOST_BLOCK_TILES} along an edge of a block"
+            faults.append(InputError(where, f"the pattern '{name}' of up to {most:g} tiles", expected))
+    return faults
 
 
 def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder: Path) -> list[InputError]:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .alternatives import Cause
+    from .alternatives import LikelyCause
     from .base_flaws import Flaw
-    from .diagnosis import Diagnosis, FurtherCaptureResult, Step, diagnose
+    from .diagnosis import Diagnosis, FurtherCaptureResult, Step, diagnose_validation
     from .effect_fit import fit_effect, fit_effects
     from .evidence import Limit
     from .further_captures import Separation
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from .search import judged_by_priors
 
 __all__ = [
-    "Cause",
     "Diagnosis",
     "Flaw",
     "FurtherCaptureResult",
+    "LikelyCause",
     "Limit",
     "Ranked",
     "Separation",
     "Step",
     "Verdict",
-    "diagnose",
+    "diagnose_validation",
     "fit_effect",
     "fit_effects",
     "judged_by_priors",

@@ -14,18 +14,12 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import Cause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
+from .alternatives import LikelyCause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
 from .base_flaws import Flaw
-from .evidence import (
-    Limit,
-    explained_part,
-    prior_pull,
-    something_remains,
-    square,
-    tolerance_notes,
-)
+from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
+    NONE,
     Explanation,
     Signs,
     explain,
@@ -39,6 +33,7 @@ from .judgement import (
     Verdict,
     confirmed_with_flaws,
     cost_in_power,
+    flaws_without,
     scores_with_flaws,
     selected_with_flaws,
     verdicts_with_flaws,
@@ -57,7 +52,7 @@ from .several_captures import FurtherFit, refitted_to_all, same_camera
 from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
 from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
 
-__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose"]
+__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose_validation"]
 
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
@@ -126,7 +121,7 @@ class Diagnosis:
     #: not used.
     residual: NDArray[np.float32]
     #: The likeliest causes tried alone, to be compared with `residual`.
-    causes: tuple[Cause, ...]
+    causes: tuple[LikelyCause, ...]
     #: The family of fields that explains what no effect does; None where nothing remains.
     explanation: Explanation | None = None
     #: Light that an external rendering lacks by itself; None for our own.
@@ -140,9 +135,10 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
-    #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
+    #: Kinds of flaws of the base next to effects and explanation, the largest first; empty without any.
     flaws: tuple[Flaw, ...] = ()
-    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
+    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue; 1
+    #: where it was not computed.
     flaws_cost: float = 1.0
     #: Judgement of every effect next to the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
@@ -182,7 +178,7 @@ class _Judged:
     effects: list[Candidate]
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: BaseFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
@@ -192,7 +188,9 @@ class _Judged:
     imitated: tuple[str, ...]
 
 
-def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
+def diagnose_validation(
+    validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()
+) -> Diagnosis:
     """Find the effects of the catalogue that explain a validation's residual.
 
     Parameters
@@ -233,6 +231,10 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     answer = replace(answer, imitations=_imitations(judged, assessed))
     progress.stage("explaining what remains")
     answer = _explained(first, answer, judged.flaws, prepared.calibration.capture, progress)
+    flaws, flaws_cost, explanation = judged.flaws, judged.flaws_cost, answer.explanation
+    if explanation is not None and explanation.family != NONE and not flaws.small:
+        # their fit contained part of that cause
+        flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
@@ -253,13 +255,13 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         model=replace(model, effects=(*model.effects, *(c.applied for c in answer.effects))),
         residual=start.image(start.residual).astype(np.float32),
         causes=likeliest_causes(search.first, search.singles, effect_ids) if answer.selected else (),
-        explanation=answer.explanation,
+        explanation=explanation,
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
         notes=scale_notes(prepared.free_scale, judged.imitated) + tolerated,
-        flaws=judged.flaws.reported,
-        flaws_cost=judged.flaws_cost,
+        flaws=flaws.reported,
+        flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
         further=tuple(
             _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)

@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
 from ..diagnose.explain import NONE, Explanation, advice, appearance
-from .blocks import Cell, ReportSection, Table, number, significant
+from .blocks import Cell, ReportSection, ReportTable, number, significant
 from .plots import map_row, residual_scale
 
 __all__ = ["explanation_record", "explanation_sections", "explanation_sentence", "laboratory_sentences"]
@@ -165,7 +165,7 @@ def explanation_sections(explanation: Explanation | None) -> list[ReportSection]
         )
         for r in explanation.rivals
     ]
-    table = Table(
+    table = ReportTable(
         ("Family", "Form", "Surface", "Share of the excess, %", "2 ln evidence"),
         rows,
         "Each family is fitted alone in its best form, with camera and lamp free. A family may explain up to 3 % less "

@@ -8,7 +8,7 @@ from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose import nuisance_priors
 from cboxlab.validation.report import correlation_section
 from cboxlab.validation.study import HARDLY_DISTINGUISHED, Correlations, fitted_correlations, predict
-from helpers.glare_capture import glare_capture
+from helpers.captures.glare_capture import glare_capture
 
 
 def test_correlations_are_those_of_the_complete_information(tmp_path):

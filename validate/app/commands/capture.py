@@ -52,14 +52,14 @@ def capture(
     mosaic: Annotated[
         str | None,
         typer.Option(
-            help="Colour sensor of this pattern, one grey filter: RGGB, or rows separated by a space.",
+            help="Use a colour sensor with this mosaic behind one grey filter: RGGB, or rows separated by a space.",
             show_default=False,
         ),
     ] = None,
     hide: Annotated[
         bool, typer.Option("--hide", help="Hide the effects of the model, or a random effect, in a sealed answer.")
     ] = False,
-    effects: Annotated[str | None, typer.Option(help="With --hide: draw the random effect from these (id,id).")] = None,
+    effects: Annotated[str | None, typer.Option(help="With --hide: effects to draw from, joined by commas.")] = None,
     strength: Annotated[
         str | None,
         typer.Option(help="With --hide: strength of the random effect by chi-square (faint, weak, medium or strong)."),

@@ -54,7 +54,7 @@ def regress(
         bool,
         typer.Option(
             "--same-seeds",
-            help="Both sides are several cubes of the same seeds, in the same order: they are compared cube by cube.",
+            help="Compare cube by cube. Both sides must list cubes of the same seeds in the same order.",
         ),
     ] = False,
     declare: DeclarePairOption = None,

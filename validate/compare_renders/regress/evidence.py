@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .noise import local_range, smooth_variance
-from .verdict import Comparison
+from .verdict import RegressionData
 
 __all__ = ["Evidence", "Fit", "build_evidence"]
 
@@ -207,7 +207,7 @@ def huber(residual: NDArray[np.float64]) -> float:
     return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).sum())
 
 
-def build_evidence(comparison: Comparison) -> Evidence:
+def build_evidence(comparison: RegressionData) -> Evidence:
     """Evidence from a comparison.
 
     Parameters
@@ -252,7 +252,7 @@ def build_evidence(comparison: Comparison) -> Evidence:
     return Evidence(level, level + trimmed.difference, cell, whitener, safe, group, pixels, scale, target)
 
 
-def _cells(comparison: Comparison) -> NDArray[np.int64]:
+def _cells(comparison: RegressionData) -> NDArray[np.int64]:
     """(y, x) number of each smooth pixel's cell; -1 for others and for cells of few pixels."""
     smooth = comparison.strata.smooth
     rows, columns = (np.arange(size) // _CELL_PX for size in smooth.shape)

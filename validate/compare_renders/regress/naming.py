@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from .causes import Pictures, causes
 from .evidence import Evidence, Fit, build_evidence
-from .explanations import Explanation, from_pictures
+from .explanations import FittedChange, from_pictures
 from .outcome import UNKNOWN, NamedChange
 from .patterns import FIXED_TEXTURE, fine_structure, textures, tile_steps
 from .pooled import SHARES, difference_of
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
-from .verdict import Comparison
+from .verdict import RegressionData
 from .view_explanations import from_view
 
 __all__ = ["named_changes", "pattern_alone"]
@@ -77,7 +77,7 @@ _CAP_EXPONENT = 4
 
 
 def named_changes(
-    comparison: Comparison, variants: Variants | None, progress: Progress = NO_PROGRESS
+    comparison: RegressionData, variants: Variants | None, progress: Progress = NO_PROGRESS
 ) -> tuple[NamedChange, ...]:
     """Explanations of the difference of two pictures.
 
@@ -113,18 +113,18 @@ def named_changes(
             if scatter is None and remainder > _target(evidence) > 0:
                 explanations += _of_causes(evidence, pictures, costly=True)
         fit, free = smooth_over_surfaces(evidence, variants)
-        unknown.append(Explanation(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
+        unknown.append(FittedChange(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
     if scatter is not None:
-        unknown[0] = Explanation(UNKNOWN, {"description": scatter}, unknown[0].fit, 0)
+        unknown[0] = FittedChange(UNKNOWN, {"description": scatter}, unknown[0].fit, 0)
     further = _further_changes(comparison, evidence, variants)
 
-    def most(explanation: Explanation) -> float:
+    def most(explanation: FittedChange) -> float:
         return _SCATTERED_CAP if scatter else 1.0 if variants is not None else _clear(evidence, explanation.fit)
 
     return _weighed(evidence, explanations, unknown, most, further)
 
 
-def _pictures(comparison: Comparison, evidence: Evidence, variants: Variants | None) -> Pictures:
+def _pictures(comparison: RegressionData, evidence: Evidence, variants: Variants | None) -> Pictures:
     """Pictures as causes take them."""
     baseline, candidate = comparison.common.baseline, comparison.common.candidate
     camera = baseline.camera or candidate.camera
@@ -140,7 +140,7 @@ def _pictures(comparison: Comparison, evidence: Evidence, variants: Variants | N
     )
 
 
-def _of_causes(evidence: Evidence, pictures: Pictures, costly: bool) -> Iterator[Explanation]:
+def _of_causes(evidence: Evidence, pictures: Pictures, costly: bool) -> Iterator[FittedChange]:
     """Explanations by the causes of the catalogue."""
     for cause in causes():
         if cause.costly is not costly or (cause.needs_scene and pictures.scene is None):
@@ -152,10 +152,10 @@ def _of_causes(evidence: Evidence, pictures: Pictures, costly: bool) -> Iterator
                 name = str(parameters.get("effect", cause.id))
                 values = {key: value for key, value in parameters.items() if key != "effect"}
                 free = len(trial.templates) + trial.selected
-                yield Explanation(name, values, fit, free, (cause.shape_error, cause.edge_error))
+                yield FittedChange(name, values, fit, free, (cause.shape_error, cause.edge_error))
 
 
-def _further_changes(comparison: Comparison, evidence: Evidence, variants: Variants | None) -> NDArray[np.float64]:
+def _further_changes(comparison: RegressionData, evidence: Evidence, variants: Variants | None) -> NDArray[np.float64]:
     """(n, k) numbers of changes that a name must not leave.
 
     k is 0 where there are too few cells.
@@ -193,7 +193,7 @@ def pattern_alone(description: str) -> NamedChange:
     return NamedChange(UNKNOWN, {"description": description}, 1.0)
 
 
-def _unexplained_scatter(comparison: Comparison) -> str | None:
+def _unexplained_scatter(comparison: RegressionData) -> str | None:
     """Texture or tiles in words, which none of the causes makes; None without any."""
     difference, critical = difference_of(comparison.pooling), comparison.pooling.false_alarms * SHARES["texture"]
     carried = _MAX_CARRIED * fine_structure(difference)
@@ -203,12 +203,12 @@ def _unexplained_scatter(comparison: Comparison) -> str | None:
     return next((finding.name for finding in findings if finding.probability < critical), None)
 
 
-def _nothing(evidence: Evidence) -> Explanation:
+def _nothing(evidence: Evidence) -> FittedChange:
     """Description of a difference without a change in means and at edges."""
-    return Explanation(UNKNOWN, {}, evidence.fit([]), 0)
+    return FittedChange(UNKNOWN, {}, evidence.fit([]), 0)
 
 
-def _over_picture(evidence: Evidence) -> Iterator[Explanation]:
+def _over_picture(evidence: Evidence) -> Iterator[FittedChange]:
     """Descriptions of an unknown cause: second-order polynomials of the picture's coordinates."""
     base = evidence.baseline
     rows, columns = (np.linspace(-1, 1, size) for size in base.shape[:2])
@@ -216,7 +216,7 @@ def _over_picture(evidence: Evidence) -> Iterator[Explanation]:
     shapes = ([x, y], [x * x + y * y], [x, y, x * x, x * y, y * y])
     for polynomials in shapes:
         fit = evidence.fit([base, *(base * shape[..., None] for shape in polynomials)])
-        yield Explanation(UNKNOWN, {"description": "smooth over the picture"}, fit, 1 + len(polynomials))
+        yield FittedChange(UNKNOWN, {"description": "smooth over the picture"}, fit, 1 + len(polynomials))
 
 
 def _excess(evidence: Evidence) -> tuple[float, float]:
@@ -247,7 +247,7 @@ def _target(evidence: Evidence) -> float:
     return max(none - _ENOUGH * excess, 0.0) if excess else 0.0
 
 
-def _misfit(evidence: Evidence, explanation: Explanation, further: NDArray[np.float64]) -> float:
+def _misfit(evidence: Evidence, explanation: FittedChange, further: NDArray[np.float64]) -> float:
     """Remainder of a fit over that of noise and of the error of shapes; at most 1 where it fits.
 
     Cells and single pixels are tested separately, since generous floors of many pixels at edges would hide cells. What
@@ -280,9 +280,9 @@ def _misfit(evidence: Evidence, explanation: Explanation, further: NDArray[np.fl
 
 def _weighed(
     evidence: Evidence,
-    explanations: list[Explanation],
-    unknown: list[Explanation],
-    most: Callable[[Explanation], float],
+    explanations: list[FittedChange],
+    unknown: list[FittedChange],
+    most: Callable[[FittedChange], float],
     further: NDArray[np.float64],
 ) -> tuple[NamedChange, ...]:
     """Explanations with probabilities.

@@ -36,7 +36,7 @@ from ..scene_pictures import AS_STORED, GUIDES, read_scene_picture
 
 __all__ = [
     "Side",
-    "SurfaceMap",
+    "SurfaceIndices",
     "cube_paths",
     "cut_camera",
     "cut_side",
@@ -60,7 +60,7 @@ _SQUARE_CUT = 30
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceMap:
+class SurfaceIndices:
     """Surface that each pixel shows."""
 
     #: (y, x) index into ``names``; negative for the lamp and outside of the scene.
@@ -88,7 +88,7 @@ class Side(FrozenMappings):
     #: Degrees of freedom behind each variance.
     degrees: float
     #: Map of surfaces of the cube; None without one.
-    surfaces: SurfaceMap | None
+    surfaces: SurfaceIndices | None
     #: Remarks for the reader of a verdict.
     notes: tuple[str, ...] = ()
     #: Whether the three planes are colours, without wavelengths.
@@ -326,12 +326,16 @@ def cube_paths(text: str) -> tuple[Path, ...]:
         If a folder holds no cube.
     """
     path = Path(text)
-    if path.is_dir():
+    try:
+        exists = path.exists()
+    except OSError:  # a list of many files is too long for the name of one
+        exists = False
+    if exists and path.is_dir():
         cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in READABLE))
         if not cubes:
             raise InputError(path, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
         return cubes
-    return (path,) if path.exists() else tuple(Path(part) for part in text.split(","))
+    return (path,) if exists else tuple(Path(part) for part in text.split(","))
 
 
 def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
@@ -523,7 +527,7 @@ def _rounding(picture: xr.Dataset) -> NDArray[np.float64] | None:
     return np.stack([picture[name].values for name in ("rounding", "rounding_shared")])
 
 
-def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
+def _surfaces(cube: xr.Dataset) -> SurfaceIndices | None:
     """Map of surfaces of a cube; None without one, or where it names too few."""
     if "surface" not in cube or set(cube["surface"].dims) != {"y", "x"}:
         return None
@@ -535,8 +539,8 @@ def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
     if index.max() >= len(names):
         return None
     if surface.attrs.get("lamp") == "unknown":
-        return SurfaceMap(index, names, None, bool(surface.attrs.get("of_objects", 0)))
-    return SurfaceMap(index, names, index == int(surface.attrs.get("lamp", -1)))
+        return SurfaceIndices(index, names, None, bool(surface.attrs.get("of_objects", 0)))
+    return SurfaceIndices(index, names, index == int(surface.attrs.get("lamp", -1)))
 
 
 def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:

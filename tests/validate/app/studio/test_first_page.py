@@ -6,9 +6,9 @@ from pathlib import Path
 import cboxlab.validation
 from cboxlab.calibration.capture import load_capture, write_first_manifest
 from cboxlab.validation.app.studio import Workbench
-from helpers.browser import open_browser
-from helpers.page_faults import FAULTS
-from helpers.server import served
+from helpers.pages.browser import open_browser
+from helpers.pages.page_faults import FAULTS
+from helpers.pages.server import served
 
 DEMO = Path(cboxlab.validation.__file__).parent / "data" / "demo-capture"
 FRAMES = ("f450-0.tif", "f450-1.tif", "f550-0.tif", "dark-0.6s-0.tif", "dark-2.5s-0.tif")

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders.regress import read_side, regress_pictures, regress_sides, side_of
@@ -107,7 +107,7 @@ def test_the_even_change_has_the_smaller_error_where_noise_is_uneven():
 
 def test_another_pixel_filter_is_seen():
     """A tent filter two pixels wide in place of a box of one, from a picture of half the pixel size."""
-    fine = render(RenderJob(cornell_box(), cornell_camera(2 * SIZE), WAVELENGTHS, samples=32, batches=2, seed=8))
+    fine = render_image(RenderJob(cornell_box(), cornell_camera(2 * SIZE), WAVELENGTHS, samples=32, batches=2, seed=8))
     picture = fine.project(np.eye(WAVELENGTHS.size))[0]
     box, tent = (
         convolve1d(convolve1d(picture, kernel, 0, mode="nearest"), kernel, 1, mode="nearest")[1::2, 1::2]

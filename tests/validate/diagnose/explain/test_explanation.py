@@ -10,8 +10,7 @@ from cboxlab.utils.progress import Cancelled, ProgressReporter
 from cboxlab.validation.diagnose.explain import NONE, competition, explain
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, explanation_sentence
-from helpers.manual_commands import described
-from helpers.small_excess import (
+from helpers.captures.small_excess import (
     BANDS,
     COAT,
     COLUMNS,
@@ -25,6 +24,7 @@ from helpers.small_excess import (
     VIEW,
     small_excess,
 )
+from helpers.programs.manual_commands import described
 from scipy.ndimage import gaussian_filter, shift
 
 NOISE = np.random.default_rng(11)
