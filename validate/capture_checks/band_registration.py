@@ -19,7 +19,8 @@ LARGEST_SHIFT_PX = 0.75
 #: Smallest suspicious shift between the bands before and after a movement, px: twice the largest of sound captures.
 SMALLEST_STEP_PX = 0.35
 
-#: Largest rms distance of the bands before and after it from their means, over the step.
+#: Largest rms distance of the bands before and after it from their means, over the step; of a half from the picture,
+#: over the shift: walls of different colours draw the edges of a small picture by up to a sixth of it.
 LARGEST_SCATTER_SHARE = 0.25
 
 #: Fewest bands before and after a movement: one alone may be shifted by its filter.
@@ -128,7 +129,17 @@ def _shift(reference: NDArray[np.float64], image: NDArray[np.float64]) -> NDArra
 
 
 def _is_alike_in_halves(reference: NDArray[np.float64], image: NDArray[np.float64], shift: NDArray[np.float64]) -> bool:
-    """Whether all four halves of the picture have the same shift; noise has none in common."""
-    v, u = (n // 2 for n in reference.shape)
-    halves = (np.s_[:v], np.s_[v:], np.s_[:, :u], np.s_[:, u:])
-    return all(np.hypot(*(_shift(reference[half], image[half]) - shift)) < LARGEST_SHIFT_PX / 2 for half in halves)
+    """Whether all four halves of the picture have the same shift; noise has none in common.
+
+    The halves are cut where the pictures overlap at whole pixels of the shift. Small halves would lose their border.
+    """
+    u, v = (int(whole_px) for whole_px in np.rint(shift))
+    rows, columns = (n - abs(offset) for n, offset in zip(reference.shape, (v, u), strict=True))
+    if min(rows, columns) < SMALLEST_PICTURE_PX // 2:
+        return False
+    first = reference[max(-v, 0) :, max(-u, 0) :][:rows, :columns]
+    second = image[max(v, 0) :, max(u, 0) :][:rows, :columns]
+    y, x = rows // 2, columns // 2
+    halves = (np.s_[:y], np.s_[y:], np.s_[:, :x], np.s_[:, x:])
+    rest, tolerance = shift - (u, v), max(LARGEST_SHIFT_PX / 2, LARGEST_SCATTER_SHARE * float(np.hypot(*shift)))
+    return all(np.hypot(*(_shift(first[half], second[half]) - rest)) < tolerance for half in halves)
