@@ -133,6 +133,21 @@ class FlawsWithEffects:
         size = sum(flaw.chi2_per_dof for flaw in self.flaws)
         return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
 
+    def errors_in(self, linearised: LinearisedFit) -> list[NDArray[np.floating]]:
+        """The flaws as errors that many samples share.
+
+        Parameters
+        ----------
+        linearised
+            The capture's linearised fit, without errors in its covariance.
+
+        Returns
+        -------
+        list of NDArray
+            (n,) over sigma each, one standard deviation.
+        """
+        return self.model.errors_of(linearised.model, self.fitted)
+
     @property
     def base_flaws(self) -> BaseFlaws:
         """The flaws without their columns."""
