@@ -1,4 +1,4 @@
-"""Triangles without area, by the longest of their own edges."""
+"""Triangles without area, by the length of their longest edge."""
 
 import numpy as np
 import pytest
