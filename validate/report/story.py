@@ -222,8 +222,9 @@ def _limits(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         ("effect", "found nine times in ten from", "χ² per pixel and band", "limited by"),
         rows,
-        "The most easily found first: those with the smallest χ². The limits hold to first order for captures like this one, and for the form of each effect that shows most "
-        "easily. Errors of the rendering hide small smooth changes: for these the size is the limit. An effect "
+        "The most easily found first: those with the smallest χ². The limits hold to first order for captures like "
+        "this one, and for the form of each effect that shows most easily. Errors of the rendering hide small smooth "
+        "changes: for these the size is the limit. An effect "
         "missing from this table cannot be found, or only by the survey of camera and lamp.",
     )
 
