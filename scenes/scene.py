@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cboxlab.utils.arguments import described, require_word, required_number, required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, suggestion
 from cboxlab.utils.frozen import FrozenMappings
@@ -303,13 +304,12 @@ class Scene(FrozenMappings):
 
         Raises
         ------
-        KeyError
+        InputError
             If there is no such surface; the message lists the names.
         """
-        for surface in self.surfaces:
-            if surface.name == name:
-                return surface
-        raise KeyError(f"no surface '{name}'; there are {', '.join(s.name for s in self.surfaces)}")
+        surfaces = {surface.name: surface for surface in self.surfaces}
+        require_word("surface", name, surfaces)
+        return surfaces[name]
 
     def reflectances(self, wavelength_nm: ArrayLike) -> NDArray[np.float64]:
         """Reflectances of all materials and lamps.
@@ -425,6 +425,7 @@ class Scene(FrozenMappings):
         InputError
             If the scene has no such material, or the table is no reflectance.
         """
+        self.material(material)
         where = f"Scene.with_reflectance: {material}"
         spectrum = as_spectrum(reflectance, values, "hold", where)
         _require_none(reflectance_faults(spectrum, where))
@@ -449,7 +450,7 @@ class Scene(FrozenMappings):
             If the argument is no ``Material``.
         """
         if not isinstance(material, Material):
-            raise InputError("Scene.with_material", repr(material), "a Material")
+            raise InputError("Scene.with_material", described(material), "a Material")
         return replace(self, materials={**self.materials, material.name: material})
 
     def material(self, name: str) -> Material:
@@ -470,10 +471,10 @@ class Scene(FrozenMappings):
         InputError
             If the scene has no such material.
         """
-        if name not in self.materials:
+        if not isinstance(name, str) or name not in self.materials:
             expected = f"one of {', '.join(self.materials)}"
-            hint = suggestion(str(name), self.materials)
-            raise InputError(f"scene '{self.name}': material", repr(name), expected, hint)
+            hint = suggestion(name, self.materials) if isinstance(name, str) else ""
+            raise InputError(f"scene '{self.name}': material", described(name), expected, hint)
         return self.materials[name]
 
     def moved(self, surface: str, by_mm: ArrayLike = (0.0, 0.0, 0.0), turn_deg: float = 0.0) -> Scene:
@@ -506,16 +507,15 @@ class Scene(FrozenMappings):
         >>> (shifted.vertices_mm - box.surface("tall-block").vertices_mm).max(axis=0).round(6).tolist()
         [5.0, 0.0, 0.0]
         """
+        require_word("Scene.moved: surface", surface, [item.name for item in self.surfaces])
         where = f"Scene.moved: {surface}"
+        angle = required_number(f"{where}: turn_deg", turn_deg)
         try:
-            shift, angle = np.asarray(by_mm, float), float(turn_deg)
-        except (TypeError, ValueError):
-            raise InputError(where, f"by_mm={by_mm!r}, turn_deg={turn_deg!r}", "numbers") from None
-        if shift.shape != (3,) or not (np.isfinite(shift).all() and np.isfinite(angle)):
-            raise InputError(where, f"by_mm={by_mm!r}, turn_deg={turn_deg!r}", "three finite mm and finite degrees")
-        names = [item.name for item in self.surfaces]
-        if surface not in names:
-            raise InputError(where, "no such surface", f"one of {', '.join(names)}", suggestion(str(surface), names))
+            shift = np.asarray(by_mm, float)
+        except (TypeError, ValueError, OverflowError):
+            shift = np.array(np.nan)
+        if shift.shape != (3,) or not np.isfinite(shift).all():
+            raise InputError(f"{where}: by_mm", described(by_mm), "three finite numbers, mm")
         mesh = self.surface(surface)
         vertices = turned_about_vertical(mesh.vertices_mm, angle) + shift
         changed = tuple(replace(s, vertices_mm=vertices) if s is mesh else s for s in self.surfaces)
@@ -560,7 +560,7 @@ class Scene(FrozenMappings):
         """
         from .scene_writer import write_scene
 
-        return write_scene(Path(path), self)
+        return write_scene(required_path("path", path, "a scene file to write"), self)
 
     def _facts(self) -> list[tuple[str, str]]:
         """Label and text of the five lines that describe the scene."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, faults_of_validation, referred, suggestion
 from cboxlab.utils.input_files import read_toml
@@ -78,10 +79,9 @@ def load_scene(path_or_name: str | Path) -> Scene:
     >>> [surface.name for surface in cboxlab.load_scene("cornell-box").surfaces]
     ['floor', 'ceiling', 'back', 'right', 'left', 'short-block', 'tall-block']
     """
-    if not isinstance(path_or_name, str | Path):
-        raise InputError("load_scene", repr(path_or_name)[:80], "a scene file or a packaged scene's name")
+    file_path = required_path("load_scene", path_or_name, "a scene file or a packaged scene's name")
     packaged = str(path_or_name) in packaged_scenes()
-    path = PACKAGED / f"{path_or_name}.toml" if packaged else Path(path_or_name)
+    path = PACKAGED / f"{path_or_name}.toml" if packaged else file_path
     file = _read(path)
     scene = _built(path, file)
     if packaged:

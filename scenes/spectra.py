@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from cboxlab.utils.arguments import described
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside, suggestion
 from cboxlab.utils.input_files import read_rows, separator_hint
@@ -123,7 +124,7 @@ def as_spectrum(table: Spectrum | ArrayLike, values: ArrayLike | None, outside: 
     try:
         first = np.asarray(table, np.float64)
         second = None if values is None else np.asarray(values, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         first, second = np.array(np.nan), None
     if second is not None:
         try:
@@ -132,7 +133,7 @@ def as_spectrum(table: Spectrum | ArrayLike, values: ArrayLike | None, outside: 
             raise InputError(where, error.found, error.expected) from None
     if first.ndim == 0 and np.isfinite(first):
         return Spectrum(np.array([550.0]), first[None], "hold")
-    raise InputError(where, repr(table)[:80], "a Spectrum, one number, or wavelengths in nm and their values")
+    raise InputError(where, described(table), "a Spectrum, one number, or wavelengths in nm and their values")
 
 
 def planck(wavelength_nm: ArrayLike, temperature_k: float) -> NDArray[np.float64]:

@@ -54,6 +54,13 @@ def envi(path, side):
         file.truncate(31 * 4 * side**2)
 
 
+def padded(path):
+    """A packed FITS file with a hole of a gigabyte after it, whose zeros the library would read one by one."""
+    fits(path, 10)
+    with path.open("ab") as file:
+        file.truncate(2**30)
+
+
 def text(content):
     return lambda path: path.write_text(content)
 
@@ -63,6 +70,7 @@ CASES = {
     "texture.png": (lambda path: png(path, 10_000, 10_000), read_channels, "pixels; expected at most"),
     "frame.fits": (lambda path: fits(path, 30_000), frame_header, "at most|truncated"),
     "frame.fits.gz": (lambda path: fits(path, 40_000), frame_header, "bytes of compressed data"),
+    "padded.fits.gz": (padded, frame_header, "zeros at the end"),
     "cube.hdr": (lambda path: envi(path, 5000), read_cube, "values"),
     "picture.hdr": (
         text("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 30000\n"),

@@ -17,9 +17,9 @@ from cboxlab.rendering.effects import catalogue
 from cboxlab.rendering.model import load_model
 from cboxlab.validation.app.commands.app import app
 from cboxlab.validation.diagnose import stepwise
-from helpers.glare_capture import GLARE, glare_capture
-from helpers.manual_commands import NEW_USER, commands, pages
+from helpers.captures.glare_capture import GLARE, glare_capture
 from helpers.places import ROOT
+from helpers.programs.manual_commands import NEW_USER, commands, pages
 from typer.main import get_command
 
 DOCS = ROOT / "docs"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.result.calibrate import Calibration, calibrate
+from cboxlab.calibration.result.calibrate import Calibration, calibrate_capture
 from cboxlab.calibration.result.write import write_calibration
 from cboxlab.rendering.files.raw_files import write_raw
 from cboxlab.rendering.model.model_file import Model
@@ -114,7 +114,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.capture or simulated(Path(scratch) / "pxl1300l")
-        calibration = calibrate(load_capture(folder))
+        calibration = calibrate_capture(load_capture(folder))
         written = write_calibration(calibration, arguments.out)
     report(calibration)
     print(f"Figures 1 to 4: response.png, 5 and 6: filters.png, in {arguments.out} ({len(written)} files)")

@@ -34,7 +34,7 @@ from cboxlab.rendering.sensor.colour_correction import (
     linear_counts,
 )
 from cboxlab.rendering.sensor.detector import SensorCamera, noisy_counts
-from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, simulate
+from cboxlab.rendering.sensor.simulation import auto_exposure, noiseless_frame, simulate_frame
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
@@ -130,9 +130,9 @@ def chart_tables(camera: SensorCamera, result: dict) -> None:
     acquired, simulated_table, table_6 = {}, {}, []
     for name, seconds in chart.EXPOSURES.items():
         acquired[name] = independent.record(light, seconds, 400, generator)
-        simulated_table[name] = chart.patch_rgb(simulate(cube, camera, seconds, seed=3))
+        simulated_table[name] = chart.patch_rgb(simulate_frame(cube, camera, seconds, seed=3))
         result[f"table 1, {name}"] = chart.errors(simulated_table[name], acquired[name])
-        sharp = chart.patch_rgb(simulate(cube, load_camera("dcs200"), seconds, seed=3))
+        sharp = chart.patch_rgb(simulate_frame(cube, load_camera("dcs200"), seconds, seed=3))
         result[f"table 1 with the true sensitivities, {name}"] = chart.errors(sharp, acquired[name])
     for name in ("1/30", "1/60"):
         grid, metered = chart.metered(light, generator)
@@ -191,7 +191,7 @@ def colour_from_truth(result: dict) -> None:
             demosaic(linear_counts(frame, camera, seconds), camera, white_dn).reshape(
                 24, chart.PATCH_PX, chart.PATCH_PX, 3
             )[:, 10:-10, 10:-10]
-            for frame in (expected_counts(cube, camera, seconds), simulate(cube, camera, seconds, seed=4))
+            for frame in (noiseless_frame(cube, camera, seconds), simulate_frame(cube, camera, seconds, seed=4))
         )
         variance = camera.detector.dark(seconds)[1] ** 2 + training.mean() / camera.detector.gain_e_per_dn
         for target, white in (("the lamp", tungsten), ("D65", d65)):
@@ -233,7 +233,7 @@ def photon_count(result: dict) -> None:
         theirs = electrons / swing * (2**bits - 1)
         radiance = np.repeat(np.repeat(spectra[:, None], 2, axis=0), 2, axis=1)
         cube = xr.Dataset({"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": nm})
-        frame = expected_counts(cube, camera, 1 / 60) - camera.detector.dark(1 / 60)[0]
+        frame = noiseless_frame(cube, camera, 1 / 60) - camera.detector.dark(1 / 60)[0]
         ours = np.stack([frame[::2, 0], frame[::2, 1], frame[1::2, 1]], axis=-1)
         result[name] = {"largest - 1": float(np.abs(theirs / ours - 1).max())}
 
@@ -272,10 +272,10 @@ def bases(result: dict) -> None:
     camera = load_camera("dcs200")
     light = chart.chart_light(chart.IndependentCamera.read("dcs200"))[:, 20:321:10]
     cube = chart.as_dataset(np.repeat(light[:, None], chart.PATCH_PX**2, axis=1))
-    full = expected_counts(cube, camera, 1 / 30)
+    full = noiseless_frame(cube, camera, 1 / 30)
     for count in (3, 5, 8, 12, 31):
         coefficients = to_basis(cube, principal_components(cube, count))
-        error = np.abs(expected_counts(coefficients, camera, 1 / 30) - full).max()
+        error = np.abs(noiseless_frame(coefficients, camera, 1 / 30) - full).max()
         result[f"{count} components"] = {"spectral": spectral_error(cube, coefficients), "largest, DN": float(error)}
 
 

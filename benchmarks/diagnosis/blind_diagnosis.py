@@ -47,7 +47,7 @@ from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare.pipeline import validate_capture
-from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
+from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose_validation
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,
@@ -267,7 +267,7 @@ def run(case: Case) -> dict[str, Any] | None:
         path = Path(folder) / "capture"
         write_capture(path, case, effects, bounces)
         start, cpu = time.perf_counter(), time.process_time()
-        diagnosis = diagnose(validate_capture(load_capture(path), model))
+        diagnosis = diagnose_validation(validate_capture(load_capture(path), model))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     offsets = block_offsets(site.scene, case.laboratory)
     return {

@@ -24,7 +24,7 @@ from blind_scores import with_groups
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.validation.compare.pipeline import validate_capture
-from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose
+from cboxlab.validation.diagnose.diagnosis import Diagnosis, diagnose_validation
 from cboxlab.validation.diagnose.evidence import Limit
 from scipy import stats
 
@@ -52,7 +52,7 @@ def diagnosed(case: Case, effects: tuple[AppliedEffect, ...]) -> Diagnosis:
         path = Path(folder) / "capture"
         write_capture(path, case, effects)
         model = laboratory(case.laboratory, case.box, case.instrument).model
-        return diagnose(validate_capture(load_capture(path), model))
+        return diagnose_validation(validate_capture(load_capture(path), model))
 
 
 def limit_record(limit: Limit) -> dict[str, Any]:

@@ -34,7 +34,7 @@ from cboxlab.scenes import load_scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.wavelength_grid import FILTER_GRID, WAVELENGTH_NM
 from cboxlab.validation.compare import validate_capture
-from cboxlab.validation.diagnose import Diagnosis, diagnose
+from cboxlab.validation.diagnose import Diagnosis, diagnose_validation
 from cboxlab.validation.synthetic import perturbed_camera, photographed_scene
 from cboxlab.validation.synthetic.model_capture import photograph_image, write_model_capture
 from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, scale_of
@@ -207,7 +207,7 @@ def run(case: Case, size: int, laboratories: int, draws: int) -> Row | None:
             model = replace(MODEL, effects=inside, render=RenderSettings(seed=case.seed))
             write_model_capture(path, model, camera, settings, case.seed, relative_error=_PICTURE_ERROR)
         cpu = time.process_time()
-        diagnosis = diagnose(validate_capture(load_capture(path), MODEL))
+        diagnosis = diagnose_validation(validate_capture(load_capture(path), MODEL))
     return {**_row(case, effects, diagnosis), "flaw_chi2": excess, "cpu_seconds": time.process_time() - cpu}
 
 

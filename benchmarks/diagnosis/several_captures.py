@@ -26,7 +26,7 @@ from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.scenes.camera import Camera
 from cboxlab.validation.compare import validate_capture
-from cboxlab.validation.diagnose import Diagnosis, diagnose
+from cboxlab.validation.diagnose import Diagnosis, diagnose_validation
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 from cboxlab.validation.synthetic.model_capture import photographed_scene
 from cboxlab.validation.synthetic.strengths import scale_of
@@ -77,10 +77,10 @@ def _case(truth: str, change: Callable[..., tuple[Camera, CaptureSettings]], str
             effects: tuple[AppliedEffect, ...] = () if index and effect.effect.own_to_capture else (effect_there,)
             write_model_capture(path, Model(effects=effects), seen_by, how, seed + index, relative_error=2e-3)
             validations.append(validate_capture(load_capture(path), Model()))
-        first, both = diagnose(validations[0]), diagnose(validations[0], further=validations[1:])
+        first, both = diagnose_validation(validations[0]), diagnose_validation(validations[0], further=validations[1:])
         if not both.selected and not both.further[0].adequate:
             # as the report advises
-            both = diagnose(validations[1], further=validations[:1])
+            both = diagnose_validation(validations[1], further=validations[:1])
     right = both.selected[:1] == (truth,)
     values = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in effect.values.items())
     print(f"{truth} ({values}): one capture {_answer(first)}; both {_answer(both)}; {both.further[0]}", flush=True)

@@ -28,7 +28,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.compare import validate_capture
-from cboxlab.validation.diagnose import diagnose
+from cboxlab.validation.diagnose import diagnose_validation
 from cboxlab.validation.synthetic.model_capture import (
     perturbed_camera,
     photographed_light,
@@ -107,7 +107,7 @@ def run(name: str, seed: int, keep: Path | None, mosaic: str = "") -> dict[str, 
         folder = (keep or Path(temporary)) / f"{name}-{seed}"
         truth = write_capture(folder, name, seed, mosaic=mosaic)
         start, cpu = time.perf_counter(), time.process_time()
-        diagnosis = diagnose(validate_capture(load_capture(folder), Model()))
+        diagnosis = diagnose_validation(validate_capture(load_capture(folder), Model()))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
     explanation = diagnosis.explanation
     centre = None if explanation is None or explanation.centre_px is None else list(explanation.centre_px)

@@ -20,7 +20,7 @@ from cboxlab.validation.app.commands.effect_picture import pictured_light, write
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
-from helpers.installed_effects import own_effects
+from helpers.programs.installed_effects import own_effects
 
 
 def main() -> None:

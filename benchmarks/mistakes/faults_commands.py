@@ -24,7 +24,7 @@ sys.path.insert(0, {str(Path(__file__).resolve().parents[2] / "tests")!r})
 import numpy as np
 from cboxlab.validation.diagnose.explain import explain
 from cboxlab.validation.report.explanation import explanation_record
-from helpers.small_excess import BANDS, SIGMA, SIZE, small_excess
+from helpers.captures.small_excess import BANDS, SIGMA, SIZE, small_excess
 rows = SIGMA * np.random.default_rng(2).normal(0, 1.5, (1, SIZE, 1)) * np.ones((BANDS, 1, 1))
 record = {{"selected": ["unknown"], "explanation": explanation_record(explain(small_excess(rows)))}}
 open("unknown.json", "w").write(json.dumps(record))
@@ -34,7 +34,7 @@ RECIPE = f"""
 import sys
 sys.path.insert(0, {str(Path(__file__).resolve().parents[2] / "tests")!r})
 from pathlib import Path
-from helpers.recipes import write_recipe
+from helpers.scenes.recipes import write_recipe
 write_recipe(Path("."))
 """
 

@@ -40,8 +40,8 @@ def frames() -> Pairs:
     import tifffile
     from cboxlab.calibration.frame_readers import read_pictures, read_values
     from cboxlab.rendering.files.exr_channels import write_channels
-    from helpers.frame_files import write_dng, write_fits
-    from helpers.rgbe import write_rgbe
+    from helpers.files.frame_files import write_dng, write_fits
+    from helpers.files.rgbe import write_rgbe
 
     counts = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32)
     repeats = np.stack([counts, counts + 1, counts + 2])
@@ -81,14 +81,14 @@ def frames() -> Pairs:
 
 def tables() -> Pairs:
     """Spectra of every instrument, and tables of text."""
-    from cboxlab.rendering.dataset.recipe import load_recipe
+    from cboxlab.rendering.dataset import load_recipe
     from cboxlab.rendering.export.neutral import read_camera
     from cboxlab.rendering.fitted_fields import load_effect_file
     from cboxlab.scenes.shapes import file_mesh
     from cboxlab.scenes.spectrum_readers import read_instrument_file
     from cboxlab.validation.api import verify
-    from helpers.instrument_texts import INSTRUMENTS
-    from helpers.recipes import PLAIN
+    from helpers.files.instrument_texts import INSTRUMENTS
+    from helpers.scenes.recipes import PLAIN
 
     entry = {"bytes": 3, "sha256": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"}
     manifest = {"format": "result-manifest/1", "inputs": {}, "outputs": {"a.txt": entry}}
@@ -139,8 +139,8 @@ def cubes() -> Pairs:
     from cboxlab.rendering.files.exr_channels import write_channels
     from cboxlab.rendering.files.headers.envi_header import read_header
     from cboxlab.validation.compare_renders.stacks import read_stack
-    from helpers.envi_files import LIGHT, RADIANCE, header_text, write
-    from helpers.rgbe import write_rgbe
+    from helpers.files.envi_files import LIGHT, RADIANCE, header_text, write
+    from helpers.files.rgbe import write_rgbe
 
     headers = sorted((ROOT / "tests" / "render" / "files" / "envi_headers").glob("*.hdr"))
     plane = np.linspace(0.1, 1, 20, dtype=np.float32).reshape(4, 5)

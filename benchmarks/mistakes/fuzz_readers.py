@@ -249,7 +249,7 @@ def readers() -> dict[str, Reader]:
     }
 
 
-def _peak() -> int:
+def peak_bytes() -> int:
     """The process's largest memory so far, bytes."""
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
@@ -270,7 +270,7 @@ class Fuzzed:
     def __call__(self, content: bytes) -> None:
         self.path.write_bytes(content)
         self.inputs += 1
-        before, start = _peak(), time.process_time()
+        before, start = peak_bytes(), time.process_time()
         try:
             self.reader.read(self.path)
         except self.known:
@@ -284,7 +284,7 @@ class Fuzzed:
         self.slowest = max(self.slowest, seconds)
         if seconds > LONGEST_S:
             self._failed("too slow", content)
-        if _peak() - before > MOST_BYTES:
+        if peak_bytes() - before > MOST_BYTES:
             self._failed("too much memory", content)
 
     def _failed(self, kind: str, content: bytes) -> None:

@@ -27,7 +27,7 @@ import manifest_mistakes  # noqa: F401
 import numpy as np
 from capture_mistakes import MISTAKES, Draft, Mistake, Unsuitable
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result import calibrate_capture
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.capture_checks import with_scene_checks
 
@@ -39,7 +39,7 @@ def suspicions_of(folder: Path) -> list[str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            calibration = with_scene_checks(calibrate(load_capture(folder)))
+            calibration = with_scene_checks(calibrate_capture(load_capture(folder)))
             return [str(suspicion) for suspicion in calibration.suspicions]
     except InputError as fault:
         return [f"refused: {fault}"]

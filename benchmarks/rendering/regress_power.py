@@ -32,7 +32,7 @@ import numpy as np
 from cboxlab.rendering.export import ExportSettings, exported_scene, renderer_of, write_export
 from cboxlab.rendering.files import xyz_weights
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.rendering.perturbation import PatchLight
 from cboxlab.scenes import Camera, Scene, cornell_box, cornell_camera
@@ -124,7 +124,7 @@ def alarms(pairs: int) -> None:
 
 def rendered(scene: Scene, camera: Camera, seed: int, max_bounces: int | None = None, samples: int = SAMPLES) -> Side:
     """One path traced picture."""
-    image = render(
+    image = render_image(
         RenderJob(scene, camera, WAVELENGTHS, samples, BATCHES, seed=seed, max_bounces=max_bounces), integrator="path"
     )
     return side_of([labelled_cube(image)], [f"seed {seed}"])
@@ -191,7 +191,7 @@ def pools(names: list[str]) -> dict[str, tuple[NDArray, Side]]:
     camera = cornell_camera(POOL_SIZE)
     settings = ExportSettings(WAVELENGTHS, POOL_SAMPLES, POOL, subpixels=2)
     exported = exported_scene(cornell_box(), camera, settings).with_black_lamps
-    image = render(RenderJob(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL), integrator="path")
+    image = render_image(RenderJob(exported.scene, camera, WAVELENGTHS, POOL_SAMPLES, POOL), integrator="path")
     blank = side_of([labelled_cube(image)], ["ours"])
     results = {"ours": (np.asarray(image.coefficients @ image.spectra, float), blank)}
     with tempfile.TemporaryDirectory() as temporary:

@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 from cboxlab.rendering.effects import apply_checked, names_in
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.scenes import Scene, cornell_box, cornell_camera
 from cboxlab.validation.compare_renders.regress import UNKNOWN, Side, View, regress_pictures, side_of
@@ -43,14 +43,14 @@ def clean(max_bounces: int | None = None) -> NDArray:
 def traced(scene: Scene, max_bounces: int | None = None) -> NDArray:
     """(y, x, w) radiance of a scene."""
     job = RenderJob(scene, cornell_camera(SIZE), WAVELENGTHS, SAMPLES, 2, seed=11, max_bounces=max_bounces)
-    return np.asarray(side_of([labelled_cube(render(job, integrator="path"))], ["clean"]).radiance)
+    return np.asarray(side_of([labelled_cube(render_image(job, integrator="path"))], ["clean"]).radiance)
 
 
 @cache
 def surfaces() -> Side:
     """A side with the map of surfaces."""
     job = RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS, 4, 2, seed=3)
-    return side_of([labelled_cube(render(job, integrator="path"))], ["map"])
+    return side_of([labelled_cube(render_image(job, integrator="path"))], ["map"])
 
 
 def noisy(picture: NDArray, seed: int) -> Side:

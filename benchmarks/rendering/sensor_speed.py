@@ -16,7 +16,7 @@ from cboxlab.rendering.files.cube_files import open_cube, write_cube
 from cboxlab.rendering.image.spectral_basis import principal_components, to_basis
 from cboxlab.rendering.sensor.cameras import load_camera
 from cboxlab.rendering.sensor.light import integration_weights
-from cboxlab.rendering.sensor.simulation import auto_exposure, expected_electrons, simulate
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_electrons, simulate_frame
 from numpy.typing import NDArray
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
@@ -69,7 +69,7 @@ def main() -> None:
                 "expected_electrons": lambda: expected_electrons(cube, camera, exposure),
                 "expected_electrons, file on disk": lambda: expected_electrons(on_disk, camera, exposure),
                 "expected_electrons, 8 components": lambda: expected_electrons(coefficients, camera, exposure),
-                "simulate (with noise)": lambda: simulate(cube, camera, exposure, seed=1),
+                "simulate (with noise)": lambda: simulate_frame(cube, camera, exposure, seed=1),
             }
             results = {name: measured(work) for name, work in ways.items()}
     first, second = list(results.values())[:2]

@@ -21,7 +21,7 @@ from helpers.places import ROOT
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
-from helpers.manual_commands import NEW_USER, commands
+from helpers.programs.manual_commands import NEW_USER, commands
 
 
 def trial(page: str) -> bool:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         pattern_rows,
         shares_frames,
     )
+    from .reduction import Reduction, degrees_of_freedom, scatters
 
 __all__ = [
     "BandTable",
@@ -46,6 +47,7 @@ __all__ = [
     "Label",
     "LensTable",
     "ManifestEntry",
+    "Reduction",
     "ReferenceTable",
     "TargetTable",
     "band_channels",
@@ -56,10 +58,12 @@ __all__ = [
     "channel_of_filter",
     "checked_pattern",
     "chosen_channel_notes",
+    "degrees_of_freedom",
     "draft_manifest",
     "file_mosaic_notes",
     "load_capture",
     "pattern_rows",
+    "scatters",
     "shares_frames",
     "split_channel",
     "split_name",

@@ -12,6 +12,7 @@ import numpy as np
 from cboxlab.scenes import Scene, load_scene, named_camera_channel
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.scenes.spectra import Spectrum, read_spectra, read_spectrum
+from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
 from cboxlab.utils.frozen import FrozenDict, FrozenMappings
@@ -218,7 +219,8 @@ class Capture(FrozenMappings):
         Returns
         -------
         tuple | None
-            (y, x) mean sum, DN, and scatter about it, DN^2, the means over repeats; None where all pixels count.
+            (y, x) mean sum, DN, and (2, y, x) scatters of the pixels, DN^2, the means over repeats; None where all
+            pixels count.
         """
         reduction = self.reduction
         if reduction is None or self.is_merged or reduction.step_px == 1 or reduction.summed == 1:
@@ -227,7 +229,7 @@ class Capture(FrozenMappings):
         return np.mean(sums, axis=0), np.mean(spreads, axis=0)
 
     def _reduced(self, path: str, reduction: Reduction) -> tuple[NDArray[np.uint32], NDArray[np.float64]]:
-        """Sums of a frame and the scatter in its blocks."""
+        """Sums of a frame and the scatters in its blocks."""
         return self.reduced_frames.get(path, reduction, lambda: self.stored_frame(path))
 
     def f_number(self, table: BandTable | BracketTable) -> float | None:
@@ -433,7 +435,7 @@ class Capture(FrozenMappings):
         return read_spectra(self.folder / labels.reflectance, "hold")
 
 
-def load_capture(folder: Path) -> Capture:
+def load_capture(folder: str | Path) -> Capture:
     """Load the capture in a folder and check it.
 
     Checked at once: every key, every cross-reference, the existence, type and size of every frame (by its header),
@@ -454,7 +456,7 @@ def load_capture(folder: Path) -> Capture:
     InputError
         One error that names every fault of the capture, one line each.
     """
-    folder = Path(folder)
+    folder = required_path("load_capture", folder, "the folder of a capture")
     if not folder.is_dir():
         content = "a file" if folder.is_file() else "no such folder"
         raise InputError(folder, content, "the folder of a capture, with a capture.toml in it")

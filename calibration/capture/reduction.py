@@ -7,19 +7,18 @@ Behind a mosaic of c x c pixels a block is n = 2 k c + 1 pixels wide, and its su
 pixels apart, from the block's border to its border. They have the position in the mosaic that the block has in the
 mosaic of blocks, so that the pattern stays, and they lie evenly about the block's middle. Light between them is not
 collected: the sensor of the blocks has a smaller sensitive area (``Reduction.fill``). Across an edge their mean differs
-from that of the whole block; ``Reduction.spread`` and ``sampling_variance`` say how much.
+from that of the whole block; ``Reduction.spread`` shows it, and
+``correction.block_sampling`` says how much.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.utils.distributions import chi2_quantile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import read_rows
 from cboxlab.utils.numbers import number_of
@@ -28,7 +27,15 @@ from numpy.typing import NDArray
 from .manifest import CropTable, pattern_rows
 from .whole_manifest import Manifest
 
-__all__ = ["ReducedFrames", "Reduction", "mosaic_side", "reduced_manifest", "reduction_of"]
+__all__ = [
+    "ReducedFrames",
+    "Reduction",
+    "degrees_of_freedom",
+    "mosaic_side",
+    "reduced_manifest",
+    "reduction_of",
+    "scatters",
+]
 
 #: Pixels of a frame above which a capture is reduced where its manifest says nothing: 4 megapixels.
 _LARGEST_FRAME = 4_000_000
@@ -38,15 +45,6 @@ _ACROSS = 256
 
 #: Margin of the window around the surveyed points, over their extent: the room's front edges lie outside the points.
 _MARGIN = 0.5
-
-#: Straight edges at random places and angles that give the error of a sum across an edge: to 6 % of its variance.
-_EDGES = 1000
-
-#: Parts of a pixel across, for its coverage by an edge.
-_PARTS = 4
-
-#: Share of the blocks whose pixels scatter by noise as if they saw an edge: it raises the mean variance by 1 %.
-_FALSE_EDGES = 0.02
 
 
 @dataclass(frozen=True)
@@ -127,10 +125,9 @@ class Reduction:
         return window.reshape(height, n, width, n)[:, :: self.step_px, :, :: self.step_px]
 
     def spread(self, frame: NDArray[np.uint16]) -> NDArray[np.float64]:
-        """Scatter of the pixels that are summed about the light's gradient.
+        """Scatters of the pixels that are summed about a plane through them.
 
-        A gradient does no harm to their mean. It is that of the neighbouring blocks of the same channel. A plane
-        through three by three pixels would take up much of a corner between two walls.
+        A gradient of the light does no harm to their mean.
 
         Parameters
         ----------
@@ -140,33 +137,9 @@ class Reduction:
         Returns
         -------
         NDArray
-            (height, width) variance of a block's counts, DN^2; 0 where it sums a single one.
+            (2, height, width) variances of a block's counts, DN^2, see ``scatters``.
         """
-        return _about_neighbours(self._pixels(frame), self.side_px, self.step_px)
-
-    def sampling_variance(
-        self, spread: NDArray[np.float64], noise: NDArray[np.float64], repeats: int
-    ) -> NDArray[np.float64]:
-        """Variance of sums by edges between the pixels that are summed.
-
-        Parameters
-        ----------
-        spread
-            (height, width) scatter of a block's pixels, DN^2, see ``spread``; the mean over repeats.
-        noise
-            (height, width) scatter that noise and the pixels' sensitivities give, DN^2.
-        repeats
-            Number of repeats.
-
-        Returns
-        -------
-        NDArray
-            (height, width) variance, DN^2; 0 where the pixels scatter as noise makes them.
-        """
-        degrees = repeats * (self.summed**2 - 1)
-        largest = float(chi2_quantile(_FALSE_EDGES, degrees)) / degrees
-        by_edges = np.where(spread > largest * noise, spread - noise, 0.0)
-        return _edge_error(self.side_px, self.step_px) * self.summed**4 * by_edges
+        return scatters(self._pixels(frame))
 
     def labels(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Labels of the blocks.
@@ -203,62 +176,50 @@ class Reduction:
         return (stored_px - [self.u0_px, self.v0_px] + 0.5) / self.side_px - 0.5
 
 
-def _about_neighbours(pixels: NDArray, side: int, step: int) -> NDArray[np.float64]:
-    """Variances of blocks about the gradients of their neighbours, or about none.
+def degrees_of_freedom(summed: int) -> tuple[int, int]:
+    """Degrees of freedom of the two scatters.
 
-    The smaller counts: next to an edge the neighbours lie beyond it.
-    pixels : (height, n, width, n), ``step`` px apart in blocks of ``side`` px. Returns (height, width), 0 for n = 1.
+    Parameters
+    ----------
+    summed
+        Pixels of a row of a block that are summed, at least 3.
+
+    Returns
+    -------
+    tuple[int, int]
+        Those of rows and columns, and the others.
+    """
+    return 2 * (summed - 2), (summed - 1) ** 2
+
+
+def scatters(pixels: NDArray) -> NDArray[np.float64]:
+    """Scatters of the pixels in blocks, in two parts.
+
+    The first is of the means of rows and of columns about a plane, the second of the pixels beyond these means. Both
+    have the variance of a pixel's noise as their expectation where the light is even or has a gradient.
+
+    Parameters
+    ----------
+    pixels
+        (height, n, width, n) counts of the n x n summed pixels of each block.
+
+    Returns
+    -------
+    NDArray
+        (2, height, width) variances; 0 for n = 1.
     """
     n = pixels.shape[1]
     if n == 1:
-        return np.zeros((pixels.shape[0], pixels.shape[2]))
-    values = pixels.astype(float)
-    means = values.mean(axis=(1, 3))
-    offsets = step * (np.arange(n) - (n - 1) / 2)
-    down, across = (_slope_of_neighbours(means, axis, step, side) for axis in (0, 1))
-    plane = means[:, None, :, None] + down[:, None, :, None] * offsets[:, None, None]
-    plane = plane + across[:, None, :, None] * offsets
-    squares = [((values - each) ** 2).sum(axis=(1, 3)) for each in (plane, means[:, None, :, None])]
-    return np.asarray(np.minimum(*squares) / (n**2 - 1), np.float64)
-
-
-def _slope_of_neighbours(means: NDArray[np.float64], axis: int, step: int, side: int) -> NDArray[np.float64]:
-    """(height, width) slope per pixel through the blocks before and after each; 0 at the border."""
-    slope = np.zeros_like(means)
-    size = means.shape[axis]
-    if size > 2 * step:
-        blocks = [np.take(means, range(start, start + size - 2 * step), axis) for start in (0, 2 * step)]
-        inside = [slice(None), slice(None)]
-        inside[axis] = slice(step, size - step)
-        slope[tuple(inside)] = (blocks[1] - blocks[0]) / (2 * step * side)
-    return slope
-
-
-@lru_cache
-def _edge_error(side_px: int, step_px: int) -> float:
-    """Square of the error of the summed pixels' mean over their variance about the gradient.
-
-    The mean over straight edges.
-    """
-    generator = np.random.default_rng(0)
-    position = (np.arange(side_px * _PARTS) + 0.5) / _PARTS - side_px / 2
-    offsets = position.reshape(side_px, _PARTS).mean(axis=1)[::step_px]
-    distance = step_px * side_px
-    angle, offset = generator.uniform(0, np.pi, _EDGES), generator.uniform(-side_px, side_px, _EDGES) / np.sqrt(2)
-    errors, variances = 0.0, 0.0
-    for turn, shift in zip(angle, offset, strict=True):
-        bright = np.add.outer(np.sin(turn) * position, np.cos(turn) * position) > shift
-        pixels = bright.reshape(side_px, _PARTS, side_px, _PARTS).mean(axis=(1, 3))
-        summed = pixels[::step_px, ::step_px]
-        errors += (summed.mean() - pixels.mean()) ** 2
-        down, across = (
-            (float(part * distance > shift) - float(-part * distance > shift)) / (2 * distance)
-            for part in (np.sin(turn), np.cos(turn))
-        )
-        plane = summed.mean() + np.add.outer(down * offsets, across * offsets)
-        squares = [float(((summed - each) ** 2).sum()) for each in (plane, summed.mean())]
-        variances += min(squares) / (summed.size - 1)
-    return float(errors / variances)
+        return np.zeros((2, pixels.shape[0], pixels.shape[2]))
+    offsets = np.arange(n) - (n - 1) / 2
+    values = pixels - pixels.mean(axis=(1, 3), keepdims=True)
+    of_means, beyond_planes = np.zeros((2, pixels.shape[0], pixels.shape[2]))
+    for means in (values.mean(axis=3), values.mean(axis=1).swapaxes(1, 2)):
+        squares = n * (means**2).sum(axis=1)
+        of_means += squares
+        beyond_planes += squares - n * np.tensordot(means, offsets, (1, 0)) ** 2 / float(offsets @ offsets)
+    first, second = degrees_of_freedom(n)
+    return np.stack([beyond_planes / first, ((values**2).sum(axis=(1, 3)) - of_means) / second])
 
 
 def mosaic_side(pattern: str, largest: int) -> int:
@@ -381,12 +342,13 @@ class ReducedFrames:
         NDArray
             (height, width) sums of counts, DN.
         NDArray
-            (height, width) scatter of the pixels of a block, DN^2; 0 where all of them are summed.
+            (2, height, width) scatters of the pixels of a block, DN^2; 0 where all of them are summed.
         """
         if name not in self._frames:
             stored = read()
             sums = reduction.counts(stored)
-            self._frames[name] = sums, reduction.spread(stored) if reduction.step_px > 1 else np.zeros(sums.shape)
+            spread = reduction.spread(stored) if reduction.step_px > 1 else np.zeros((2, *sums.shape))
+            self._frames[name] = sums, spread
         return self._frames[name]
 
 

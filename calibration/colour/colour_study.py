@@ -43,15 +43,15 @@ class ColourStudy(FrozenMappings):
 
     @property
     def reason(self) -> str:
-        """The weights in use and the reason, in three short sentences."""
+        """The weights in use and the reason, in four short sentences."""
         errors = ", ".join(
             f"{method} {float(error.delta_e_2000.mean()):.2f} ({100 * float(error.rms[2]):.0f} %)"
             for method, error in self.errors.items()
         )
         return (
-            f"XYZ uses {self.recommended} filter weights, with the smallest mean CIEDE2000. The means are over "
-            f"{self.spectra}, with the rms error of Z in brackets: {errors}. "
-            f"Trained weights are fitted to {self.ensemble}."
+            f"XYZ uses {self.recommended} filter weights, which have the smallest mean CIEDE2000. "
+            f"Mean CIEDE2000 and, in brackets, rms error of Z: {errors}. "
+            f"The means are over {self.spectra}. Trained weights are fitted to {self.ensemble}."
         )
 
 

@@ -15,7 +15,7 @@ from cboxlab.utils.limits import MAX_FRAME_PIXELS, require_size
 from cboxlab.utils.other_packages import loaders_of, records_in, with_others
 from numpy.typing import NDArray
 
-from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, pattern_of
+from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, mosaic_pattern
 from ._of_other_packages import checked_reader
 
 __all__ = [
@@ -24,9 +24,9 @@ __all__ = [
     "FrameReader",
     "MissingPackageError",
     "as_counts",
-    "catalogue",
     "frame_header",
-    "pattern_of",
+    "frame_reader_catalogue",
+    "mosaic_pattern",
     "read_pictures",
     "read_values",
     "reader_of",
@@ -43,7 +43,7 @@ _HEADERS_KEPT = 4096
 
 
 @lru_cache(maxsize=1)
-def catalogue() -> dict[str, FrameReader]:
+def frame_reader_catalogue() -> dict[str, FrameReader]:
     """All readers, those of other packages included.
 
     Returns
@@ -77,8 +77,11 @@ def suffixes() -> tuple[str, ...]:
     tuple
         In small letters with the dot, those of TIFF first.
     """
-    first = catalogue()["tiff"].suffixes
-    return (*first, *(ending for reader in catalogue().values() for ending in reader.suffixes if ending not in first))
+    first = frame_reader_catalogue()["tiff"].suffixes
+    return (
+        *first,
+        *(ending for reader in frame_reader_catalogue().values() for ending in reader.suffixes if ending not in first),
+    )
 
 
 def reader_of(path: Path) -> FrameReader | None:
@@ -95,13 +98,18 @@ def reader_of(path: Path) -> FrameReader | None:
         The one with the longest ending that fits; None if no ending fits.
     """
     name = path.name.lower()
-    fitting = [(len(end), reader) for reader in catalogue().values() for end in reader.suffixes if name.endswith(end)]
+    fitting = [
+        (len(end), reader)
+        for reader in frame_reader_catalogue().values()
+        for end in reader.suffixes
+        if name.endswith(end)
+    ]
     return max(fitting, key=lambda pair: pair[0])[1] if fitting else None
 
 
 def _usable_reader(path: Path) -> FrameReader:
     """The reader for a file whose package is installed. Other endings are those of TIFF frames."""
-    reader = reader_of(path) or catalogue()["tiff"]
+    reader = reader_of(path) or frame_reader_catalogue()["tiff"]
     require_regular_file(path, f"a {reader.name} frame")
     if reader.needs is not None and find_spec(reader.needs) is None:
         requirement = f"a file that needs the package {reader.needs} to be read"

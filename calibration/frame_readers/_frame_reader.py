@@ -20,7 +20,7 @@ __all__ = [
     "FrameReader",
     "MissingPackageError",
     "as_counts",
-    "pattern_of",
+    "mosaic_pattern",
     "positive_number",
     "require_plausible_size",
 ]
@@ -186,7 +186,7 @@ def positive_number(value: Any) -> float | None:
     return number if np.isfinite(number) and number > 0 else None
 
 
-def pattern_of(path: Path, letters: NDArray[np.str_]) -> str:
+def mosaic_pattern(path: Path, letters: NDArray[np.str_]) -> str:
     """Pattern of a mosaic in the form of ``mosaic.pattern``, with the smallest repeat.
 
     Parameters

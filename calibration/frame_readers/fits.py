@@ -20,7 +20,7 @@ from ._frame_reader import (
     FrameHeader,
     FrameReader,
     as_counts,
-    pattern_of,
+    mosaic_pattern,
     positive_number,
     require_plausible_size,
 )
@@ -35,6 +35,8 @@ _MAX_HEADER_BYTES = 2**20
 _MAX_HEADERS = 64
 #: Bytes skipped at a time in a packed file.
 _CHUNK = 2**20
+#: Zeros after a packed file, bytes: the library reads each of them alone. Tapes have up to 10 KiB.
+_MAX_PADDING = 2**16
 
 
 def _cards(path: Path, stream: IO[bytes] | gzip.GzipFile) -> dict[str, str]:
@@ -73,9 +75,23 @@ def _data_bytes(path: Path, cards: dict[str, str]) -> int:
     return -(-size // _BLOCK) * _BLOCK
 
 
+def _require_short_padding(path: Path) -> None:
+    """Raise InputError for a packed file that is too large, or ends in many zeros."""
+    size = path.stat().st_size
+    require_size(path, size, MAX_PACKED_BYTES, "bytes of compressed data")
+    with path.open("rb") as stream:
+        stream.seek(max(size - _MAX_PADDING, 0))
+        end = stream.read()
+    if len(end) == _MAX_PADDING and not any(end):
+        hint = "The file is damaged or was not written to its end: copy it again."
+        raise InputError(path, f"more than {_MAX_PADDING} zeros at the end", "compressed data to the end", hint)
+
+
 def _require_sound_headers(path: Path) -> None:
     """Raise InputError for headers that a library would read without end."""
     packed = path.suffix.lower() == ".gz"
+    if packed:
+        _require_short_padding(path)
     with gzip.open(path, "rb") if packed else path.open("rb") as stream:
         for _ in range(_MAX_HEADERS):
             cards = _cards(path, stream)
@@ -145,7 +161,7 @@ def _pattern(path: Path, text: str, offset: tuple[int, int]) -> str | None:
     if side is None:
         raise InputError(f"{path}: BAYERPAT", f"'{text}'", "4 letters (2 x 2) or 36 letters (6 x 6)")
     letters = np.array(list(text)).reshape(side, side)
-    return pattern_of(path, np.tile(np.roll(letters, (-offset[0], -offset[1]), (0, 1)), (2, 2)))
+    return mosaic_pattern(path, np.tile(np.roll(letters, (-offset[0], -offset[1]), (0, 1)), (2, 2)))
 
 
 def _time(text: str) -> datetime | None:

@@ -11,7 +11,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ._exif import exif_facts_of_raw
-from ._frame_reader import FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of, positive_number
+from ._frame_reader import FrameFacts, FrameHeader, FrameReader, as_counts, mosaic_pattern, positive_number
 
 _SUFFIXES = (
     ".dng",
@@ -83,7 +83,7 @@ def _pattern(path: Path, raw: Any) -> str | None:
     names = raw.color_desc.decode("ascii", "replace")
     if raw.raw_pattern is None or raw.num_colors == 1:
         return None
-    return pattern_of(path, np.array([[names[number] for number in row] for row in _numbers(raw)]))
+    return mosaic_pattern(path, np.array([[names[number] for number in row] for row in _numbers(raw)]))
 
 
 def _masked_levels(raw: Any) -> list[float] | None:

@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
 from ._exif import exif_facts
-from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, as_counts, pattern_of
+from ._frame_reader import EXPORT_HINT, FrameFacts, FrameHeader, FrameReader, as_counts, mosaic_pattern
 
 #: TIFF 6.0's numbers of compressions that need no further library: none, LZW, deflate, PackBits, old deflate.
 _COMPRESSIONS = (1, 5, 8, 32773, 32946)
@@ -111,7 +111,7 @@ def _cfa_pattern(path: Path, page: tifffile.TiffPage) -> str | None:
     if repeat is None or colours is None:
         return None
     letters = np.array(["RGBCMYW"[c] if c < 7 else "?" for c in bytes(colours)]).reshape(tuple(repeat))
-    return pattern_of(path, np.tile(letters, (2, 2)))
+    return mosaic_pattern(path, np.tile(letters, (2, 2)))
 
 
 def _facts(path: Path, page: tifffile.TiffPage) -> FrameFacts:

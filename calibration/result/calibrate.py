@@ -56,12 +56,12 @@ from ..radiometry import (
     missing_keys,
 )
 
-__all__ = ["Calibration", "calibrate"]
+__all__ = ["Calibration", "calibrate_capture"]
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration(FrozenMappings):
-    """Calibration of a capture, by `calibrate`. A part is None if the capture lacks the data."""
+    """Calibration of a capture. A part is None if the capture lacks the data."""
 
     #: Capture that was calibrated, its full well applied.
     capture: Capture
@@ -252,7 +252,7 @@ def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
     return LensAxis(1e3 * focal / pitch, u, v)
 
 
-def calibrate(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
+def calibrate_capture(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """Calibration of a capture, as far as its data allow.
 
     Missing data are not an error: the part is None and a note names what is missing.

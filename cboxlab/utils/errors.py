@@ -4,7 +4,28 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["InputError"]
+__all__ = ["InputError", "printable"]
+
+#: Characters that end a line, move the cursor or change what a terminal shows, with their escapes.
+_ESCAPES = {
+    code: repr(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029, *range(0x202A, 0x202F))
+}
+
+
+def printable(text: str) -> str:
+    """Text without control characters, for a message of one line.
+
+    Parameters
+    ----------
+    text
+        Any text, such as the name of a file.
+
+    Returns
+    -------
+    str
+        The text with escapes, such as a backslash and n, in place of control characters.
+    """
+    return text.translate(_ESCAPES)
 
 
 class InputError(ValueError):
@@ -35,14 +56,14 @@ class InputError(ValueError):
 
     def __init__(self, where: str | Path, found: str, expected: str, hint: str = "") -> None:
         #: File and key at fault.
-        self.where = str(where)
+        self.where = printable(str(where))
         #: Value found, in words.
-        self.found = found
+        self.found = printable(found)
         #: Values allowed, in words.
-        self.expected = expected
+        self.expected = printable(expected)
         #: Correction, as a sentence; empty for none.
         self.hint = hint
-        text = f"{where}: found {found}; expected {expected}"
+        text = f"{self.where}: found {self.found}; expected {self.expected}"
         super().__init__(f"{text}. {hint}" if hint else text)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:

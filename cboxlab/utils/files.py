@@ -326,8 +326,10 @@ def load_checked(path: Path, key: str) -> bytes | None:
         The content; None if there is no such file, or one of another key or with a changed bit.
     """
     try:
-        stored = path.read_bytes()
-    except OSError:
+        stored = path.read_bytes() if path.is_file() else None  # reading a pipe or a device might never end
+    except (OSError, MemoryError):
+        stored = None
+    if stored is None:
         return None
     size = hashlib.sha256().digest_size
     content = memoryview(stored)[size:]

@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Protocol
 
+from .arguments import described
+from .errors import InputError
+
 __all__ = [
     "NO_PROGRESS",
     "Cancelled",
@@ -60,6 +63,8 @@ class ProgressReporter:
     """
 
     def __init__(self, callback: Callable[[str, float], object] = lambda stage, done: None) -> None:
+        if not callable(callback):
+            raise InputError("callback", described(callback), "a function of a stage and a completed share")
         self._callback = callback
         self._stage, self._done = "", 0.0
         self._stop = threading.Event()

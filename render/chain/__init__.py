@@ -18,11 +18,12 @@ from .light import Light, with_scene_behind
 from .projection import Projection, band_signals, scene_light, uniform_light
 from .sensing import MergedExposure, Sensing
 from .settings import RenderSettings
-from .stages import PHOTOGRAPHED, STAGES, ActsAtStage, Stage, after_stage, stages_between
+from .stages import PHOTOGRAPHED, STAGE_TITLES, STAGES, ActsAtStage, Stage, after_stage, stages_between
 
 __all__ = [
     "PHOTOGRAPHED",
     "STAGES",
+    "STAGE_TITLES",
     "ActsAtStage",
     "BandCurves",
     "Counts",

@@ -19,14 +19,11 @@ from .counts import Counts
 from .light import Light
 from .settings import RenderSettings
 
-__all__ = ["PHOTOGRAPHED", "STAGES", "ActsAtStage", "Stage", "after_stage", "stages_between"]
+__all__ = ["PHOTOGRAPHED", "STAGES", "STAGE_TITLES", "ActsAtStage", "Stage", "after_stage", "stages_between"]
 
 Stage = Literal["scene", "settings", "transport", "camera", "filter", "optics", "counts"]
 
 #: In the order of the chain, the type of each stage's value: what an effect of that stage takes and returns.
-#: scene: geometry, paints, lamp. settings: how much of the light's way the renderer follows. transport: what lights
-#: the picture. camera: where it stands. filter: what the bands pass. optics: the picture on the sensor. counts: the
-#: raw frames.
 STAGES: Mapping[Stage, type] = MappingProxyType(
     {
         "scene": Scene,
@@ -36,6 +33,19 @@ STAGES: Mapping[Stage, type] = MappingProxyType(
         "filter": BandCurves,
         "optics": Light,
         "counts": Counts,
+    }
+)
+
+#: What each stage holds, in words, for lists.
+STAGE_TITLES: Mapping[Stage, str] = MappingProxyType(
+    {
+        "scene": "geometry, paints, lamp",
+        "settings": "how far the renderer follows light",
+        "transport": "what lights the picture",
+        "camera": "where it stands, how it distorts",
+        "filter": "what the bands pass",
+        "optics": "the picture on the sensor",
+        "counts": "the raw frames",
     }
 )
 

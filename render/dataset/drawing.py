@@ -26,7 +26,7 @@ from ..effects import catalogue, names_in
 from ..model import Model, checked_effects
 from .distributions import Choice, numbers
 from .paints import light_source, planck_light, reflectance_source
-from .patterns import drawn_tiles, image_tiles, tiled_wall
+from .patterns import drawn_tiles, image_tiles, tiled
 from .recipe import ANY, WALLS, CameraTable, PatternTable, Recipe
 from .solids import Solid, any_meet, blocked_share, closed_mesh
 
@@ -91,8 +91,10 @@ class _Geometry(FrozenMappings):
     walls: dict[str, str]
     #: (rows, columns) names of the tiles' paints, of each wall with a pattern.
     tiles: dict[str, NDArray[np.str_]]
-    #: Solids with the paint of each.
+    #: Solids with the paint or pattern of each.
     solids: list[tuple[Solid, str]]
+    #: (rows, columns) names of the tiles' paints by side, of each solid with a pattern by its index.
+    solid_tiles: dict[int, dict[str, NDArray[np.str_]]]
     #: Lamps' rectangles, with the index of each one's table.
     lamps: list[tuple[_Rectangle, int]]
     #: Cameras by name.
@@ -177,8 +179,9 @@ def draw_box(recipe: Recipe, number: int, folder: Path) -> Box:
                 "size_mm": (2 * solid.half_mm).tolist(),
                 "yaw_deg": solid.yaw_deg,
                 "paint": paint,
+                **_tile_record(geometry.solid_tiles.get(index)),
             }
-            for solid, paint in geometry.solids
+            for index, (solid, paint) in enumerate(geometry.solids)
         ],
         "paints": paints,
         "lamps": lights,
@@ -214,7 +217,8 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
     walls = {wall: recipe.walls[wall].draw(generator) for wall in WALLS}  # type: ignore[index]
     patterns = {wall: recipe.pattern[name] for wall, name in walls.items() if name in recipe.pattern}
     tiles = {wall: _tiles(pattern, generator, folder) for wall, pattern in patterns.items()}
-    solids = []
+    solids: list[tuple[Solid, str]] = []
+    solid_tiles = {}
     for table in recipe.block:
         for _ in range(int(table.count.draw(generator))):
             shape = None
@@ -233,7 +237,10 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
             if free.min() < 0 or 2 * half[1] > room[1] - recipe.gap_mm:
                 raise _Rejected("a block is larger than the room")
             x, z = low + free * np.array([table.x.draw(generator), table.z.draw(generator)])
-            solids.append((replace(solid, centre_mm=np.array([x, half[1], z])), table.paint.draw(generator)))
+            paint = table.paint.draw(generator)
+            if paint in recipe.pattern:
+                solid_tiles[len(solids)] = _side_tiles(recipe.pattern[paint], generator, folder)
+            solids.append((replace(solid, centre_mm=np.array([x, half[1], z])), paint))
     lamps: list[tuple[_Rectangle, int]] = []
     for index, lamp in enumerate(recipe.lamp):
         for _ in range(int(lamp.count.draw(generator))):
@@ -255,7 +262,7 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
     cameras: dict[str, Camera] = {}
     for camera in recipe.camera:
         cameras.update(_cameras(camera, room, generator))
-    return _Geometry(room, walls, tiles, solids, lamps, cameras)
+    return _Geometry(room, walls, tiles, solids, solid_tiles, lamps, cameras)
 
 
 def _tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) -> NDArray[np.str_]:
@@ -266,6 +273,17 @@ def _tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) 
         size = int(pattern.rows.draw(generator)), int(pattern.columns.draw(generator))
         index = drawn_tiles(pattern.kind, size, len(pattern.paints), generator)
     return np.array(pattern.paints)[index]
+
+
+def _side_tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) -> dict[str, NDArray[np.str_]]:
+    """Names of the tiles' paints of each side of a block; the hidden bottom is plain."""
+    sides = {side: _tiles(pattern, generator, folder) for side in ("front", "right", "back", "left", "top")}
+    return {**sides, "bottom": np.array([[pattern.paints[0]]])}
+
+
+def _tile_record(sides: dict[str, NDArray[np.str_]] | None) -> dict[str, Any]:
+    """Record of the tiles of a block's sides; empty for one without a pattern."""
+    return {} if sides is None else {"tiles": {side: tiles.tolist() for side, tiles in sides.items()}}
 
 
 def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random.Generator) -> dict[str, Camera]:
@@ -321,7 +339,7 @@ def _walls(geometry: _Geometry) -> list[Surface]:
     walls: list[Surface] = []
     for name, mesh in meshes.items():
         if (tiles := geometry.tiles.get(name)) is not None:
-            walls += tiled_wall(name, np.array(corners[name], float), tiles)
+            walls += tiled(name, [(np.array(corners[name], float), tiles)])
         else:
             walls.append(Surface(name, geometry.walls[name], *mesh))
     return walls
@@ -335,10 +353,15 @@ def _lamp_quad(rectangle: _Rectangle, height: float) -> NDArray[np.float64]:
 
 def _blocks(geometry: _Geometry) -> list[Surface]:
     """Blocks and spheres, numbered from 1."""
-    return [
-        Surface(f"{index}-{_kind(solid)}", paint, *solid.mesh, ball=solid.ball)
-        for index, (solid, paint) in enumerate(geometry.solids, start=1)
-    ]
+    surfaces: list[Surface] = []
+    for index, (solid, paint) in enumerate(geometry.solids):
+        name = f"{index + 1}-{_kind(solid)}"
+        if index in geometry.solid_tiles:
+            corners, tiles = solid.sides_mm, geometry.solid_tiles[index]
+            surfaces += tiled(name, [(corners[side], tiles[side]) for side in tiles])
+        else:
+            surfaces.append(Surface(name, paint, *solid.mesh, ball=solid.ball))
+    return surfaces
 
 
 def _kind(solid: Solid) -> str:
@@ -351,7 +374,8 @@ def _materials(
 ) -> tuple[dict[str, Material], dict[str, Any]]:
     """Materials in use by the names of their paints, and a record of them."""
     used = {*geometry.walls.values(), *(paint for _, paint in geometry.solids)}
-    used |= {str(paint) for tiles in geometry.tiles.values() for paint in np.unique(tiles)}
+    every = [*geometry.tiles.values(), *(tiles for each in geometry.solid_tiles.values() for tiles in each.values())]
+    used |= {str(paint) for tiles in every for paint in np.unique(tiles)}
     materials, record = {}, {}
     for name, table in recipe.paint.items():
         source = table.reflectance.draw(generator)

@@ -6,14 +6,14 @@ import warnings
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from cboxlab.scenes.cornell_box import cornell_box
 from cboxlab.scenes.named_lights import LIGHT_NAMES, named_light
 from cboxlab.scenes.spectra import Spectrum, planck, read_spectra
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import path_inside, suggestion
+from cboxlab.utils.faults import path_inside, referred, suggestion
 
 __all__ = ["light_source", "planck_light", "reflectance_source"]
 
@@ -65,7 +65,7 @@ def reflectance_source(name: str, folder: Path, where: str) -> tuple[tuple[str, 
     if source in _COLLECTIONS:
         spectra: Mapping[str, Reflectance] = _collection(source)
     elif source.endswith(".csv"):
-        table = read_spectra(path_inside(folder, source, where), "hold")
+        table = _table(source, folder, where, "hold")
         for key, spectrum in table.items():
             if spectrum.values.min() < 0 or spectrum.values.max() > 1:
                 bounds = f"{spectrum.values.min():g} to {spectrum.values.max():g} in {source}:{key}"
@@ -114,7 +114,7 @@ def light_source(name: str, folder: Path, where: str) -> Spectrum | None:
     source, _, member = name.rpartition(":")
     if not source.endswith(".csv"):
         raise InputError(where, f"'{name}'", _LIGHT_EXPECTED, suggestion(name, ("planck", "cornell-box")))
-    spectra = read_spectra(path_inside(folder, source, where), "zero")
+    spectra = _table(source, folder, where, "zero")
     if member not in spectra:
         expected = f"one of {', '.join(spectra)}"
         raise InputError(where, f"'{member}' in {source}", expected, suggestion(member, spectra))
@@ -122,6 +122,15 @@ def light_source(name: str, folder: Path, where: str) -> Spectrum | None:
     if light.values.min() < 0 or not light.at(np.arange(400.0, 701.0)).any():
         raise InputError(where, f"a negative value or no light in {name}", "a spectrum with light from 400 to 700 nm")
     return light
+
+
+def _table(name: str, folder: Path, where: str, beyond: Literal["hold", "zero"]) -> Mapping[str, Spectrum]:
+    """Spectra of a CSV file by column."""
+    path = path_inside(folder, name, where)
+    try:
+        return read_spectra(path, beyond)
+    except InputError as fault:
+        raise referred(fault, where) from None
 
 
 def planck_light(temperature_k: float) -> Spectrum:

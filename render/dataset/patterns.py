@@ -1,24 +1,28 @@
-"""Patterns: walls of rectangular tiles, each of one paint.
+"""Patterns: walls and blocks of rectangular tiles, each of one paint.
 
-Each tile is a separate flat face. Coverage by paint, albedo and light are then as exact as those of a plain wall.
+Each tile is a separate flat face. Coverage by paint, albedo and light are then as exact as those of a plain face.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from cboxlab.scenes.scene import Surface
-from cboxlab.scenes.shapes import joined, quad_mesh
+from cboxlab.scenes.shapes import Mesh, joined, quad_mesh
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside, referred
 from cboxlab.utils.input_files import read_channels
 from numpy.typing import NDArray
 
-__all__ = ["MOST_TILES", "drawn_tiles", "image_tiles", "tiled_wall"]
+__all__ = ["MOST_BLOCK_TILES", "MOST_TILES", "drawn_tiles", "image_tiles", "tiled"]
 
 #: Most tiles along one side of a wall: smaller ones are below the pixels of usual pictures.
 MOST_TILES = 32
+
+#: Most tiles along one edge of a block, whose five visible sides each have the pattern.
+MOST_BLOCK_TILES = 8
 
 
 def drawn_tiles(kind: str, size: tuple[int, int], paints: int, generator: np.random.Generator) -> NDArray[np.int64]:
@@ -84,29 +88,29 @@ def image_tiles(name: str, paints: int, folder: Path, where: str) -> NDArray[np.
     return tiles.reshape(rows, columns)
 
 
-def tiled_wall(wall: str, corners: NDArray[np.float64], tiles: NDArray[np.str_]) -> list[Surface]:
-    """Surfaces of a wall of tiles, one for each paint in use.
+def tiled(name: str, sides: Sequence[tuple[NDArray[np.float64], NDArray[np.str_]]]) -> list[Surface]:
+    """Surfaces of a tiled wall or block, one for each paint in use.
 
     Parameters
     ----------
-    wall
-        Name of the wall.
-    corners
-        (4, 3) corners, counter-clockwise from the lit side, mm. The first is at the lower left of the pattern.
-    tiles
-        (rows, columns) name of each tile's paint; the first row is the upper one.
+    name
+        Name of the wall or block.
+    sides
+        Of each flat side its (4, 3) corners, counter-clockwise from the lit side, mm, the first at the lower left of
+        the pattern; and the (rows, columns) name of each tile's paint, the first row upper.
 
     Returns
     -------
     list of Surface
-        The surfaces, named WALL-PAINT, with one quad for each tile.
+        The surfaces, named NAME-PAINT, with one quad for each tile.
     """
-    rows, columns = tiles.shape
-    across = np.outer(np.arange(columns + 1) / columns, corners[1] - corners[0])
-    upwards = np.outer(np.arange(rows, -1, -1) / rows, corners[3] - corners[0])
-    points = corners[0] + upwards[:, None] + across
-    quads = np.stack([points[1:, :-1], points[1:, 1:], points[:-1, 1:], points[:-1, :-1]], axis=2)
-    return [
-        Surface(f"{wall}-{paint}", str(paint), *joined([quad_mesh(quad) for quad in quads[tiles == paint]]))
-        for paint in np.unique(tiles)
-    ]
+    quads: dict[str, list[Mesh]] = {}
+    for corners, tiles in sides:
+        rows, columns = tiles.shape
+        across = np.outer(np.arange(columns + 1) / columns, corners[1] - corners[0])
+        upwards = np.outer(np.arange(rows, -1, -1) / rows, corners[3] - corners[0])
+        points = corners[0] + upwards[:, None] + across
+        each = np.stack([points[1:, :-1], points[1:, 1:], points[:-1, 1:], points[:-1, :-1]], axis=2)
+        for paint in np.unique(tiles):
+            quads.setdefault(str(paint), []).extend(quad_mesh(quad) for quad in each[tiles == paint])
+    return [Surface(f"{name}-{paint}", paint, *joined(meshes)) for paint, meshes in sorted(quads.items())]

@@ -90,6 +90,27 @@ class Solid:
             return 2 * self.half_mm[1] * vertices @ self.axes + self.centre_mm, faces
         return box_mesh(self.centre_mm, 2 * self.half_mm, self.yaw_deg)
 
+    @property
+    def sides_mm(self) -> dict[str, NDArray[np.float64]]:
+        """Sides of a block by name: (4, 3) corners, mm.
+
+        They run counter-clockwise as seen from outside, from the lower left one.
+        """
+        across, up, along = self.axes * self.half_mm[:, None]
+        directions = {
+            "front": (-across, up, -along),
+            "right": (-along, up, across),
+            "back": (across, up, along),
+            "left": (along, up, -across),
+            "top": (across, -along, up),
+            "bottom": (across, along, -up),
+        }
+        signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        return {
+            name: self.centre_mm + normal + np.array([i * right + j * upper for i, j in signs])
+            for name, (right, upper, normal) in directions.items()
+        }
+
     def inside(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points in the axes of the solid.
 

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.arguments import described
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.other_packages import loaders_of, records_in, with_others
@@ -81,7 +82,8 @@ def _in_catalogue(identifier: object, where: str) -> Effect:
     effects = catalogue()
     if not isinstance(identifier, str) or identifier not in effects:
         allowed = f"one of {', '.join(effects)}"
-        raise InputError(f"{where}.id", repr(identifier), allowed, suggestion(str(identifier), effects))
+        hint = suggestion(identifier, effects) if isinstance(identifier, str) else ""
+        raise InputError(f"{where}.id", described(identifier), allowed, hint)
     return effects[identifier]
 
 
@@ -128,7 +130,7 @@ def apply_checked(
             possible = names.get(parameter.kind, ()) if parameter.kind else parameter.choices
             value = values.get(parameter.name, (possible or parameter.choices)[0])
             if not isinstance(value, str) or (possible and value not in possible):
-                raise InputError(key, repr(value), f"one of {', '.join(possible or parameter.choices)}")
+                raise InputError(key, described(value), f"one of {', '.join(possible or parameter.choices)}")
             checked[parameter.name] = value
             continue
         fallback = parameter.default if parameter.default is not None else parameter.null
@@ -137,6 +139,6 @@ def apply_checked(
         if not proper or not parameter.low <= number <= parameter.high:
             unit = "" if parameter.unit == "1" else f" {parameter.unit}"
             allowed = f"a number from {parameter.low:g} to {parameter.high:g}{unit}"
-            raise InputError(key, "nothing" if number is None else repr(number), allowed)
+            raise InputError(key, "nothing" if number is None else described(number), allowed)
         checked[parameter.name] = float(number)
     return AppliedEffect(effect, checked)

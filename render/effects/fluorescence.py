@@ -15,7 +15,7 @@ import numpy as np
 from cboxlab.scenes.wavelength_grid import trapezoidal_weights
 
 from ..perturbation import PatchLight
-from ..radiosity import solve
+from ..radiosity import solve_exchange
 from .effect import Effect, Parameter, index_of
 
 __all__ = ["EFFECT"]
@@ -44,7 +44,7 @@ def _apply(light: PatchLight, material: str, peak_nm: float, **values: float) ->
     patch_material = transport.light.patches.material
     exchange = transport.light.exchange
     arriving = exchange.direct @ shares
-    b = solve(exchange, table[patch_material], arriving)
+    b = solve_exchange(exchange, table[patch_material], arriving)
     # radiance-like irradiance E / pi; an emitted quantum of wavelength l carries h c / l of energy
     quanta = (1 - table[index]) * lamp * wavelength * trapezoidal_weights(wavelength)
     arriving_patch = (arriving + exchange.form_factors @ b.astype(np.float32)) @ quanta

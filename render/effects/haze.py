@@ -10,6 +10,7 @@ Sources: Chandrasekhar, 'Radiative Transfer', 1950; Hottel and Sarofim, 'Radiati
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -108,9 +109,12 @@ def _attenuated_gather(transport: PatchTransport, sigma: float) -> csr_array:
     for first in range(0, len(position), _FRAGMENTS):
         ends = gather.indptr[first : first + _FRAGMENTS + 1]
         start, stop = ends[0], ends[-1]
-        away = np.repeat(position[first : first + _FRAGMENTS], np.diff(ends), axis=0)
-        away -= centre[gather.indices[start:stop]]
-        gather.data[start:stop] *= np.exp(np.float32(-sigma) * np.linalg.norm(away, axis=1))
+        square = np.zeros(stop - start, np.float32)
+        for axis in range(3):  # by columns, in half the time of rows of three
+            away = np.repeat(position[first : first + _FRAGMENTS, axis], np.diff(ends))
+            away -= centre[gather.indices[start:stop], axis]
+            square += away * away
+        gather.data[start:stop] *= np.exp(np.float32(-sigma) * np.sqrt(square))
     return gather
 
 
@@ -155,15 +159,21 @@ def _towards_camera(light: PatchLight, air: AirTransport, smooth: NDArray, sigma
     eye = light.transport.camera.position_mm
     total = np.zeros((*air.depth.shape, smooth.shape[1]))
     length = air.depth / STEPS
+    ways = [_way_from(lamp.centre, eye, air.direction) for lamp in air.lamps]
     for step in range(STEPS):
         along = (step + 0.5) * length
         point = eye + along[..., None] * air.direction
-        direct = [
-            lamp.rays[..., step] * np.exp(-sigma * np.linalg.norm(point - lamp.centre, axis=-1)) for lamp in air.lamps
-        ]
+        direct = [lamp.rays[..., step] * np.exp(-sigma * way(along)) for lamp, way in zip(air.lamps, ways, strict=True)]
         radiance = air.at(point, smooth) + np.stack(direct, axis=-1) @ light.lamp_shares
         total += radiance * (np.exp(-sigma * along) * length)[..., None]
     return total
+
+
+def _way_from(centre: NDArray, eye: NDArray, direction: NDArray) -> Callable[[NDArray], NDArray[np.float64]]:
+    """Function of the distance (y, x) along each ray, mm, to the distance from a lamp's centre."""
+    across = direction @ (eye - centre)
+    square = float((eye - centre) @ (eye - centre))
+    return lambda along: np.sqrt(np.maximum(along**2 + 2 * along * across + square, 0.0))
 
 
 EFFECT = Effect(

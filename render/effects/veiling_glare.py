@@ -25,7 +25,7 @@ EFFECT = Effect(
     stage="optics",
     title="a part of all light spreads over the image",
     in_words="{fraction:.2%} of all light spreads evenly over the image",
-    summary="Lens and sensor scatter light over the image: (1 - f) L + f times the image's mean, the lamp included.",
+    summary="Lens and sensor spread a fraction f of all light evenly: L becomes (1 - f) L + f mean(L), lamp included.",
     parameters=(Parameter("fraction", "1", null=0.0, low=0.0, high=0.5, step=1e-3),),
     apply=_apply,
     confirm="Photograph a black trap (a hole in a dark box) in the middle of the lit scene: its signal above dark is "

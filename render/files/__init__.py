@@ -9,7 +9,7 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .colour_pictures import COLOUR_SPACES, picture_of_colours, primaries_matrix, stated_space
     from .cube_camera import camera_attribute, camera_of_attribute
-    from .cube_checks import RADIANCE_UNIT, negative_pixels, require_light, require_numbers
+    from .cube_checks import RADIANCE_UNIT, negative_pixels, require_light, require_numbers, require_stored
     from .cube_files import READABLE, WRITABLE, files_of, open_cube, read_cube, read_picture, write_cube
     from .cube_strips import strip_cameras, write_strips
     from .declared import (
@@ -64,6 +64,7 @@ __all__ = [
     "require_exr_size",
     "require_light",
     "require_numbers",
+    "require_stored",
     "require_used",
     "scene_white",
     "spectral_channels",

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import xarray as xr
+from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import require_regular_file
@@ -114,7 +115,7 @@ def write_cube(path: Path, cube: xr.Dataset) -> None:
     InputError
         If the ending is another, the dataset is no cube, or the path cannot be written to.
     """
-    path = Path(path)
+    path = required_path("path", path, "a file to write")
     ending = path.suffix.lower()
     write = _WRITERS.get(ending)
     if write is None:
@@ -189,7 +190,7 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     InputError
         If the file is missing or invalid, or leaves open what it holds.
     """
-    path = Path(path)
+    path = required_path("path", path, "a file of a cube or picture")
     picture = _format_of(path).read(path, declared)
     if "xyz" not in picture:
         require_cube(picture, path)
@@ -221,7 +222,7 @@ def open_cube(path: Path, declared: Declared = AS_STATED) -> Iterator[xr.Dataset
     InputError
         As ``read_cube``.
     """
-    path = Path(path)
+    path = required_path("path", path, "a file of a cube")
     form = _format_of(path)
     if form.open is None:
         yield read_cube(path, declared)
@@ -236,7 +237,8 @@ def _format_of(path: Path) -> CubeFormat:
     """Format of a file. Raises InputError for a missing file, and for another format."""
     forms = [form for form in FORMATS if form.ending == path.suffix.lower()]
     if not forms:
-        header = next((p for p in (path.with_suffix(".hdr"), Path(f"{path}.hdr")) if p.is_file()), None)
+        headers = (path.with_suffix(".hdr"), Path(f"{path}.hdr")) if path.name else ()
+        header = next((p for p in headers if p.is_file()), None)
         hint = "" if header is None else f"Name the header of an ENVI file: {header.name}."
         raise InputError(path, f"the ending '{path.suffix}'", f"one of {', '.join(READABLE)}", hint)
     require_regular_file(path, "a spectral cube")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from cboxlab.utils.arguments import described, require_type, required_number
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
@@ -90,6 +91,18 @@ class Declared:
     #: Layer of channels R, G, B that is the picture, where a file holds several; None if not declared.
     layer: str | None = None
 
+    def __post_init__(self) -> None:
+        for key in ("units", "colour-space", "wavelength-unit", "layer"):
+            value = getattr(self, DECLARABLE[key])
+            if value is not None and (not isinstance(value, str) or not value):
+                raise InputError(f"declared {key}", described(value), "a text")
+        if self.scale is not None:
+            required_number("declared scale", self.scale, above=0.0)
+        if self.wavelengths_nm is not None:
+            require_type("declared wavelengths", self.wavelengths_nm, (tuple, list), "a tuple of wavelengths, nm")
+            for wavelength in self.wavelengths_nm:
+                required_number("declared wavelengths", wavelength, above=0.0)
+
     def declared_fields(self) -> set[str]:
         """Names of the fields that are declared.
 
@@ -101,9 +114,6 @@ class Declared:
         return {name for name, value in vars(self).items() if value is not None}
 
 
-#: No declaration.
-AS_STATED = Declared()
-
 #: Fields of Declared by their key in messages.
 DECLARABLE = {
     "units": "units",
@@ -114,6 +124,9 @@ DECLARABLE = {
     "layer": "layer",
 }
 _KEYS = {name: key for key, name in DECLARABLE.items()}
+
+#: No declaration.
+AS_STATED = Declared()
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
+from cboxlab.utils.limits import MAX_CUBE_VALUES, MAX_PACKED_BYTES, require_size
 from cboxlab.utils.numbers import number_of
 from numpy.typing import NDArray
 
@@ -110,6 +110,7 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
         If the file is damaged, or unit or colour space are missing.
     """
     try:
+        require_size(path, path.stat().st_size, MAX_PACKED_BYTES, "bytes")
         content = path.read_bytes()
     except OSError as error:
         raise InputError(path, error.strerror or str(error), "a Radiance picture") from None

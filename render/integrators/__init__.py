@@ -8,7 +8,7 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from ..image import RenderJob
-    from .choice import render
+    from .choice import render_image
     from .passes import TIMEOUT_S
     from .precision import (
         BATCHES,
@@ -29,7 +29,7 @@ __all__ = [
     "fireflies",
     "relative_error",
     "relative_errors",
-    "render",
+    "render_image",
     "render_passes",
     "render_stock",
     "render_to_precision",

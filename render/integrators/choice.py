@@ -16,7 +16,7 @@ from .general_path_tracer import render_general_path_tracer
 from .path_tracer import render_path_tracer
 from .stock import render_stock
 
-__all__ = ["Integrator", "render"]
+__all__ = ["Integrator", "render_image"]
 
 _log = logging.getLogger(__name__)
 
@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 Integrator = Literal["default", "final-gather", "path", "stock"]
 
 
-def render(
+def render_image(
     job: RenderJob,
     *,
     progress: Progress = NO_PROGRESS,

@@ -16,7 +16,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from ..device import variant
 from ..image import RenderedImage, RenderJob
 from ..radiosity import LightField, gather, solve_light
-from .choice import render
+from .choice import render_image
 
 __all__ = ["TIMEOUT_S", "combined", "distributed", "render_pass"]
 
@@ -40,13 +40,13 @@ def render_pass(job: RenderJob, progress: Progress = NO_PROGRESS) -> RenderedIma
     Returns
     -------
     RenderedImage
-        The same image as that of `render`, on any machine.
+        The same image as that of `render_image`, on any machine.
     """
     with _RENDER_LOCK:
         if job.scene.diffuse and variant.compiled():
             light = _light(pickle.dumps((job.scene, job.wavelength_nm, job.max_bounces, job.seed)))
             return gather(light, job.camera, job.samples, job.batches, job.batch_seed, progress)
-        return render(job, progress=progress)
+        return render_image(job, progress=progress)
 
 
 @lru_cache(maxsize=1)

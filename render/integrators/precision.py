@@ -155,7 +155,7 @@ def render_to_precision(
     error
         Largest permitted relative standard error.
     progress
-        Receives the stages "rendering a pilot" and "rendering", and the completed share of the passes.
+        Receives the stages "rendering with few samples" and "rendering", and the completed share of the passes.
     percentile
         Percentile over pixels and wavelengths for which `error` holds, 0 to 100; 50 is the median.
     checkpoint
@@ -177,7 +177,7 @@ def render_to_precision(
     InputError
         If no scheduler answers.
     """
-    progress.stage("rendering a pilot")
+    progress.stage("rendering with few samples")
     pilot = replace(job, samples=PILOT_SAMPLES, batches=BATCHES)
     rough = render_passes(pilot, share(progress, 0.0, 0.0))
     pilot_error = _largest_error(rough, percentile, pictures)

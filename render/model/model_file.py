@@ -11,6 +11,7 @@ from typing import Any
 import tomli_w
 from cboxlab.scenes import Scene, cornell_box
 from cboxlab.scenes.scene_file import load_scene, packaged_scenes
+from cboxlab.utils.arguments import described, required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion, validated
 from cboxlab.utils.files import replacing
@@ -88,7 +89,10 @@ class Model:
         """
         if isinstance(effect, AppliedEffect) and not values:
             return replace(self, effects=(*self.effects, effect))
-        effect_or_name = effect if isinstance(effect, Effect) else named_effect(str(effect), Path())
+        if not isinstance(effect, Effect | str):
+            expected = "an effect, its identifier, or an effect file (.toml)"
+            raise InputError("Model.with_effect", described(effect), expected)
+        effect_or_name = effect if isinstance(effect, Effect) else named_effect(effect, Path())
         applied = apply_checked(effect_or_name, values, "Model.with_effect", names_in(self.scene))
         return replace(self, effects=(*self.effects, applied))
 
@@ -141,9 +145,9 @@ def load_model(path_or_name: str | Path) -> Model:
     >>> cboxlab.load_model("cornell-box").scene.lamp.surface.name
     'light'
     """
+    path = required_path("load_model", path_or_name, "a model file, a scene file or a packaged scene's name")
     if str(path_or_name) in packaged_scenes():
         return Model(load_scene(path_or_name), name=str(path_or_name))
-    path = Path(path_or_name)
     names = packaged_scenes()
     hint = suggestion(str(path), names) or f"Packaged scenes: {', '.join(names)}"
     content = read_toml(path, "a model or scene file in TOML", hint)
@@ -347,7 +351,7 @@ def write_model(path: Path, model: Model) -> None:
     InputError
         If the scene has a property that scene files cannot state.
     """
-    path = Path(path)
+    path = required_path("path", path, "a model file to write")
     model = with_scene_file(model, path.with_name(f"{path.stem}-scene.toml"))
     with replacing(path) as temporary:
         temporary.write_text(model_text(model, path.parent), encoding="utf-8")

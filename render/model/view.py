@@ -7,6 +7,7 @@ from pathlib import Path
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 
 from ..export import read_camera
@@ -38,9 +39,10 @@ def view_of(camera: Camera | Capture | str | Path) -> tuple[Camera, Spectrum | N
         return camera, None
     if isinstance(camera, Capture):
         return _camera_and_lamp(camera)
-    if Path(camera).suffix.lower() == ".json":
-        return read_camera(Path(camera)), None
-    return _camera_and_lamp(load_capture(Path(camera)))
+    path = required_path("camera", camera, "a camera, a camera file (.json), a capture, or its folder")
+    if path.suffix.lower() == ".json":
+        return read_camera(path), None
+    return _camera_and_lamp(load_capture(path))
 
 
 def _camera_and_lamp(capture: Capture) -> tuple[Camera, Spectrum | None]:

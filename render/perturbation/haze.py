@@ -6,7 +6,7 @@ Cells of air exchange light with lamps and patches; the lamps' light in the air 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,13 @@ class AirTransport:
         """(v, 3) centres of the cells, mm."""
         return self.corner + self.size / 2
 
+    @cached_property
+    def _distances(self) -> NDArray[np.float64]:
+        """(v, v) mm between the centres of cells; 1 for a cell and itself."""
+        away = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        np.fill_diagonal(away, 1.0)
+        return away
+
     def at(self, points_mm: NDArray, values: NDArray) -> NDArray[np.float64]:
         """Light that is given in the cells, interpolated at points.
 
@@ -128,9 +135,8 @@ class AirTransport:
         NDArray
             (v, v) mm: radiance in the cell of a row per source (radiance per mm) in the cell of a column.
         """
-        away = np.linalg.norm(self.centres[:, None] - self.centres, axis=-1)
+        away = self._distances
         radius = (3 * self.volume / (4 * np.pi)) ** (1 / 3)
-        np.fill_diagonal(away, 1.0)
         matrix = self.volume * np.exp(-extinction_per_mm * away) / (4 * np.pi * away**2)
         np.fill_diagonal(matrix, radius)
         return matrix

@@ -10,7 +10,7 @@ import numpy as np
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
-from ..radiosity import solve
+from ..radiosity import solve_exchange
 from .patch_transport import PatchTransport
 
 __all__ = ["PatchLight", "band_shares", "patch_light", "with_albedo"]
@@ -118,7 +118,7 @@ class PatchLight:
         arriving = first + emitted
         return self.patch_emission + self.transport.cached(
             ("solution", cut, self.patch_reflectance, arriving),
-            lambda: solve(exchange, self.patch_reflectance, arriving, cut),
+            lambda: solve_exchange(exchange, self.patch_reflectance, arriving, cut),
         )
 
     def picture(self) -> NDArray[np.float64]:

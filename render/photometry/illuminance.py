@@ -6,7 +6,7 @@ import numpy as np
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
-from ..radiosity import PatchedScene, build_patched_scene, solve
+from ..radiosity import PatchedScene, build_patched_scene, solve_exchange
 from ..visibility import RAY_OFFSET_MM
 from .observer import tristimulus_weights
 
@@ -54,7 +54,7 @@ def surface_illuminance(
     if max_bounces is None or max_bounces > 1:
         reflectance = scene.reflectances(wavelength_nm)[patches.material]
         before = None if max_bounces is None else max_bounces - 1
-        leaving = solve(exchange, reflectance, arriving, before)
+        leaving = solve_exchange(exchange, reflectance, arriving, before)
         arriving = arriving + exchange.form_factors @ leaving.astype(np.float32)
     illuminance = np.pi * arriving @ weights
     area = patches.area * exchange.exposed * ~_resting(patched)

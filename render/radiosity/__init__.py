@@ -12,7 +12,7 @@ from .lamp import (
 )
 from .patched_scene import PatchedScene, build_patched_scene
 from .patches import patch_of
-from .solution import solve
+from .solution import solve_exchange
 
 __all__ = [
     "LampSampler",
@@ -28,6 +28,6 @@ __all__ = [
     "lamp_seen",
     "patch_of",
     "render_final_gather",
-    "solve",
+    "solve_exchange",
     "solve_light",
 ]

@@ -26,7 +26,7 @@ from .lamp import LampSampler, direct_light
 from .patch_slopes import PatchSlopes, build_slopes
 from .patches import Patches, patch_of, patch_points
 
-__all__ = ["Exchange", "indirect_basis", "solve", "trace_exchange"]
+__all__ = ["Exchange", "indirect_basis", "solve_exchange", "trace_exchange"]
 
 
 #: Relative accuracy of the radiosity solution, which contributes about a quarter of a picture's light.
@@ -232,7 +232,7 @@ def _differences(first: tuple[Exchange, NDArray], again: tuple[Exchange, NDArray
     return "; ".join(differences) or "nothing"
 
 
-def solve(
+def solve_exchange(
     exchange: Exchange,
     reflectance: NDArray,
     source: NDArray | None = None,
@@ -343,7 +343,7 @@ def indirect_basis(
         shapes, amplitudes = _reduced_solution(exchange.form_factors, direct, material, reflectances)
     else:
         rho = reflectances[material]
-        b = solve(exchange, rho, direct, max_reflections)
+        b = solve_exchange(exchange, rho, direct, max_reflections)
         shapes, amplitudes = b / np.maximum(rho, 1e-12) - direct, np.eye(b.shape[1])
     factors, spectra = [], []
     for index, reflectance in enumerate(reflectances):

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .colour_correction import chart_reflectances, demosaic, linear_counts
     from .detector import Detector, SensorCamera, noisy_counts, quantise
     from .light import frame_shape, integration_weights
-    from .simulation import auto_exposure, simulate
+    from .simulation import auto_exposure, simulate_frame
 
 __all__ = [
     "PACKAGED",
@@ -26,7 +26,7 @@ __all__ = [
     "load_camera",
     "noisy_counts",
     "quantise",
-    "simulate",
+    "simulate_frame",
 ]
 
 __getattr__, __dir__ = lazy_names(__name__)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from cboxlab.calibration.instrument import lens_constant, quanta_per_joule
 from cboxlab.scenes.spectra import Spectrum, read_spectrum
+from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion, validated
 from cboxlab.utils.input_files import read_toml
@@ -131,7 +132,8 @@ def load_camera(name_or_path: str | Path) -> SensorCamera:
         If the name is unknown, or the file or its tables have faults, with file and key.
     """
     names = packaged_cameras()
-    path = PACKAGED / f"{name_or_path}.toml" if str(name_or_path) in names else Path(name_or_path)
+    file_path = required_path("camera", name_or_path, "a camera, its name or its file")
+    path = PACKAGED / f"{name_or_path}.toml" if str(name_or_path) in names else file_path
     hint = suggestion(str(name_or_path), names) or f"packaged cameras: {', '.join(names)}"
     content = read_toml(path, "a camera file in TOML", hint)
     file = validated(path, content, _CameraFile)

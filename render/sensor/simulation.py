@@ -16,7 +16,7 @@ from .charge import spill_columns
 from .detector import Detector, SensorCamera, digitise, quantise, shot_noise
 from .light import BLOCK_ROWS, frame_shape, rate_blocks
 
-__all__ = ["auto_exposure", "expected_counts", "expected_electrons", "simulate"]
+__all__ = ["auto_exposure", "expected_electrons", "noiseless_frame", "simulate_frame"]
 
 
 def _require_exposure(exposure_s: float) -> None:
@@ -65,7 +65,7 @@ def expected_electrons(
     return rate
 
 
-def expected_counts(
+def noiseless_frame(
     cube: xr.Dataset, camera: SensorCamera, exposure_s: float, channel: str | None = None
 ) -> NDArray[np.float64]:
     """Counts without noise and rounding: F of the expected input, clipped to the bit depth.
@@ -95,7 +95,7 @@ def expected_counts(
     return np.clip(counts, 0, detector.full_scale_dn)
 
 
-def simulate(
+def simulate_frame(
     cube: xr.Dataset, camera: SensorCamera, exposure_s: float, seed: int, channel: str | None = None
 ) -> NDArray[np.uint16]:
     """One raw frame.

@@ -15,7 +15,7 @@ from cboxlab.utils.files import replacing_folder
 from numpy.typing import NDArray
 
 from ..files import scene_white, write_dng, write_raw
-from ..sensor import SensorCamera, auto_exposure, frame_shape, simulate
+from ..sensor import SensorCamera, auto_exposure, frame_shape, simulate_frame
 from .capture_writer import toml_table
 
 __all__ = ["uniform_cube", "write_cube_capture"]
@@ -99,7 +99,7 @@ def write_cube_capture(
     def photograph(source: xr.Dataset, name: str, channel: str | None, seconds: float) -> list[str]:
         paths = [f"frames/{name}-{repeat}.{frames_as}" for repeat in range(REPEATS)]
         for path in paths:
-            frames[path] = simulate(source, camera, seconds, next(seeds), channel), seconds
+            frames[path] = simulate_frame(source, camera, seconds, next(seeds), channel), seconds
         return paths
 
     optics = {"f_number": camera.f_number, "image_distance_mm": NOMINAL_FOCAL_MM}

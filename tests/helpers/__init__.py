@@ -1,1 +1,1 @@
-"""What several tests build: boxes, captures, stages, and the ways to run commands, browsers and other suites."""
+"""What several tests use: scenes, captures, files, pages, programs, and stand-ins of results (`fakes`)."""

@@ -18,7 +18,7 @@ from cboxlab.calibration.geometry.camera_jacobian import parameter_jacobian
 from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.radiometry.sensor_equation import nominal_constant
 from cboxlab.calibration.radiometry.uncertainty import xyz_parts
-from cboxlab.calibration.result.calibrate import Calibration, calibrate
+from cboxlab.calibration.result.calibrate import Calibration, calibrate_capture
 from cboxlab.scenes.cornell_box import cornell_box
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from numpy.typing import ArrayLike, NDArray
@@ -266,7 +266,7 @@ def _chart(calibration: Calibration, truth: Truth) -> Shares:
 def score(folder: Path, seed: int) -> Shares:
     """Make the capture of a seed in a new folder, calibrate it, and hold everything against the truth."""
     truth = make_capture(folder, seed)
-    calibration = calibrate(load_capture(folder), REFERENCE_SIGMA)
+    calibration = calibrate_capture(load_capture(folder), REFERENCE_SIGMA)
     return (
         _sensor(calibration, truth)
         | _response(calibration, truth)

@@ -17,7 +17,7 @@ import xarray as xr
 from cboxlab.calibration.capture.capture import Capture, load_capture
 from cboxlab.calibration.capture.mosaic import band_channels
 from cboxlab.rendering.sensor.detector import Detector, SensorCamera
-from cboxlab.rendering.sensor.simulation import expected_counts, expected_electrons
+from cboxlab.rendering.sensor.simulation import expected_electrons, noiseless_frame
 from cboxlab.scenes.spectra import Spectrum, read_spectra
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
@@ -142,7 +142,7 @@ def predict(folder: Path, assumed: Assumptions) -> Cells:
         for name, seconds, frame in frames:
             if name != band:
                 continue
-            expected = expected_counts(cube, camera, scale * (seconds + assumed.late_s) / (base_s + assumed.late_s))
+            expected = noiseless_frame(cube, camera, scale * (seconds + assumed.late_s) / (base_s + assumed.late_s))
             for pixel, offset in PIXELS.items():
                 measured, forecast = patch_means(frame, regions, offset), patch_means(expected, regions, offset)
                 brightest = patch_means(frame, regions, offset, np.max)

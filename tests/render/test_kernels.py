@@ -5,7 +5,7 @@ import pytest
 from cboxlab.rendering.device import dr
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation import build_patch_transport
@@ -26,7 +26,7 @@ def kernels(computation, *arguments):
         return {row["hash"] for row in dr.kernel_history() if row["type"] == dr.KernelType.JIT}
 
 
-@pytest.mark.parametrize("renderer", [render, render_path_tracer, render_general_path_tracer])
+@pytest.mark.parametrize("renderer", [render_image, render_path_tracer, render_general_path_tracer])
 def test_another_picture_needs_no_other_kernel(renderer):
     """Two widths, one of them a power of two, by which a literal would be divided with shifts."""
     first, other = (

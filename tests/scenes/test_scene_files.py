@@ -13,7 +13,7 @@ from cboxlab.scenes.scene_entries import SceneFile
 from cboxlab.scenes.scene_file import PACKAGED
 from cboxlab.utils.errors import InputError
 from helpers.places import ROOT
-from helpers.scene_files import BLOCK, GOOD, HEADER, LAMP, WHITE, fault, load
+from helpers.scenes.scene_files import BLOCK, GOOD, HEADER, LAMP, WHITE, fault, load
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -7,7 +7,7 @@ import pytest
 from cboxlab.scenes import Material, Spectrum, cornell_box, load_scene
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.errors import InputError
-from helpers.scene_files import GOOD, load
+from helpers.scenes.scene_files import GOOD, load
 
 WAVELENGTHS = np.arange(400.0, 701.0, 25.0)
 
@@ -112,7 +112,7 @@ def test_a_moved_block_keeps_its_shape_and_turns_about_its_own_foot():
         (lambda box: box.with_lamp([400, 700], [-1.0, 1.0]), "0 or more"),
         (lambda box: box.with_material("red"), "a Material"),
         (lambda box: box.moved("tall-blok"), "Did you mean 'tall-block'"),
-        (lambda box: box.moved("tall-block", (1.0, 2.0)), "three finite mm"),
+        (lambda box: box.moved("tall-block", (1.0, 2.0)), "three finite numbers, mm"),
         (lambda box: box.moved("tall-block", "up"), "numbers"),
         (lambda box: box.write("room.json"), "'.toml'"),
         (lambda box: load_scene(3), "a packaged scene's name"),

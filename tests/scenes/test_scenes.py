@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import box_mesh, file_mesh, joined, plate_mesh, quad_mesh, ring_mesh, vector_area
+from cboxlab.utils.errors import InputError
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -51,7 +52,7 @@ def test_names_of_surfaces_and_paints(box):
     }
     assert set(box.materials) == {"white", "red", "green"}
     assert box.lamp.surface.name == "light"
-    with pytest.raises(KeyError, match="no surface 'roof'"):
+    with pytest.raises(InputError, match="'roof'; expected one of floor, ceiling"):
         box.surface("roof")
 
 

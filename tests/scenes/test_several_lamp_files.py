@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.scene_files import BLOCK, CEILING, GOOD, HEADER, LAMP, WHITE, fault, load
+from helpers.scenes.scene_files import BLOCK, CEILING, GOOD, HEADER, LAMP, WHITE, fault, load
 
 SECOND = """
 [[lamp]]

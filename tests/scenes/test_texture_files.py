@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.scene_files import BLOCK, GOOD, fault, load
+from helpers.scenes.scene_files import BLOCK, GOOD, fault, load
 from PIL import Image
 
 PAINT = """

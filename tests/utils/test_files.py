@@ -110,6 +110,9 @@ def test_what_is_kept_comes_back_only_whole_and_for_its_key(tmp_path):
         for damaged in (bytes(flipped), sound[:length]):
             path.write_bytes(damaged)
             assert load_checked(path, "made from this") is None
+    path.unlink()
+    os.mkfifo(path)  # whose content would never come
+    assert load_checked(path, "made from this") is None
 
 
 FULL_DISK = """

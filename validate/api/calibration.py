@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.colour import patch_errors
-from cboxlab.calibration.result import Calibration, calibration_record, write_calibration
-from cboxlab.calibration.result import calibrate as calibrated
+from cboxlab.calibration.result import Calibration, calibrate_capture, calibration_record, write_calibration
+from cboxlab.utils.arguments import required_folder, required_number
 from cboxlab.utils.table import Table
 
 from ..capture_checks import with_scene_checks
@@ -50,7 +50,7 @@ class CalibrationResult(Result):
         tuple of Path
             calibration.json first.
         """
-        return write_calibration(self.calibration, Path(folder))
+        return write_calibration(self.calibration, required_folder("folder", folder))
 
     def lines(self) -> list[str]:
         """Camera, noise and scale, one sentence each, then suspicions and notes.
@@ -132,7 +132,7 @@ def calibrate(capture: CaptureLike, *, reference_uncertainty: float = 0.0) -> Ca
     capture
         A capture, or its folder.
     reference_uncertainty
-        Relative standard deviation of the reference source's radiance, which a capture does not state.
+        Relative standard deviation of the reference source's radiance, 0 to 1, which a capture does not state.
 
     Returns
     -------
@@ -142,11 +142,12 @@ def calibrate(capture: CaptureLike, *, reference_uncertainty: float = 0.0) -> Ca
     Raises
     ------
     InputError
-        If the capture is faulty.
+        If the capture is faulty, or the uncertainty is out of its range.
 
     Examples
     --------
     >>> calibration = cboxlab.calibrate("capture")  # doctest: +SKIP
     >>> calibration.to_dict()["gain_e_per_dn"]["value"]  # doctest: +SKIP
     """
-    return CalibrationResult(with_scene_checks(calibrated(as_capture(capture), reference_uncertainty)))
+    uncertainty = required_number("reference_uncertainty", reference_uncertainty, least=0.0, most=1.0)
+    return CalibrationResult(with_scene_checks(calibrate_capture(as_capture(capture), uncertainty)))

@@ -38,6 +38,15 @@ from cboxlab.rendering.photometry import (
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.cornell_box import cornell_camera
 from cboxlab.scenes.scene import Scene
+from cboxlab.utils.arguments import (
+    MAX_SEED,
+    described,
+    require_progress,
+    require_type,
+    required_number,
+    required_path,
+    required_whole_number,
+)
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress, ProgressReporter, share
 from cboxlab.utils.table import Table
@@ -59,6 +68,10 @@ LARGEST_IN_MEMORY = 2**28
 
 #: Figures of a cube that are stored with a finished strip.
 _FIGURES = ("standard_error", "standard_error_99", "firefly_pixels")
+#: Samples per pixel and batch, at most: more take longer than the precision of sums allows.
+_MAX_SAMPLES = 2**24
+#: Pixels of a side of the published camera, at most: a picture has at most 2^28 pixels.
+_MAX_SIDE_PX = 2**14
 #: Attribute of a finished strip that holds the sums over its surfaces, as text.
 _SUMS = "surface_sums"
 
@@ -134,7 +147,7 @@ class CubeResult(Result):
         tuple of Path
             The one file.
         """
-        path = Path(folder)
+        path = required_path("folder", folder)
         path = path if path.suffix.lower() in WRITABLE else path / "cube.nc"
         write_cube(path, self.cube)
         return (path,)
@@ -180,7 +193,7 @@ class CubeResult(Result):
                 "is understated."
             )
         if self.left_out:
-            lines.append(f"Effects not in the cube, since they act behind the scene: {', '.join(self.left_out)}.")
+            lines.append(f"Effects of the camera, which are not in the cube: {', '.join(self.left_out)}.")
         reason = why_no_luminance(self.cube["wavelength"].values)
         if reason is not None:
             lines.append(reason)
@@ -351,16 +364,29 @@ def render(
     {'y': 16, 'x': 16, 'wavelength': 3}
     """
     grid = _grid(np.arange(400.0, 701.0, 10.0) if wavelengths is None else wavelengths)
-    if not noise > 0:
-        raise InputError("noise", repr(noise), "a relative standard error above 0")
-    settings = CubeSettings(grid, noise, percentile, samples, seed, scheduler)
-    job = _job(model, cornell_camera(size) if camera is None else camera, settings)
+    require_progress(progress)
+    if scheduler is not None:
+        require_type("scheduler", scheduler, str, "the address of a Dask scheduler")
+    settings = CubeSettings(
+        grid,
+        required_number("noise", noise, above=0.0),
+        required_number("percentile", percentile, least=0.0, most=100.0),
+        None if samples is None else required_whole_number("samples", samples, 1, _MAX_SAMPLES),
+        None if seed is None else required_whole_number("seed", seed, 0, MAX_SEED),
+        scheduler,
+    )
+    side = required_whole_number("size", size, 1, _MAX_SIDE_PX)
+    job = _job(model, cornell_camera(side) if camera is None else camera, settings)
     return job.with_illuminance(job.picture(job.first_pass(job.camera), progress, None))
 
 
 def _grid(wavelengths: ArrayLike) -> NDArray[np.float64]:
     """(w,) checked wavelengths, nm."""
-    values = np.atleast_1d(np.asarray(wavelengths, np.float64))
+    expected = "ascending numbers above 0, in nm"
+    try:
+        values = np.atleast_1d(np.asarray(wavelengths, np.float64))
+    except (TypeError, ValueError, OverflowError):
+        raise InputError("wavelengths", described(wavelengths), expected) from None
     if (
         values.ndim != 1
         or not values.size
@@ -368,7 +394,7 @@ def _grid(wavelengths: ArrayLike) -> NDArray[np.float64]:
         or values[0] <= 0
         or (np.diff(values) <= 0).any()
     ):
-        raise InputError("wavelengths", repr(wavelengths), "ascending numbers above 0, in nm")
+        raise InputError("wavelengths", described(wavelengths), expected)
     return values
 
 

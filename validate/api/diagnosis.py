@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cboxlab.rendering.files import AS_STATED, Declared
 from cboxlab.rendering.model import write_model
+from cboxlab.utils.arguments import require_progress, required_folder
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from cboxlab.utils.table import Table
@@ -76,8 +77,9 @@ class DiagnosisResult(Result):
         tuple of Path
             diagnosis.json first, then model.toml with the effects added.
         """
-        diagnosis, model = Path(folder) / "diagnosis.json", Path(folder) / "model.toml"
-        files = write_validation(self.validation, Path(folder), self.diagnosis, self._correlation_sections())
+        target = required_folder("folder", folder)
+        diagnosis, model = target / "diagnosis.json", target / "model.toml"
+        files = write_validation(self.validation, target, self.diagnosis, self._correlation_sections())
         write_model(model, self.diagnosis.model)
         write_diagnosis(diagnosis, self.diagnosis)
         return (diagnosis, model, *files)
@@ -216,6 +218,7 @@ def diagnose(
     >>> diagnosis = cboxlab.diagnose("capture")  # doctest: +SKIP
     >>> diagnosis.to_dict()["selected"]  # doctest: +SKIP
     """
+    require_progress(progress)
     if render is not None and further:
         raise InputError("diagnose", "another renderer's picture and several captures", "one capture with a picture")
     inputs = [item if isinstance(item, ValidationResult) else as_capture(item) for item in (capture, *further)]
@@ -234,5 +237,5 @@ def diagnose(
                 progress=share(progress, first, last),
             )
         validations.append(item.validation)
-    diagnosis = engine.diagnose(validations[0], share(progress, _VALIDATION_SHARE, 1.0), validations[1:])
+    diagnosis = engine.diagnose_validation(validations[0], share(progress, _VALIDATION_SHARE, 1.0), validations[1:])
     return DiagnosisResult(diagnosis, validations[0])

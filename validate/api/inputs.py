@@ -9,6 +9,7 @@ from pathlib import Path
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.rendering.model import Model, load_model
 from cboxlab.scenes import Scene, load_scene
+from cboxlab.utils.arguments import MAX_SEED, described, required_number, required_path, required_whole_number
 from cboxlab.utils.errors import InputError
 
 __all__ = ["CaptureLike", "ModelLike", "as_capture", "as_model"]
@@ -38,8 +39,8 @@ def as_capture(capture: CaptureLike) -> Capture:
     if isinstance(capture, Capture):
         return capture
     if not isinstance(capture, str | Path):
-        raise InputError("capture", _described(capture), "a capture or its folder")
-    return load_capture(Path(capture))
+        raise InputError("capture", described(capture), "a capture or its folder")
+    return load_capture(required_path("capture", capture, "a capture or its folder"))
 
 
 def as_model(
@@ -72,7 +73,8 @@ def as_model(
     Raises
     ------
     InputError
-        If the argument is none of these, a file is faulty, or the captures state several boxes.
+        If the argument is none of these, a file is faulty, the captures state several boxes, or noise or seed
+        is out of its range.
     """
     if model is None:
         result = _model_of(captures)
@@ -84,14 +86,12 @@ def as_model(
         result = load_model(model)
     else:
         expected = "a Model, a Scene, a model file, a scene file, or the name of a packaged scene"
-        raise InputError("model", _described(model), expected)
+        raise InputError("model", described(model), expected)
     if noise is not None:
-        result = replace(result, render=replace(result.render, noise=noise))
-    return result if seed is None else replace(result, render=replace(result.render, seed=seed))
-
-
-def _described(argument: object) -> str:
-    return f"{type(argument).__name__} {str(argument)[:60]!r}"
+        result = replace(result, render=replace(result.render, noise=required_number("noise", noise, above=0.0)))
+    if seed is not None:
+        result = replace(result, render=replace(result.render, seed=required_whole_number("seed", seed, 0, MAX_SEED)))
+    return result
 
 
 def _model_of(captures: Sequence[Capture]) -> Model:

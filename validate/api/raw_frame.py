@@ -10,10 +10,17 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from cboxlab.rendering.files import open_cube, raw_to_srgb, scene_white, write_dng, write_raw
-from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera
-from cboxlab.rendering.sensor import simulate as simulated
+from cboxlab.rendering.files import open_cube, raw_to_srgb, require_stored, scene_white, write_dng, write_raw
+from cboxlab.rendering.sensor import SensorCamera, auto_exposure, load_camera, simulate_frame
 from cboxlab.scenes.spectra import Spectrum
+from cboxlab.utils.arguments import (
+    MAX_SEED,
+    require_type,
+    required_folder,
+    required_number,
+    required_path,
+    required_whole_number,
+)
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
@@ -87,9 +94,10 @@ class RawFrame(Result):
         tuple of Path
             raw.tif first.
         """
-        counts = self.write_counts(Path(folder) / "raw.tif")
+        target = required_folder("folder", folder)
+        counts = self.write_counts(target / "raw.tif")
         try:
-            return counts, self.write_preview(Path(folder) / "raw.png")
+            return counts, self.write_preview(target / "raw.png")
         except InputError:
             return (counts,)
 
@@ -106,7 +114,7 @@ class RawFrame(Result):
         Path
             The file.
         """
-        path = Path(path)
+        path = required_path("path", path)
         if path.suffix.lower() == ".dng":
             write_dng(path, self.counts, self.camera, self.exposure_s, self.white)
         else:
@@ -137,9 +145,10 @@ class RawFrame(Result):
             For a mosaic other than Bayer's.
         """
         picture = Image.fromarray(self.preview())
-        with replacing(Path(path)) as temporary:
+        path = required_path("path", path)
+        with replacing(path) as temporary:
             picture.save(temporary, format="PNG", optimize=True)
-        return Path(path)
+        return path
 
     def lines(self) -> list[str]:
         """Size, camera, exposure and range of the counts.
@@ -162,9 +171,10 @@ def _opened(cube: CubeResult | xr.Dataset | str | Path) -> Iterator[xr.Dataset]:
     if isinstance(cube, CubeResult):
         yield cube.cube
     elif isinstance(cube, xr.Dataset):
+        require_stored(cube, Path("cube"))
         yield cube
     else:
-        with open_cube(Path(cube)) as dataset:
+        with open_cube(required_path("cube", cube, "a result of render, a dataset or a file of a cube")) as dataset:
             yield dataset
 
 
@@ -211,8 +221,12 @@ def simulate(
     """
     sensor = camera if isinstance(camera, SensorCamera) else load_camera(camera)
     if f_number is not None:
-        sensor = sensor.at_f_number(f_number)
+        sensor = sensor.at_f_number(required_number("f_number", f_number, above=0.0))
+    if channel is not None:
+        require_type("channel", channel, str, "the name of a filter")
+    stated_s = None if exposure_s is None else required_number("exposure_s", exposure_s, above=0.0)
+    seed = required_whole_number("seed", seed, 0, MAX_SEED)
     with _opened(cube) as dataset:
-        seconds = auto_exposure(dataset, sensor, channel) if exposure_s is None else exposure_s
-        counts = simulated(dataset, sensor, seconds, seed, channel)
+        seconds = auto_exposure(dataset, sensor, channel) if stated_s is None else stated_s
+        counts = simulate_frame(dataset, sensor, seconds, seed, channel)
         return RawFrame(sensor, seconds, seed, counts, scene_white(dataset))

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -13,6 +14,16 @@ import numpy as np
 from cboxlab.calibration.capture import Capture, load_capture
 from cboxlab.rendering.effects import AppliedEffect, Effect, apply_checked, names_in
 from cboxlab.rendering.model import Model, named_effect, write_model
+from cboxlab.utils.arguments import (
+    described,
+    require_flag,
+    require_progress,
+    require_type,
+    require_word,
+    required_folder,
+    required_path,
+    required_whole_number,
+)
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
@@ -156,10 +167,11 @@ class Study(Result):
         """
         if not captures:
             raise InputError("study", "no capture", "one capture or several of the same box")
+        require_progress(progress)
+        folder = None if cache is None else required_folder("cache", cache)
         loaded = [as_capture(capture) for capture in captures]
         start = as_model(model, loaded, noise=noise, seed=seed)
         progress.stage("calibrating")
-        folder = None if cache is None else Path(cache)
         prepared = tuple(replace(prepare(each, start), cache=folder) for each in loaded)
         study = cls(History((State(start.effects, start.effects),)), _Pictures(prepared, start))
         study._bases(share(progress, _CALIBRATION_SHARE, 1.0))
@@ -205,9 +217,12 @@ class Study(Result):
         >>> study.write("study")  # doctest: +SKIP
         >>> again = cboxlab.Study.read("study")  # doctest: +SKIP
         """
-        file = read_study(Path(folder) / _STUDY_FILE)
+        require_progress(progress)
+        cache_folder = None if cache is None else required_folder("cache", cache)
+        if calibrated_study is not None:
+            require_type("calibrated_study", calibrated_study, Study, "a Study")
+        file = read_study(required_path("folder", folder, "the folder of a study") / _STUDY_FILE)
         progress.stage("calibrating")
-        cache_folder = None if cache is None else Path(cache)
         calibrated = (
             {}
             if calibrated_study is None
@@ -246,6 +261,7 @@ class Study(Result):
         InputError
             If the model is faulty.
         """
+        require_progress(progress)
         start = as_model(model, self.captures)
         prepared = tuple(with_model(each, start) for each in self._pictures.prepared)
         study = Study(History((State(start.effects, start.effects),)), _Pictures(prepared, start))
@@ -299,6 +315,7 @@ class Study(Result):
         tuple of Prediction
             One for each capture: signal, standard deviation, chi-square.
         """
+        _require_prediction(refit, draft, progress)
         return self._pictures.predicted(self.history.present, refit, draft, progress)
 
     @property
@@ -320,6 +337,9 @@ class Study(Result):
         Study
             The study after the step.
         """
+        require_type("effects", effects, Sequence, "a sequence of AppliedEffect")
+        for effect in effects:
+            require_type("effects", effect, AppliedEffect, "a sequence of AppliedEffect")
         return replace(self, history=self.history.then(effects))
 
     def add(self, effect: str, /, **values: str | float) -> Study:
@@ -437,6 +457,7 @@ class Study(Result):
         --------
         >>> best = study.add("veiling-glare").fit()  # doctest: +SKIP
         """
+        require_progress(progress)
         indices = [self._index(each) for each in which] if which else list(range(len(self.effects)))
         bases = self._bases(progress)
         validations = [base.validation for base in bases]
@@ -498,12 +519,11 @@ class Study(Result):
         >>> curve.best()  # doctest: +SKIP
         """
         index = self._index(which)
-        applied, bases = self.effects[index], self._bases(progress)
+        _require_prediction(refit, draft, progress)
+        applied = self.effects[index]
         numbers = {each.name: each for each in applied.effect.numbers}
-        if parameter not in numbers:
-            raise InputError(
-                "parameter", repr(parameter)[:80], f"one of {', '.join(numbers)}", suggestion(parameter, list(numbers))
-            )
+        require_word("parameter", parameter, numbers)
+        bases = self._bases(progress)
 
         def chi2_at(value: float) -> tuple[float, ...]:
             effects = self.change(index, **{parameter: value}).effects
@@ -541,6 +561,8 @@ class Study(Result):
         InputError
             For an unknown effect or parameter.
         """
+        _require_prediction(refit, draft, NO_PROGRESS)
+        capture = self._capture(capture)
         base = self._bases(NO_PROGRESS)[capture]
         without = predict(base, self.effects, refit=refit, draft=draft)
         checked = self._checked(named_effect(effect, Path()), values)
@@ -601,8 +623,10 @@ class Study(Result):
         DiagnosisResult
             Its effects are adopted by ``with_effects(result.diagnosis.model.effects)``.
         """
-        validation = self.validations(share(progress, 0.0, 0.3))[capture]
-        return DiagnosisResult(engine.diagnose(validation, share(progress, 0.3, 1.0)), validation)
+        require_progress(progress)
+        index = self._capture(capture)
+        validation = self.validations(share(progress, 0.0, 0.3))[index]
+        return DiagnosisResult(engine.diagnose_validation(validation, share(progress, 0.3, 1.0)), validation)
 
     def to_dict(self) -> dict[str, Any]:
         """Effects, and chi-square, lamp and camera of each capture.
@@ -641,7 +665,8 @@ class Study(Result):
         tuple of Path
             study.json first.
         """
-        study, model = Path(folder) / _STUDY_FILE, Path(folder) / "model.toml"
+        target = required_folder("folder", folder)
+        study, model = target / _STUDY_FILE, target / "model.toml"
         write_model(model, self.model)
         write_study(study, StudyFile(tuple(c.folder for c in self.captures), self.model, self.history))
         return study, model
@@ -663,9 +688,11 @@ class Study(Result):
         tuple of Path
             report.html first. A picture that was only predicted is rendered before.
         """
+        require_progress(progress)
+        target, index = required_folder("folder", folder), self._capture(capture)
         matrix = self.correlations(progress)
         sections = () if matrix is None else (correlation_section(matrix.names, matrix.values, matrix.sentences),)
-        return write_validation(self.validations(progress)[capture], Path(folder), sections=sections)
+        return write_validation(self.validations(progress)[index], target, sections=sections)
 
     def lines(self) -> list[str]:
         """Reduced chi-square, then the effects.
@@ -694,14 +721,25 @@ class Study(Result):
         names = [effect.id for effect in self.effects]
         if isinstance(which, str) and which in names:
             return len(names) - 1 - names[::-1].index(which)
-        if isinstance(which, int) and 0 <= which < len(names):
-            return which
-        value = repr(which) if names else f"{which!r} in a model without effects"
+        if isinstance(which, Integral) and not isinstance(which, bool) and 0 <= which < len(names):
+            return int(which)
+        value = described(which) if names else f"{described(which)} in a model without effects"
         expected = f"one of {', '.join(names)}, or its index from 0" if names else "an effect that was added"
-        raise InputError("effect", value, expected, suggestion(str(which), names))
+        hint = suggestion(which, names) if isinstance(which, str) else ""
+        raise InputError("effect", value, expected, hint)
+
+    def _capture(self, capture: int) -> int:
+        """Index of a capture, checked."""
+        return required_whole_number("capture", capture, 0, len(self._pictures.prepared) - 1)
 
     def _bases(self, progress: Progress) -> tuple[Base, ...]:
         return self._pictures.bases(self.history.present.rendered_with, progress)
+
+
+def _require_prediction(refit: bool, draft: bool, progress: Progress) -> None:
+    require_flag("refit", refit)
+    require_flag("draft", draft)
+    require_progress(progress)
 
 
 def _finite(values: Any) -> dict[str, str | float]:

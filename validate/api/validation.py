@@ -12,6 +12,7 @@ from uuid import uuid4
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import AS_STATED, Declared
+from cboxlab.utils.arguments import require_progress, require_type, required_folder, required_path
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from cboxlab.utils.table import Table
 
@@ -61,7 +62,7 @@ class ValidationResult(Result):
         tuple of Path
             report.html first.
         """
-        return write_validation(self.validation, Path(folder))
+        return write_validation(self.validation, required_folder("folder", folder))
 
     def lines(self) -> list[str]:
         """Verdict, main figures, suspicions, and the places where the model fails most.
@@ -231,5 +232,8 @@ def validate(
     """
     loaded = as_capture(capture)
     checked_model = as_model(model, [loaded], noise=noise, seed=seed)
-    cube, folder = (None if path is None else Path(path) for path in (render, cache))
+    require_progress(progress)
+    require_type("declared", declared, Declared, "a Declared")
+    cube = None if render is None else required_path("render", render, "a spectral cube (.nc, .exr, .hdr)")
+    folder = None if cache is None else required_folder("cache", cache)
     return ValidationResult(validate_capture(loaded, checked_model, progress, cube, folder, declared))

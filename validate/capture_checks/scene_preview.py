@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.device import SobolPoints, device_array, dr, mi
-from cboxlab.rendering.radiosity import PatchedScene, build_patched_scene, direct_light, patch_of, solve
+from cboxlab.rendering.radiosity import PatchedScene, build_patched_scene, direct_light, patch_of, solve_exchange
 from cboxlab.rendering.visibility import intersect, pixel_rays
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
@@ -79,7 +79,7 @@ def render_preview(scene: Scene, camera: Camera, reflectance: NDArray[np.float64
     )
     hits = _trace_pixels(patched, camera, (rows * camera.width_px + columns).ravel())
     of_patch = reflectance[patched.patches.material]
-    leaving = solve(patched.exchange, of_patch)
+    leaving = solve_exchange(patched.exchange, of_patch)
     arriving = patched.exchange.form_factors @ leaving.astype(np.float32)
     indirect = patched.exchange.slopes.at(arriving, hits.patch, hits.position_mm)
     light = hits.direct[:, None] + np.maximum(indirect, 0.0)

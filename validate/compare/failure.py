@@ -86,9 +86,9 @@ class Failure(FrozenMappings):
     def sentence(self) -> str:
         """The entry as a sentence."""
         return (
-            f"{100 * self.share_of_excess:.0f} % of the excess χ² is {self.label}, "
-            f"with {100 * self.share_of_residuals:.0f} % of the residuals "
-            f"(mean χ² per residual {self.chi2_per_residual:.3g})."
+            f"Mean χ² per residual {self.chi2_per_residual:.3g} {self.label}: "
+            f"{100 * self.share_of_excess:.0f} % of the excess χ² with {100 * self.share_of_residuals:.0f} % of the "
+            "residuals."
         )
 
 
@@ -191,7 +191,7 @@ def ranked_failures(c: Comparison, candidates: Sequence[Part]) -> tuple[Failure,
     Returns
     -------
     tuple
-        At most three groups, the densest first; empty if noise explains the difference.
+        At most three groups, that of the largest mean chi2 per residual first; empty if noise explains the difference.
     """
     z = c.maps["residual_over_sigma"].values
     used = np.isfinite(z)
@@ -216,7 +216,7 @@ def ranked_failures(c: Comparison, candidates: Sequence[Part]) -> tuple[Failure,
             )
         )
         remaining &= ~members
-    return tuple(groups)
+    return tuple(sorted(groups, key=lambda group: -group.chi2_per_residual))
 
 
 def _densest(

@@ -11,7 +11,7 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.geometry import CameraFit
 from cboxlab.calibration.instrument import BandResponse
-from cboxlab.calibration.result import Calibration, calibrate
+from cboxlab.calibration.result import Calibration, calibrate_capture
 from cboxlab.rendering.chain import RenderSettings, after_stage
 from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.files import Declared
@@ -192,7 +192,7 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     InputError
         If the capture lacks data that a comparison with a rendering needs.
     """
-    calibration = with_scene_checks(calibrate(capture))
+    calibration = with_scene_checks(calibrate_capture(capture))
     manifest = capture.folder / "capture.toml"
     lamp, manifest_is_absolute = capture.manifest.lamp, capture.manifest.is_absolute
     camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights

@@ -21,6 +21,7 @@ from cboxlab.rendering.files import (
     window_of,
 )
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
 from ..compare import read_map
@@ -115,6 +116,7 @@ def read_stack(path: Path, declared: Declared = AS_STATED) -> ImageStack:
         return _capture_stack(path)
     if not path.exists():
         raise InputError(path, "no such file or folder", f"a capture folder, or a file {', '.join(READABLE)}")
+    require_regular_file(path, f"a capture folder, or a file {', '.join(READABLE)}")
     if path.suffix.lower() == ".exr" and declared == AS_STATED:
         channels, units = read_map(path)
         names = tuple(str(name) for name in channels["channel"].values)
@@ -156,9 +158,9 @@ def _capture_stack(folder: Path) -> ImageStack:
     """
     from cboxlab.calibration.capture import load_capture
     from cboxlab.calibration.radiometry import optical_factor
-    from cboxlab.calibration.result import calibrate
+    from cboxlab.calibration.result import calibrate_capture
 
-    calibration = calibrate(load_capture(folder))
+    calibration = calibrate_capture(load_capture(folder))
     capture, images = calibration.capture, calibration.images
     factors = [optical_factor(capture, band) for band in capture.manifest.band]
     optics_known = all(factor is not None for factor in factors)

@@ -14,24 +14,49 @@ from .layout import INDEX, Layout, file_hash, versions, write_json
 
 __all__ = ["write_card", "write_croissant"]
 
-#: Context of Croissant 1.0, the terms that this record uses.
+#: Terms of Croissant 1.0 with nothing further in the context that its readers expect.
+_TERMS = [
+    "citeAs",
+    "column",
+    "equivalentProperty",
+    "extract",
+    "field",
+    "fileObject",
+    "fileProperty",
+    "fileSet",
+    "format",
+    "includes",
+    "isLiveDataset",
+    "jsonPath",
+    "key",
+    "md5",
+    "parentField",
+    "path",
+    "recordSet",
+    "references",
+    "regex",
+    "repeated",
+    "replace",
+    "samplingRate",
+    "separator",
+    "source",
+    "subField",
+    "transform",
+]
+
+#: Context of Croissant 1.0, complete, since its readers compare it.
 _CONTEXT = {
     "@language": "en",
     "@vocab": "https://schema.org/",
     "sc": "https://schema.org/",
     "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
     "dct": "http://purl.org/dc/terms/",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
     "conformsTo": "dct:conformsTo",
+    "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileObject": "cr:fileObject",
-    "fileSet": "cr:fileSet",
-    "includes": "cr:includes",
-    "recordSet": "cr:recordSet",
-    "source": "cr:source",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    **{term: f"cr:{term}" for term in _TERMS},
 }
 
 #: Columns of the index that the record describes, with their types.
@@ -120,7 +145,8 @@ def write_croissant(layout: Layout, recipe: Recipe, records: Sequence[dict[str, 
         "description": recipe.description or f"{len(records)} synthetic spectral pictures of boxes with their truths.",
         "license": recipe.license or "not stated",
         "version": versions()["cboxlab"],
-        "creator": {"@type": "sc:SoftwareApplication", "name": "cboxlab", "softwareVersion": versions()["cboxlab"]},
+        "creator": {"@type": "sc:Organization", "name": "cboxlab"},  # a person or an organisation, as readers ask
+        "citeAs": f"{recipe.name}, seed {recipe.seed}. Rendered by cboxlab {versions()['cboxlab']}.",
         "distribution": [
             {
                 "@type": "cr:FileObject",

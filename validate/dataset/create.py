@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,12 +13,15 @@ import numpy as np
 from cboxlab.rendering.dataset import Box, Recipe, draw_box, load_recipe
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.sensor import integration_weights
+from cboxlab.utils.arguments import require_progress, require_type, required_folder, required_path
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import referred
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .card import write_card, write_croissant
 from .formats import require_format
 from .layout import begin, write_index
+from .memory import require_memory
 from .opened import Dataset, open_dataset
 from .picture import sensor_camera
 from .sheet import write_sheet
@@ -59,6 +63,10 @@ class DatasetRun:
     seconds: float
     #: Sum of the seconds in which pictures were rendered and written, over all processes.
     picture_seconds: float
+    #: Processor time in which pictures were rendered with their truths, over all processes, s.
+    rendering_processor_seconds: float
+    #: Processor time of this process and of those that it started, s; it lacks workers on other machines.
+    processor_seconds: float
     #: Pictures that failed a check, with their faults.
     failed: tuple[tuple[str, str], ...]
 
@@ -84,6 +92,8 @@ class DatasetRun:
             "failed": [{"picture": name, "faults": fault} for name, fault in self.failed],
             "seconds": round(self.seconds, 1),
             "picture_seconds": round(self.picture_seconds, 1),
+            "processor_seconds": round(self.processor_seconds, 1),
+            "rendering_processor_seconds": round(self.rendering_processor_seconds, 1),
             "pictures_per_hour": round(self.per_hour, 1),
             "median_relative_standard_error": _median([row["relative_standard_error"] for row in rows]),
             "bytes": sum(row["bytes"] for row in rows),
@@ -104,6 +114,9 @@ class DatasetRun:
             f"{record['median_relative_standard_error']:.2%} (median picture)",
             f"{self.rendered} rendered in {self.seconds:.0f} s ({self.per_hour:.0f} an hour), {self.reused} were there",
         ]
+        if 0 < self.rendering_processor_seconds < self.processor_seconds:
+            other = 1 - self.rendering_processor_seconds / self.processor_seconds
+            lines.append(f"{self.processor_seconds:.0f} s of processor time, {other:.1%} of it no rendering")
         lines += [f"• {name} failed and is kept apart: {fault}" for name, fault in self.failed[:10]]
         return lines
 
@@ -134,7 +147,10 @@ def read_recipe(path: Path) -> Recipe:
     recipe = load_recipe(path)
     require_format(recipe.picture.format, f"{path}: picture.format")
     for index, sensor in enumerate(recipe.sensor):
-        camera = sensor_camera(sensor, path.parent)
+        try:
+            camera = sensor_camera(sensor, path.parent)
+        except InputError as fault:
+            raise referred(fault, f"{path}: sensor[{index}].camera") from None
         for channel in camera.channels.values():
             try:
                 integration_weights(channel, recipe.picture.wavelength_nm)
@@ -191,15 +207,20 @@ def create_dataset(
         If the recipe is faulty, the folder holds something else, or no worker answers.
     """
     variant.require_compiled("dataset")
-    path, target, begun = Path(recipe_file), Path(folder), time.monotonic()
+    path, target = required_path("recipe_file", recipe_file, "a recipe (.toml)"), required_folder("folder", folder)
+    require_type("workers", workers, Workers, "Workers")
+    require_progress(progress)
+    begun, begun_cpu = time.monotonic(), _processor_s()
     recipe = read_recipe(path)
+    if workers.scheduler is None:
+        require_memory(recipe, path, workers.local_cluster or workers.processes)
     layout = begin(recipe, path, target)
     names = camera_names(recipe)
     total = recipe.boxes * len(names)
     tasks = tasks_of(recipe, path, layout)
     numbers = [n for task in tasks for n in task.boxes if n < recipe.boxes]
     pending = {(n, name) for n in numbers for name in names if layout.record(n, name) is None}
-    done, seconds = total - len(pending), 0.0
+    done, seconds, rendering_s = total - len(pending), 0.0, 0.0
     progress.stage("rendering pictures")
     progress.part(done / total)
 
@@ -210,6 +231,7 @@ def create_dataset(
         if (record["box"], record["camera"]) in pending:
             done += 1
             seconds += record["seconds"]
+            rendering_s += record["rendering_processor_seconds"]
         progress.part(done / total)
     progress.stage("index and quality sheet")
     everything = [layout.record(n, name) for n in range(recipe.boxes) for name in names]
@@ -220,8 +242,22 @@ def create_dataset(
     write_croissant(layout, recipe, sound)
     write_sheet(layout, recipe, records)
     failed = tuple((f"{r['box']:06d}/{r['camera']}", "; ".join(r["faults"])) for r in records if r["faults"])
-    spent = time.monotonic() - begun
-    return DatasetRun(open_dataset(target), len(pending), total - len(pending), spent, seconds, failed)
+    return DatasetRun(
+        dataset=open_dataset(target),
+        rendered=len(pending),
+        reused=total - len(pending),
+        seconds=time.monotonic() - begun,
+        picture_seconds=seconds,
+        rendering_processor_seconds=rendering_s,
+        processor_seconds=_processor_s() - begun_cpu,
+        failed=failed,
+    )
+
+
+def _processor_s() -> float:
+    """Processor time of this process and of those that it started and that have ended, s."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _records(tasks: list[Task], workers: Workers, still: Any) -> Iterator[dict[str, Any]]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import h5py
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import open_netcdf, write_cube
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing, writing_hdf5
+from isal import isal_zlib
+from numpy.typing import NDArray
 
 __all__ = [
     "COPY_ENDINGS",
@@ -32,7 +36,7 @@ MEDIA_TYPES = {"netcdf": "application/x-netcdf", "zarr": "application/zip"}
 #: Ending of a copy of the radiance by the name of its format in a recipe.
 COPY_ENDINGS = {"exr": ".exr", "envi": ".hdr", "hdf5": ".mat", "png": ".png"}
 
-#: Level of deflate: level 4 takes twice the time for 2 % less disk, as noise does not compress.
+#: Level of deflate by ISA-L: it takes a sixth of the time of zlib, for 3 % more disk.
 _DEFLATE = 1
 
 #: Level of Zstandard in Blosc: it takes a seventh of the time of deflate, for 3 % more disk.
@@ -78,13 +82,40 @@ def write_picture(path: Path, cube: xr.Dataset) -> None:
     if path.name.endswith(PICTURE_ENDINGS["zarr"]):
         _write_zarr(path, cube)
         return
-    packed = {"zlib": True, "complevel": _DEFLATE, "shuffle": True}
-    encoding = {str(name): {**packed, "chunksizes": _chunk(value)} for name, value in cube.data_vars.items()}
-    with writing_hdf5(path) as file:
-        cube.to_netcdf(file, engine="h5netcdf", encoding=encoding)
+    with writing_hdf5(path) as raw:
+        _write_structure(raw, cube)
+        with h5py.File(raw, "r+") as file:
+            for name, values in cube.data_vars.items():
+                step = _chunk(values)[0]
+                for first in range(0, len(values), step):
+                    offset = (first, *(0 for _ in values.shape[1:]))
+                    file[str(name)].id.write_direct_chunk(offset, _deflated(values.values[first : first + step]))
 
 
-def _chunk(values: xr.DataArray) -> tuple[int, ...]:
+def _write_structure(raw: io.RawIOBase, cube: xr.Dataset) -> None:
+    """Write everything of a picture but the values of its variables, whose chunks remain absent."""
+    with h5netcdf.File(raw, "w") as file:
+        file.dimensions = {str(name): size for name, size in cube.sizes.items()}
+        file.attrs.update(cube.attrs)
+        packed: dict[str, Any] = {"compression": "gzip", "compression_opts": _DEFLATE, "shuffle": True}
+        for name, values in cube.variables.items():
+            if name in cube.data_vars:
+                fill = np.nan if values.dtype.kind == "f" else None
+                options = {**packed, "chunks": _chunk(values), "fillvalue": fill}
+                variable = file.create_variable(str(name), values.dims, values.dtype, **options)
+            else:
+                variable = file.create_variable(str(name), values.dims, data=values.values)
+            variable.attrs.update(values.attrs)
+
+
+def _deflated(values: NDArray[Any]) -> bytes:
+    """Chunk as HDF5 stores it after its filters "shuffle" and "deflate"."""
+    size = values.dtype.itemsize
+    shuffled = np.ascontiguousarray(values).reshape(-1).view(np.uint8).reshape(-1, size).T
+    return isal_zlib.compress(np.ascontiguousarray(shuffled), _DEFLATE)
+
+
+def _chunk(values: xr.DataArray | xr.Variable) -> tuple[int, ...]:
     """Chunk of an array."""
     return values.shape if values.dims[0] == "y" else (1, *values.shape[1:])
 

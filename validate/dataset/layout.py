@@ -19,7 +19,9 @@ from cboxlab.utils.input_files import read_json
 __all__ = [
     "FAILED",
     "FORMAT",
+    "FRACTIONS",
     "INDEX",
+    "WHOLE_NUMBERS",
     "Layout",
     "begin",
     "read_state",
@@ -33,13 +35,32 @@ FORMAT = "dataset/1"
 STATE = "dataset.json"
 #: File of the index.
 INDEX = "index.csv"
+#: Columns of the index.
+_COLUMNS = (
+    "picture",
+    "box",
+    "geometry",
+    "camera",
+    "part",
+    "file",
+    "model",
+    "relative_standard_error",
+    "mean_luminance",
+    "effects",
+    "bytes",
+    "sha256",
+)
+#: Columns of the index that hold whole numbers.
+WHOLE_NUMBERS = ("picture", "box", "geometry", "bytes")
+#: Columns of the index that hold other numbers.
+FRACTIONS = ("relative_standard_error", "mean_luminance")
 #: Folder of the pictures that pass their checks.
 BOXES = "boxes"
 #: Folder of the pictures that fail a check.
 FAILED = "failed"
 
-#: Packages on which the bits of a picture depend.
-_PACKAGES = ("cboxlab", "mitsuba", "drjit", "numpy", "scipy")
+#: Packages on which the bits of a picture's file depend.
+_PACKAGES = ("cboxlab", "mitsuba", "drjit", "numpy", "scipy", "isal")
 
 
 class Layout:
@@ -242,10 +263,9 @@ def begin(recipe: Recipe, recipe_file: Path, folder: Path) -> Layout:
         if other:
             hint = "Install those versions, or name another folder."
             raise InputError(folder, f"a data set begun with {', '.join(other)}", "the versions of this program", hint)
-    elif folder.exists() and any(folder.iterdir()):
-        raise InputError(
-            folder, "a folder with other files", "a new or empty folder, or a data set", "Name another one."
-        )
+    elif folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        content_kind = "a folder with other files" if folder.is_dir() else "a file"
+        raise InputError(folder, content_kind, "a new or empty folder, or a data set", "Name another one.")
     folder.mkdir(parents=True, exist_ok=True)
     if recipe_file.resolve() != (folder / "recipe.toml").resolve():
         with replacing(folder / "recipe.toml") as temporary:
@@ -257,6 +277,8 @@ def begin(recipe: Recipe, recipe_file: Path, folder: Path) -> Layout:
 def write_index(layout: Layout, records: Sequence[dict[str, Any]]) -> None:
     """Write the index: one row for each picture that passes its checks.
 
+    It is index.csv, and index.parquet where the package arro3-io is installed.
+
     Parameters
     ----------
     layout
@@ -264,24 +286,21 @@ def write_index(layout: Layout, records: Sequence[dict[str, Any]]) -> None:
     records
         Records of the pictures, in the order of the rows.
     """
-    columns = [
-        "picture",
-        "box",
-        "geometry",
-        "camera",
-        "part",
-        "file",
-        "model",
-        "relative_standard_error",
-        "mean_luminance",
-        "effects",
-        "bytes",
-        "sha256",
-    ]
+    rows = [{"picture": number, **record} for number, record in enumerate(records)]
     with (
         replacing(layout.folder / INDEX) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as stream,
     ):
-        writer = csv.DictWriter(stream, columns, extrasaction="ignore")
+        writer = csv.DictWriter(stream, _COLUMNS, extrasaction="ignore")
         writer.writeheader()
-        writer.writerows({"picture": number, **record} for number, record in enumerate(records))
+        writer.writerows(rows)
+    try:
+        from arro3.core import Array, DataType, Table
+        from arro3.io import write_parquet
+    except ImportError:
+        return
+    kinds = {name: DataType.string() for name in _COLUMNS}
+    kinds |= {name: DataType.int64() for name in WHOLE_NUMBERS} | {name: DataType.float64() for name in FRACTIONS}
+    table = Table.from_pydict({name: Array([row[name] for row in rows], type=kinds[name]) for name in _COLUMNS})
+    with replacing((layout.folder / INDEX).with_suffix(".parquet")) as temporary:
+        write_parquet(table, temporary)

@@ -5,28 +5,31 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from cboxlab.rendering.model import Model, load_model
+from cboxlab.utils.arguments import (
+    described,
+    require_type,
+    require_word,
+    required_folder,
+    required_path,
+    required_whole_number,
+)
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.faults import suggestion
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json, require_regular_file
 from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
-from .formats import open_picture, write_copy
-from .layout import INDEX, file_hash, read_state
+from .formats import COPY_ENDINGS, open_picture, write_copy
+from .layout import FRACTIONS, INDEX, WHOLE_NUMBERS, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
-
-#: Columns of the index that hold whole numbers.
-_NUMBERS = ("picture", "box", "geometry", "bytes")
-#: Columns of the index that hold other numbers.
-_FRACTIONS = ("relative_standard_error", "mean_luminance")
 
 #: Parts of a data set.
 PARTS = ("train", "validation", "test")
@@ -57,7 +60,7 @@ class Dataset(FrozenMappings):
 
     def __getitem__(self, number: int) -> xr.Dataset:
         """Picture of a row of the index; its values are read on demand."""
-        return open_picture(self.folder / self.index[number]["file"])
+        return open_picture(self.folder / self._row(number)["file"])
 
     def __iter__(self) -> Iterator[xr.Dataset]:
         return (self[number] for number in range(len(self)))
@@ -80,8 +83,7 @@ class Dataset(FrozenMappings):
         InputError
             For another name.
         """
-        if name not in PARTS:
-            raise InputError("part", repr(name), f"one of {', '.join(PARTS)}", suggestion(str(name), PARTS))
+        require_word("part", name, PARTS)
         return self.where(part=name)
 
     def where(self, **columns: Any) -> Dataset:
@@ -96,7 +98,16 @@ class Dataset(FrozenMappings):
         -------
         Dataset
             The pictures.
+
+        Raises
+        ------
+        InputError
+            For a column that the index lacks, and a value that is neither text nor number.
         """
+        for key, value in columns.items():
+            if self.index:
+                require_word("column", key, self.index[0])
+            require_type(key, value, (str, Real), "a text or a number")
         rows = tuple(row for row in self.index if all(row.get(key) == value for key, value in columns.items()))
         return Dataset(self.folder, rows)
 
@@ -112,8 +123,13 @@ class Dataset(FrozenMappings):
         -------
         Model
             Scene and effects.
+
+        Raises
+        ------
+        InputError
+            If there is no such row, or its model cannot be read.
         """
-        return load_model(self.folder / self.index[number]["model"])
+        return load_model(self.folder / self._row(number)["model"])
 
     def drawn_values(self, number: int) -> dict[str, Any]:
         """Values that were drawn for a picture's box.
@@ -127,8 +143,13 @@ class Dataset(FrozenMappings):
         -------
         dict
             Content of box.json.
+
+        Raises
+        ------
+        InputError
+            If there is no such row, or its box.json cannot be read.
         """
-        path = (self.folder / self.index[number]["model"]).with_name("box.json")
+        path = (self.folder / self._row(number)["model"]).with_name("box.json")
         return dict(read_json(path, "the drawn values of a box"))
 
     def arrays(self, *names: str) -> Arrays:
@@ -152,11 +173,7 @@ class Dataset(FrozenMappings):
         if self.index:
             with self[0] as first:
                 for name in names:
-                    if name not in first:
-                        variables = [str(key) for key in first.data_vars]
-                        raise InputError(
-                            "variable", repr(name), f"one of {', '.join(variables)}", suggestion(name, variables)
-                        )
+                    require_word("variable", name, map(str, first.data_vars))
         return Arrays(self, names)
 
     def export(self, folder: str | Path, ending: str = ".hdr") -> list[Path]:
@@ -178,9 +195,10 @@ class Dataset(FrozenMappings):
         Raises
         ------
         InputError
-            For another ending.
+            For another ending, and for a file in place of the folder.
         """
-        target, files = Path(folder), []
+        target, files = required_folder("folder", folder), list[Path]()
+        require_word("ending", ending, COPY_ENDINGS.values())
         target.mkdir(parents=True, exist_ok=True)
         for row, number in zip(self.index, range(len(self)), strict=True):
             with self[number] as picture:
@@ -188,6 +206,13 @@ class Dataset(FrozenMappings):
                 write_copy(path, picture)
             files.append(path)
         return files
+
+    def _row(self, number: int) -> Mapping[str, Any]:
+        """Row of the index; negative numbers count from the end."""
+        rows = len(self.index)
+        if not rows:
+            raise InputError("picture", described(number), "a data set with pictures")
+        return self.index[required_whole_number("picture", number, -rows, rows - 1)]
 
     def damaged(self) -> list[str]:
         """Files whose checksum is not that of the index.
@@ -216,6 +241,9 @@ class Arrays(Sequence[Mapping[str, NDArray[np.generic]]]):
 
     def __len__(self) -> int:
         return len(self.dataset)
+
+    def __iter__(self) -> Iterator[Mapping[str, NDArray[np.generic]]]:
+        return (self[number] for number in range(len(self)))
 
     def __getitem__(self, number: Any) -> Any:
         """Arrays of one picture by variable."""
@@ -247,7 +275,7 @@ def open_dataset(folder: str | Path) -> Dataset:
     >>> boxes = cboxlab.open_dataset("boxes")  # doctest: +SKIP
     >>> len(boxes), boxes.index[0]["part"]  # doctest: +SKIP
     """
-    path = Path(folder)
+    path = required_path("folder", folder, "the folder of a data set")
     read_state(path)
     hint = "The run has not ended. Repeat the command that began it."
     require_regular_file(path / INDEX, "the index of a data set", hint)
@@ -262,11 +290,11 @@ def open_dataset(folder: str | Path) -> Dataset:
 def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
     """Row of the index with its numbers."""
     try:
-        numbers: dict[str, Any] = {key: whole_number_of(row[key]) for key in _NUMBERS}
-        numbers.update({key: number_of(row[key]) for key in _FRACTIONS})
+        numbers: dict[str, Any] = {key: whole_number_of(row[key]) for key in WHOLE_NUMBERS}
+        numbers.update({key: number_of(row[key]) for key in FRACTIONS})
     except (KeyError, AttributeError) as error:
         raise InputError(path, f"a row that cannot be read ({error})", "an index that cbox wrote") from None
-    for key in (*_NUMBERS, *_FRACTIONS):
+    for key in (*WHOLE_NUMBERS, *FRACTIONS):
         if numbers[key] is None or (np.isnan(numbers[key]) and row[key] != "nan"):
             raise InputError(path, f"{key} '{row[key][:40]}'", "a number")
     return {**row, **numbers}

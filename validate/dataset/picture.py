@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +20,21 @@ from cboxlab.rendering.dataset import (
     split_image,
     visible_points,
 )
-from cboxlab.rendering.files import RADIANCE_UNIT, camera_attribute, raw_to_srgb, scene_white
+from cboxlab.rendering.files import RADIANCE_UNIT, camera_attribute, raw_to_srgb, scene_white, strip_cameras
 from cboxlab.rendering.image import NOTHING, RenderedImage, RenderJob
 from cboxlab.rendering.integrators import MOST_PASSES, fireflies, relative_errors, render_to_precision
 from cboxlab.rendering.model import model_cube_inputs
 from cboxlab.rendering.photometry import tristimulus_weights
-from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate
+from cboxlab.rendering.sensor import auto_exposure, load_camera, simulate_frame
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import NO_PROGRESS, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..predict import Coated, coated
 
-__all__ = ["mean_spectrum", "render_pictures", "rounded", "sensor_camera", "visible_weights"]
+__all__ = ["STRIP_PIXELS", "mean_spectrum", "render_pictures", "rounded", "sensor_camera", "visible_weights"]
 
 #: Bits of the mantissa of a number in single precision.
 _FULL_BITS = 23
@@ -46,6 +47,9 @@ _HIGH = 99.0
 
 #: Part of the error that is asked for where a picture is rendered again: the error of an error by eight batches.
 _RESERVE = 0.9
+
+#: Pixels of a strip of rows, in which larger pictures are rendered: a strip takes up to 0.7 GB of memory.
+STRIP_PIXELS = 2**16
 
 #: Unit of irradiance.
 _IRRADIANCE_UNIT = "W m^-2 nm^-1"
@@ -81,21 +85,50 @@ def render_pictures(
     """
     inputs = [model_cube_inputs(box.model, box.cameras[camera_name]) for box in boxes]
     scenes, camera, bounces = [scene for scene, _, _ in inputs], *inputs[0][1:]
-    each_nm, seed = recipe.picture.wavelength_nm, boxes[0].seed
+    strips = strip_cameras(camera, max(1, STRIP_PIXELS // camera.width_px))
+    views = [_View(scenes, strip, bounces, camera_name, number) for number, strip in enumerate(strips)]
+    progresses = [share(progress, n / len(views), (n + 1) / len(views)) for n in range(len(views))]
+    pictures = [_strip_pictures(boxes, view, recipe, part) for view, part in zip(views, progresses, strict=True)]
+    # of several strips one at a time is rendered, with all its boxes
+    each = pictures if len(views) == 1 else map(list, pictures)
+    for box, parts in zip(boxes, zip(*each, strict=True), strict=True):
+        yield _with_frames(_joined(parts), box, camera_name, recipe, folder)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Some rows of a picture of boxes that share rays."""
+
+    #: Scenes of the boxes.
+    scenes: list[Scene]
+    #: Camera of the rows.
+    camera: Camera
+    #: Largest number of reflections; None for no limit.
+    bounces: int | None
+    #: Name of the camera.
+    camera_name: str
+    #: Number of the strip, from the top.
+    strip: int
+
+
+def _strip_pictures(boxes: Sequence[Box], view: _View, recipe: Recipe, progress: Progress) -> Iterator[xr.Dataset]:
+    """Strip of the picture of each box, to the noise that the recipe asks for."""
+    each_nm, seed, scenes, camera = recipe.picture.wavelength_nm, boxes[0].seed, view.scenes, view.camera
     joined, grid = joined_scene(scenes, each_nm)
-    first = MOST_PASSES * _order(boxes[0], camera_name, recipe)
-    job = RenderJob(joined, camera, grid, seed=seed, max_bounces=bounces, first_batch=first)
+    pictures = len(boxes[0].cameras) * recipe.boxes_per_geometry
+    first = MOST_PASSES * (_order(boxes[0], view.camera_name, recipe) + pictures * view.strip)
+    job = RenderJob(joined, camera, grid, seed=seed, max_bounces=view.bounces, first_batch=first)
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
-    geometry = _geometry(image, joined, camera, seed)
-    for number, box in enumerate(boxes):
+    geometry = _geometry(image, joined, camera, seed + view.strip)
+    for number, (box, scene) in enumerate(zip(boxes, scenes, strict=True)):
         part = split_image(image, len(boxes), each_nm)[number]
-        changes = coated(part, scenes[number], camera, box.model.effects, box.seed, bounces)
+        changes = coated(part, scene, camera, box.model.effects, box.seed + view.strip, view.bounces)
         reached, limit = relative_errors(changes.image, (_MEDIAN,))[0], recipe.picture.noise
         if reached > limit:  # an effect takes light and leaves its error: the picture needs more rays
             finer = render_to_precision(job, limit * limit / reached * _RESERVE, pictures=len(boxes))
             part = split_image(finer, len(boxes), each_nm)[number]
-            changes = coated(part, scenes[number], camera, box.model.effects, box.seed, bounces)
-        yield _picture(box, camera_name, recipe, folder, image=part, changes=changes, geometry=geometry)
+            changes = coated(part, scene, camera, box.model.effects, box.seed + view.strip, view.bounces)
+        yield _picture(recipe, scene, image=part, changes=changes, geometry=geometry)
 
 
 def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
@@ -105,26 +138,38 @@ def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
 
 
 def _picture(
-    box: Box,
-    camera_name: str,
-    recipe: Recipe,
-    folder: Path,
-    *,
-    image: RenderedImage,
-    changes: Coated,
-    geometry: Mapping[str, Any],
+    recipe: Recipe, scene: Scene, *, image: RenderedImage, changes: Coated, geometry: Mapping[str, Any]
 ) -> xr.Dataset:
     """Picture of a box from its image without effects on light transport, and with them."""
-    scene, camera, _ = model_cube_inputs(box.model, box.cameras[camera_name])
-    order = _order(box, camera_name, recipe)
-    changed = changes.image
-    median, high = relative_errors(changed, (_MEDIAN, _HIGH))
+    median, high = relative_errors(changes.image, (_MEDIAN, _HIGH))
     data = {**_light(image, changes, scene), **geometry}
     cube = xr.Dataset(
         {name: value for name, value in data.items() if name in _variables(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
+        attrs={
+            "relative_standard_error": median,
+            "relative_standard_error_99": high,
+            "firefly_pixels": int(fireflies(changes.image).sum()),
+        },
     )
-    cube = cube.assign({name: rounded(value, recipe.picture.mantissa_bits) for name, value in cube.data_vars.items()})
+    return cube.assign({name: rounded(value, recipe.picture.mantissa_bits) for name, value in cube.data_vars.items()})
+
+
+def _joined(strips: Sequence[xr.Dataset]) -> xr.Dataset:
+    """Picture of its strips: median of their median errors, largest 99 % error."""
+    if len(strips) == 1:
+        return strips[0]
+    errors = [strip.attrs["relative_standard_error"] for strip in strips]
+    return xr.concat(strips, "y", combine_attrs="override").assign_attrs(
+        relative_standard_error=float(np.median(errors)),
+        relative_standard_error_99=max(strip.attrs["relative_standard_error_99"] for strip in strips),
+        firefly_pixels=sum(strip.attrs["firefly_pixels"] for strip in strips),
+    )
+
+
+def _with_frames(cube: xr.Dataset, box: Box, camera_name: str, recipe: Recipe, folder: Path) -> xr.Dataset:
+    """Picture of a box with its raw frames, and the names of what it shows."""
+    order, camera = _order(box, camera_name, recipe), model_cube_inputs(box.model, box.cameras[camera_name])[1]
     for index, sensor in enumerate(recipe.sensor):
         cube = cube.assign(_frames(cube, sensor, folder, box.seed + 7919 * (order + 1) + 104729 * index))
     later = [e.id for e in box.model.effects if e.stage not in ("scene", "settings", "transport", "camera")]
@@ -134,9 +179,6 @@ def _picture(
         camera=camera_attribute(camera),
         part=box.part,
         seed=str(box.seed),
-        relative_standard_error=median,
-        relative_standard_error_99=high,
-        firefly_pixels=int(fireflies(changed).sum()),
         effects=", ".join(e.id for e in box.model.effects),
         effects_left_out=", ".join(later),
     )
@@ -277,7 +319,7 @@ def _frames(cube: xr.Dataset, sensor: SensorTable, folder: Path, seed: int) -> M
         usual = auto_exposure(cut, camera, channel)
         for index, factor in enumerate(sensor.exposures):
             exposures.append(usual * factor)
-            frames.append(simulate(cut, camera, usual * factor, seed + 31 * number + index, channel))
+            frames.append(simulate_frame(cut, camera, usual * factor, seed + 31 * number + index, channel))
     name = sensor.name.replace("-", "_")
     along = (f"frame_{name}", "y", "x")
     channel_names = ", ".join(str(channel or "mosaic") for channel in channels for _ in sensor.exposures)

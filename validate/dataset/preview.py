@@ -16,6 +16,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .create import read_recipe
 from .formats import PICTURE_ENDINGS, write_picture
+from .memory import require_memory
 from .picture import render_pictures
 from .sheet import drawn_values, histograms, thumbnail, write_page
 from .tasks import block_of, camera_names
@@ -97,6 +98,7 @@ def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress
     """
     path = Path(recipe_file)
     recipe = read_recipe(path)
+    require_memory(recipe, path, 1)
     progress.stage("drawing boxes")
     boxes = [draw_box(recipe, number, path.parent) for number in range(min(recipe.boxes, _DRAWN))]
     progress.stage("rendering thumbnails")

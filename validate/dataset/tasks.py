@@ -19,10 +19,10 @@ from .formats import COPY_ENDINGS, PICTURE_ENDINGS, write_copy, write_picture
 from .layout import Layout, file_hash, write_json
 from .picture import mean_spectrum, render_pictures, visible_weights
 
-__all__ = ["Task", "block_of", "camera_names", "run_task", "tasks_of"]
+__all__ = ["MOST_BOXES", "Task", "block_of", "camera_names", "run_task", "tasks_of"]
 
 #: Most boxes of a task, which may share rays: a task of a minute is repeated where its worker ends.
-_MOST_BOXES = 8
+MOST_BOXES = 8
 
 #: Decimals of a figure in a record.
 _DIGITS = 6
@@ -80,8 +80,8 @@ def block_of(recipe: Recipe, number: int) -> range:
     """
     geometry, variant = divmod(number, recipe.boxes_per_geometry)
     first = geometry * recipe.boxes_per_geometry
-    start = first + variant - variant % _MOST_BOXES
-    return range(start, min(start + _MOST_BOXES, first + recipe.boxes_per_geometry))
+    start = first + variant - variant % MOST_BOXES
+    return range(start, min(start + MOST_BOXES, first + recipe.boxes_per_geometry))
 
 
 def tasks_of(recipe: Recipe, recipe_file: Path, layout: Layout) -> list[Task]:
@@ -148,7 +148,7 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
     dict
         Record of each picture, which is complete on disk.
     """
-    path = Path(task.recipe)
+    path, clock = Path(task.recipe), _Clock()
     recipe = _recipe(task.recipe, path.stat().st_mtime)
     layout = Layout(Path(task.folder))
     for group in sharing_rays([draw_box(recipe, number, path.parent) for number in task.boxes]):
@@ -158,15 +158,35 @@ def pictures_of(task: Task) -> Iterator[dict[str, Any]]:
             if all(record is not None for record in records.values()):
                 yield from (record for record in records.values() if record is not None)
                 continue
-            begun = time.monotonic()
-            pictures = _one_thread(render_pictures(group, name, recipe, path.parent))
+            pictures = _one_thread(render_pictures(group, name, recipe, path.parent), clock)
             for box, cube in zip(group, pictures, strict=True):
                 if box.number in records:
-                    yield records[box.number] or _stored(cube, box, name, recipe, layout, begun)
-                    begun = time.monotonic()
+                    yield records[box.number] or _stored(cube, box, name, recipe, layout, clock)
 
 
-def _one_thread(pictures: Iterator[xr.Dataset]) -> Iterator[xr.Dataset]:
+class _Clock:
+    """Time of a task since its last picture."""
+
+    def __init__(self) -> None:
+        self._begun, self._begun_cpu, self.rendering_s = time.monotonic(), time.process_time(), 0.0
+
+    def rendered(self, seconds: float) -> None:
+        """Count processor time as that of rendering."""
+        self.rendering_s += seconds
+
+    def seconds(self) -> dict[str, float]:
+        """Times of a picture that ends now, for its record."""
+        spent, cpu, rendering = time.monotonic(), time.process_time(), self.rendering_s
+        record = {
+            "seconds": spent - self._begun,
+            "rendering_processor_seconds": rendering,
+            "other_processor_seconds": cpu - self._begun_cpu - rendering,
+        }
+        self._begun, self._begun_cpu, self.rendering_s = spent, cpu, 0.0
+        return {name: round(value, 3) for name, value in record.items()}
+
+
+def _one_thread(pictures: Iterator[xr.Dataset], clock: _Clock) -> Iterator[xr.Dataset]:
     """The pictures, with linear algebra in one thread.
 
     Sums over several threads round differently, and a picture has the same bits on any number of processors.
@@ -174,14 +194,16 @@ def _one_thread(pictures: Iterator[xr.Dataset]) -> Iterator[xr.Dataset]:
     from threadpoolctl import threadpool_limits  # sets an environment variable when imported
 
     while True:
+        begun = time.process_time()
         with threadpool_limits(1):
             picture = next(pictures, None)
+        clock.rendered(time.process_time() - begun)
         if picture is None:
             return
         yield picture
 
 
-def _stored(cube: xr.Dataset, box: Box, camera: str, recipe: Recipe, layout: Layout, begun: float) -> dict[str, Any]:
+def _stored(cube: xr.Dataset, box: Box, camera: str, recipe: Recipe, layout: Layout, clock: _Clock) -> dict[str, Any]:
     """Record of a picture that is checked and written; boxes that fail are kept apart."""
     checks = check_picture(cube, box, recipe.picture.noise, recipe.picture.mantissa_bits)
     target = layout.box(box.number, bool(checks.faults))
@@ -210,7 +232,7 @@ def _stored(cube: xr.Dataset, box: Box, camera: str, recipe: Recipe, layout: Lay
         "figures": {k: None if np.isnan(v) else float(f"{v:.{_DIGITS}g}") for k, v in checks.figures.items()},
         "bytes": file.stat().st_size,
         "sha256": file_hash(file),
-        "seconds": round(time.monotonic() - begun, 3),
+        **clock.seconds(),
     }
     layout.store(box.number, camera, record)
     return record

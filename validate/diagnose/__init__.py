@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .alternatives import Cause
+    from .alternatives import LikelyCause
     from .base_flaws import Flaw
-    from .diagnosis import Diagnosis, Step, diagnose
+    from .diagnosis import Diagnosis, Step, diagnose_validation
     from .effect_fit import fit_effect, fit_effects
     from .evidence import Limit
     from .further_captures import Separation
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
     from .several_captures import FurtherCaptureResult
 
 __all__ = [
-    "Cause",
     "Diagnosis",
     "Flaw",
     "FurtherCaptureResult",
+    "LikelyCause",
     "Limit",
     "Ranked",
     "Separation",
     "Step",
     "Verdict",
-    "diagnose",
+    "diagnose_validation",
     "fit_effect",
     "fit_effects",
     "judged_by_priors",

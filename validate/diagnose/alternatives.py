@@ -21,7 +21,7 @@ from .search import Candidate, Signature
 from .selection import best_singles
 
 __all__ = [
-    "Cause",
+    "LikelyCause",
     "SelectedEffect",
     "confirmed_where_held_out",
     "groups",
@@ -451,7 +451,7 @@ def _gain(residual: NDArray, predicted: NDArray, amplitude: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Cause(FrozenMappings):
+class LikelyCause(FrozenMappings):
     """One effect tried alone, to be compared with the residual."""
 
     #: Identifier of the effect.
@@ -471,7 +471,7 @@ class Cause(FrozenMappings):
     behind_sigma: float
 
 
-def likeliest_causes(model: LinearModel, singles: Sequence[Candidate], first: Sequence[str]) -> tuple[Cause, ...]:
+def likeliest_causes(model: LinearModel, singles: Sequence[Candidate], first: Sequence[str]) -> tuple[LikelyCause, ...]:
     """The first causes of those tried alone, best first.
 
     Parameters
@@ -485,14 +485,14 @@ def likeliest_causes(model: LinearModel, singles: Sequence[Candidate], first: Se
 
     Returns
     -------
-    tuple of Cause
+    tuple of LikelyCause
         Three at most.
     """
     leading = [next((c for c in singles if c.hypothesis.effect.id == name), None) for name in first]
     available = [c for c in leading if c is not None]
     causes = [*available, *(c for c in singles if c.hypothesis.effect.id not in first)][:_MAX_CAUSES_SHOWN]
     return tuple(
-        Cause(
+        LikelyCause(
             c.hypothesis.effect.id,
             dict(c.applied.values),
             dict(c.sigma),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
 from .alternatives import (
-    Cause,
+    LikelyCause,
     SelectedEffect,
     groups,
     holds_with_remainder,
@@ -23,14 +23,7 @@ from .alternatives import (
     with_alternatives,
 )
 from .base_flaws import Flaw
-from .evidence import (
-    Limit,
-    explained_part,
-    prior_pull,
-    something_remains,
-    square,
-    tolerance_notes,
-)
+from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
     LIKELY,
@@ -47,6 +40,7 @@ from .judgement import (
     Verdict,
     confirmed_with_flaws,
     cost_in_power,
+    flaws_without,
     scores_with_flaws,
     selected_with_flaws,
     verdicts_with_flaws,
@@ -65,7 +59,7 @@ from .several_captures import FurtherCaptureResult, further_fit, further_result,
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
 from .unexplained import explanation_to_report, family_beats_effects, leads_of_forms, residual_data_of
 
-__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose"]
+__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
 
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
@@ -118,7 +112,7 @@ class Diagnosis:
     #: not used.
     residual: NDArray[np.float32]
     #: The likeliest causes tried alone, to be compared with `residual`.
-    causes: tuple[Cause, ...]
+    causes: tuple[LikelyCause, ...]
     #: The family of fields that explains what no effect does; None where nothing remains.
     explanation: Explanation | None = None
     #: Light that an external rendering lacks by itself; None for our own.
@@ -132,9 +126,10 @@ class Diagnosis:
     limits: tuple[Limit, ...] = ()
     #: Limits of the prediction that concern this capture, one sentence each.
     notes: tuple[str, ...] = ()
-    #: Kinds of flaws by which the base itself is off, the largest first; empty where it is not.
+    #: Kinds of flaws of the base next to effects and explanation, the largest first; empty without any.
     flaws: tuple[Flaw, ...] = ()
-    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue.
+    #: Factor by which these flaws raise the size that an effect must have to be seen, the median of the catalogue; 1
+    #: where it was not computed.
     flaws_cost: float = 1.0
     #: Judgement of every effect next to the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
@@ -174,7 +169,7 @@ class _Judged:
     effects: list[Candidate]
     #: The same with their alternatives.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: BaseFlaws
     #: Judgement of every effect.
     verdicts: tuple[Verdict, ...]
@@ -188,7 +183,9 @@ class _Judged:
     unlisted: float = 0.0
 
 
-def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()) -> Diagnosis:
+def diagnose_validation(
+    validation: Validation, progress: Progress = NO_PROGRESS, further: Sequence[Validation] = ()
+) -> Diagnosis:
     """Find the effects of the catalogue that explain a validation's residual.
 
     Parameters
@@ -229,6 +226,10 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
     answer = replace(answer, imitations=_imitations(judged, assessed))
     progress.stage("explaining what remains")
     answer = _explained(first, answer, judged, prepared.calibration.capture, progress)
+    flaws, flaws_cost, explanation = judged.flaws, judged.flaws_cost, answer.explanation
+    if explanation is not None and not flaws.small:
+        # their fit contained part of that cause, which is in the change also where its family is not named
+        flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
@@ -249,13 +250,13 @@ def diagnose(validation: Validation, progress: Progress = NO_PROGRESS, further: 
         model=replace(model, effects=(*model.effects, *(c.applied for c in answer.effects))),
         residual=start.image(start.residual).astype(np.float32),
         causes=likeliest_causes(search.first, search.singles, effect_ids) if answer.selected else (),
-        explanation=answer.explanation,
+        explanation=explanation,
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
         notes=scale_notes(prepared.free_scale, judged.imitated) + tolerated,
-        flaws=judged.flaws.reported,
-        flaws_cost=judged.flaws_cost,
+        flaws=flaws.reported,
+        flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
         further=tuple(
             further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
@@ -302,8 +303,8 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
         unknown = max(unknown, best.cause_probability)
         # no effect imitates single pixels
         hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
-        also = (UNKNOWN,) if unknown > LIKELY else ()
-        selected = (*selected, *also) if hold else (UNKNOWN,)
+        next_to_effects = (UNKNOWN,) if unknown > LIKELY else ()
+        selected = (*selected, *next_to_effects) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if by_picture and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
@@ -354,12 +355,11 @@ def _likelier_than_imitations(
     """
     search, linearised = judged.search, judged.search.linearised
     judged = replace(judged, leads=leads_of_forms(linearised, judged.effects, errors, capture))
-    imitations = _imitations(judged, judged.assessed)
-    doubtful = {name: probability for name, probability in imitations.items() if probability > LIKELY}
+    doubtful = {name: p for name, p in _imitations(judged, judged.assessed).items() if p > LIKELY}
     if not doubtful:
         return judged
-    likely = [c for c in judged.effects if c.hypothesis.effect.id not in doubtful]
-    likely = refitted_together(linearised, likely) if likely else []
+    rest = [c for c in judged.effects if c.hypothesis.effect.id not in doubtful]
+    likely = refitted_together(linearised, rest) if rest else []
     return replace(
         judged,
         effects=likely,

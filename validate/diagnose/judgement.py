@@ -39,6 +39,7 @@ __all__ = [
     "confirmed_with_flaws",
     "cost_in_power",
     "flaws_of",
+    "flaws_without",
     "scores_with_flaws",
     "selected_with_flaws",
     "verdict_of",
@@ -99,6 +100,19 @@ class Verdict:
     #: Whether it holds.
     holds: bool
 
+    @property
+    def needed(self) -> bool:
+        """Whether flaws alone explain the picture clearly less well."""
+        return self.evidence > _MIN_EVIDENCE
+
+    @property
+    def holds_next_to_flaws(self) -> bool:
+        """Whether evidence, certainty and stability suffice, before samples held out are asked."""
+        if not (self.needed and self.certainty > _MIN_CERTAINTY):
+            return False
+        sigma = self.stability / self.certainty
+        return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))
+
 
 @dataclass(frozen=True, eq=False)
 class FlawsWithEffects:
@@ -124,7 +138,7 @@ class FlawsWithEffects:
 
     @property
     def evident(self) -> bool:
-        """Whether the base is off by more than chance."""
+        """Whether the base has flaws larger than chance makes."""
         return self.evidence > _MIN_FLAW_EVIDENCE
 
     @property
@@ -174,7 +188,7 @@ class BaseFlaws:
 
     @property
     def imitated(self) -> bool:
-        """Whether an effect may be what the base is off by: single pixels deviate otherwise."""
+        """Whether an effect may imitate the flaws: single pixels deviate otherwise."""
         return self.imitable_chi2 > 0
 
     @property
@@ -270,7 +284,7 @@ def verdicts_with_flaws(
     Returns
     -------
     flaws : FlawsWithEffects
-        What the base is off by with them.
+        Flaws of the base that remain with them.
     verdicts : list of Verdict
         In the order of the effects.
     """
@@ -310,7 +324,7 @@ def verdict_of(
     Returns
     -------
     Verdict
-        An effect that priors judge holds.
+        An effect that priors judge holds. One whose numbers are null changes nothing, and does not.
     """
     name, model = candidate.hypothesis.effect.id, flaws.model
     gain = (square(without) - square(residual)) / model.model.count
@@ -320,12 +334,10 @@ def verdict_of(
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
     (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
-    sigma = float(np.sum(model.weighted(fitted, shape) * shape)) ** -0.5
+    information = float(np.sum(model.weighted(fitted, shape) * shape))
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
-    certainty = amplitude / sigma
-    steady = abs(amplitude - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma)
-    holds = bool(evidence > _MIN_EVIDENCE and certainty > _MIN_CERTAINTY and steady)
-    return Verdict(name, gain, evidence, certainty, amplitude, holds)
+    verdict = Verdict(name, gain, evidence, amplitude * np.sqrt(max(information, 0.0)), amplitude, False)
+    return replace(verdict, holds=verdict.holds_next_to_flaws)
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,7 +350,7 @@ class SelectionWithFlaws:
     selected: list[Candidate]
     #: The same with their alternatives and tests.
     assessed: list[SelectedEffect]
-    #: What the base is off by, with them.
+    #: Flaws of the base that remain with them.
     flaws: FlawsWithEffects
     #: Judgement of every effect, those that left included.
     verdicts: tuple[Verdict, ...]
@@ -431,6 +443,28 @@ def flaws_of(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawsW
         model.change_dn(linearised.model, fitted, residual),
         tuple(model.flaws(fitted, whitened)),
     )
+
+
+def flaws_without(
+    linearised: LinearisedFit, residual: NDArray[np.float64], change: NDArray[np.float64]
+) -> FlawsWithEffects:
+    """Flaws of the base in what a cause leaves.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    residual
+        (n + 11,) residual with the effects in question.
+    change
+        (band, y, x) change by the cause, DN.
+
+    Returns
+    -------
+    FlawsWithEffects
+        As `flaws_of`.
+    """
+    return flaws_of(linearised, residual - linearised.model.whiten(change))
 
 
 def scores_with_flaws(*fits: tuple[LinearisedFit, NDArray[np.float64]]) -> list[float]:

@@ -12,7 +12,7 @@ from cboxlab.rendering.chain import after_stage
 from cboxlab.rendering.device import mi
 from cboxlab.rendering.effects import catalogue
 from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection
-from cboxlab.rendering.radiosity import LampSampler, solve
+from cboxlab.rendering.radiosity import LampSampler, solve_exchange
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
@@ -374,7 +374,7 @@ def _transport(linearised: LinearisedFit) -> Transport:
     reflectance = after_stage(predictor.scene, predictor.included, "scene").reflectances(nm)
     shares = predictor.lamp_shares
     first = exchange.direct @ shares
-    radiance = solve(exchange, reflectance[patches.material], first).astype(np.float32)
+    radiance = solve_exchange(exchange, reflectance[patches.material], first).astype(np.float32)
     direct = traced.direct @ shares
     arriving = direct + traced.gather @ radiance
     lamps = [lamp.centre for lamp in traced.light.lamps]

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.image import RenderedImage
-from cboxlab.rendering.integrators import RenderJob, render
+from cboxlab.rendering.integrators import RenderJob, render_image
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
@@ -59,7 +59,7 @@ def traced_picture(scene: Scene, camera: Camera, light: LightField, settings: Re
     between = np.array([np.interp(WAVELENGTH_NM, traced_nm, row) for row in np.eye(at.size)])
 
     def picture(samples: int, first_batch: int, batches: int, report: Progress) -> RenderedImage:
-        traced = render(
+        traced = render_image(
             RenderJob(
                 scene,
                 camera,

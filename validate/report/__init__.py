@@ -4,6 +4,7 @@ from .bands import named_bands
 from .blocks import ReportSection
 from .diagnosis import (
     diagnosis_record,
+    explained_share,
     finding_sentences,
     path_steps,
     ranked_values,
@@ -28,6 +29,7 @@ __all__ = [
     "comparison_figure",
     "correlation_section",
     "diagnosis_record",
+    "explained_share",
     "finding_sentences",
     "named_bands",
     "path_steps",

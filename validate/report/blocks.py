@@ -13,8 +13,8 @@ __all__ = [
     "Cell",
     "Headline",
     "ReportSection",
+    "ReportTable",
     "Story",
-    "Table",
     "number",
     "percent",
     "significant",
@@ -47,7 +47,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table of the report."""
 
     #: One entry per column.
@@ -67,7 +67,7 @@ class ReportSection:
     #: Paragraphs of plain text.
     paragraphs: Sequence[str] = ()
     #: Pictures, plots and tables in their order, after the text.
-    blocks: Sequence[MapRow | Drawing | Table] = ()
+    blocks: Sequence[MapRow | Drawing | ReportTable] = ()
     #: Sentences of a list, between text and blocks.
     steps: Sequence[str] = ()
 

@@ -23,6 +23,7 @@ __all__ = [
     "diagnosis_record",
     "error_sentence",
     "evidence_sentences",
+    "explained_share",
     "finding_sentences",
     "flaw_sentences",
     "further_sentences",
@@ -41,6 +42,9 @@ __all__ = [
 
 #: Factor on the detectable size from which it is worth a sentence.
 _MIN_COST = 1.1
+
+#: Excess of chi-square per degree of freedom from which its parts are given.
+_MIN_EXCESS = 0.01
 
 #: Descriptions of the kinds of flaws of a base.
 _FLAWS = {
@@ -218,19 +222,31 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
     """
     if not diagnosis.flaws:
         return []
-    kinds = "; ".join(f"by {flaw.chi2_per_dof:.2f} at {_FLAWS[flaw.kind]}" for flaw in diagnosis.flaws)
-    sentences = [f"The base itself is off (χ² per sample): {kinds}."]
+    kinds = "; ".join(f"{_FLAWS[flaw.kind]} ({flaw.chi2_per_dof:.2f} of χ² per sample)" for flaw in diagnosis.flaws)
+    sentences = [f"Small flaws of the scene, the survey or the flats explain part of the difference: {kinds}."]
     if diagnosis.flaws_cost >= _MIN_COST:
         sentences.append(
-            f"With these flaws free, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
+            f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
-    sentences += [
-        f"{verdict.effect} fits, but not next to these flaws: with them its size is {verdict.certainty:.1f} standard "
-        f"deviations, {100 * verdict.stability:.0f} % of its size without."
-        for verdict in diagnosis.verdicts
-        if not verdict.holds
-    ]
-    return sentences
+    refused = (verdict for verdict in diagnosis.verdicts if not verdict.holds and verdict.gain > 0)
+    return [*sentences, *map(_reason_of_refusal, refused)]
+
+
+def _reason_of_refusal(verdict: Verdict) -> str:
+    """Reason for which an effect that fits is not reported."""
+    if verdict.holds_next_to_flaws:
+        return (
+            f"{verdict.effect} is not reported: pixels or bands that the fit left out do not confirm it, or its size "
+            "is within the tolerance of the survey."
+        )
+    if verdict.certainty <= 0:
+        return f"{verdict.effect} is not reported: with the flaws in the fit, nothing remains of it."
+    if not verdict.needed:
+        return f"{verdict.effect} is not reported: the flaws explain the difference about as well without it."
+    return (
+        f"{verdict.effect} is not reported: the flaws may imitate it. With the flaws in the fit, its size is "
+        f"{100 * verdict.stability:.0f} % of the size without them ({verdict.certainty:.1f} standard deviations)."
+    )
 
 
 def separation_sentence(s: Separation) -> str:
@@ -497,6 +513,25 @@ class _Signed(float):
 
     def __format__(self, form: str) -> str:
         return format(float(self), form).replace("-", "−").replace("%", " %")
+
+
+def explained_share(diagnosis: Diagnosis, ranked: Ranked) -> float:
+    """Part of the excess that an effect tried alone explains.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+    ranked
+        Entry of its ranking.
+
+    Returns
+    -------
+    float
+        May exceed 1, since errors of the rendering count as noise; NaN without an excess.
+    """
+    excess = diagnosis.chi2_per_dof - 1
+    return (diagnosis.chi2_per_dof - ranked.chi2_per_dof) / excess if excess > _MIN_EXCESS else float("nan")
 
 
 def ranked_values(ranked: Ranked) -> str:

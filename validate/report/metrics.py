@@ -26,7 +26,7 @@ from ..compare import (
     regions_of,
 )
 
-__all__ = ["PathStep", "Run", "metrics", "write_metrics"]
+__all__ = ["PathStep", "ValidationFacts", "metrics", "write_metrics"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class PathStep:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class ValidationFacts:
     """Data of a validation besides the comparison."""
 
     #: Name of the capture.
@@ -97,7 +97,7 @@ def _light(xyz: NDArray[np.float64]) -> dict[str, Any]:
     return {"luminance_cd_m2": xyz[1], **dict(zip(("x", "y"), chromaticity(xyz), strict=True))}
 
 
-def _camera(run: Run, camera: Camera) -> dict[str, Any]:
+def _camera(run: ValidationFacts, camera: Camera) -> dict[str, Any]:
     values, covariance = camera.parameters, camera.covariance
     record = {
         "reprojection_rms_px": run.reprojection_rms_px,
@@ -127,7 +127,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def metrics(comparison: Comparison, run: ValidationFacts, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Content of metrics.json.
 
     Parameters
@@ -211,7 +211,7 @@ def metrics(comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = 
 
 
 def write_metrics(
-    path: Path, comparison: Comparison, run: Run, extra: Mapping[str, Any] | None = None
+    path: Path, comparison: Comparison, run: ValidationFacts, extra: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Write metrics.json; an incomplete file is removed.
 

@@ -19,8 +19,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ..compare import COLOUR_DIFFERENCES, Comparison, band_centres
 from .bands import named_bands
-from .blocks import Cell, ReportSection, Story, Table
-from .metrics import Run
+from .blocks import Cell, ReportSection, ReportTable, Story
+from .metrics import ValidationFacts
 from .picture_sections import band_maps, maps_section, residual_section, scatter_section, weights_section
 from .plots import Drawing, MapRow
 from .story import story_without
@@ -38,7 +38,7 @@ class ReportInputs(FrozenMappings):
     #: The comparison.
     comparison: Comparison
     #: Data of the validation.
-    run: Run
+    run: ValidationFacts
     #: Assumptions, one sentence each.
     assumptions: Sequence[str]
     #: Filter weights; their section is left out where None.
@@ -60,7 +60,7 @@ class ReportInputs(FrozenMappings):
 
 
 def _block_kind(block: object) -> str:
-    kinds = {MapRow: "maps", Drawing: "drawing", Table: "table"}
+    kinds = {MapRow: "maps", Drawing: "drawing", ReportTable: "table"}
     return kinds[type(block)]
 
 
@@ -87,7 +87,7 @@ def _figures(c: Comparison) -> list[tuple[str, str, str]]:
 
 
 def _provenance_section(rows: Sequence[tuple[str, str]]) -> ReportSection:
-    table = Table(("what", "value"), [(what, Cell(value, wrap=True)) for what, value in rows])
+    table = ReportTable(("what", "value"), [(what, Cell(value, wrap=True)) for what, value in rows])
     return ReportSection("Command, date, versions, seeds", (), (table,))
 
 
@@ -147,6 +147,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
             run=run,
             headline=story.headline,
             level=verdict(c).level,
+            as_given=story.falling is not None,
             figures=_figures(c),
             warnings=[*warnings(c, run), *inputs.further_warnings],
             suspicions=inputs.suspicions,

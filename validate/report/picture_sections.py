@@ -15,7 +15,7 @@ from matplotlib.colors import LogNorm
 
 from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from .bands import NamedBand, named_bands
-from .blocks import ReportSection, Table, number, significant
+from .blocks import ReportSection, ReportTable, number, significant
 from .plots import (
     COLOUR,
     INK,
@@ -293,7 +293,7 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
         ),
         (
             drawing(first, second),
-            Table(
+            ReportTable(
                 header,
                 rows,
                 "Weights b_i in 1e-18 J per quantum. The rms error is relative to the rms of the CIE function. The "

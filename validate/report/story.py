@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
-from ..diagnose import Cause, Diagnosis
+from ..diagnose import Diagnosis, LikelyCause
 from ..diagnose.explain import advice
 from .bands import NamedBand
-from .blocks import Cell, Headline, ReportSection, Story, Table, number, significant
+from .blocks import Cell, Headline, ReportSection, ReportTable, Story, number, significant
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
+    explained_share,
     flaw_sentences,
     limit_text,
     ranked_values,
@@ -169,7 +170,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
     )
 
 
-def _visible(cause: Cause) -> bool:
+def _visible(cause: LikelyCause) -> bool:
     """Whether camera and lamp cannot imitate all of its signature."""
     return bool(np.nanmax(np.abs(cause.signature)) > _MIN_VISIBLE_SIGMA)
 
@@ -202,11 +203,12 @@ def signature_layers(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     if len(diagnosis.path) > 1:
         remaining = diagnosis.path[-1].comparison.maps["residual_over_sigma"].values.astype(np.float32)
         name = "Difference that remains with the effects found, in σ"
-        layers.append({"id": "remaining", "name": name, "unit": "σ", "perBand": True, "values": remaining})
+        red = "the photograph is brighter"
+        layers.append({"id": "remaining", "name": name, "unit": "σ", "perBand": True, "values": remaining, "red": red})
     return layers
 
 
-def _limits(diagnosis: Diagnosis) -> Table:
+def _limits(diagnosis: Diagnosis) -> ReportTable:
     """Table of the smallest size at which each effect is found."""
     rows = [
         (
@@ -215,14 +217,15 @@ def _limits(diagnosis: Diagnosis) -> Table:
             significant(limit.chi2_per_sample),
             "errors of the rendering" if limit.beside_errors else "size",
         )
-        for limit in diagnosis.limits
+        for limit in sorted(diagnosis.limits, key=lambda limit: limit.chi2_per_sample)
     ]
-    return Table(
+    return ReportTable(
         ("effect", "found nine times in ten from", "χ² per pixel and band", "limited by"),
         rows,
-        "The limits hold to first order for captures like this one, and for the form of each effect that shows most "
-        "easily. Errors of the rendering hide small smooth changes: for these the size is the limit. An effect "
-        "missing from this table cannot be found, or only by the survey of camera and lamp.",
+        "The most easily found first: those with the smallest χ². The limits hold to first order for captures like "
+        "this one, and for the form of each effect that shows most easily. Errors of the rendering hide small smooth "
+        "changes: for these the size is the limit. An effect missing from this table cannot be found, or only by the "
+        "survey of camera and lamp.",
     )
 
 
@@ -246,7 +249,7 @@ def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
     return ReportSection("What is missing", sentences, (*_signatures(diagnosis, bands), _ranking(diagnosis)))
 
 
-def _why_not(first: Cause, other: Cause, diagnosis: Diagnosis) -> str:
+def _why_not(first: LikelyCause, other: LikelyCause, diagnosis: Diagnosis) -> str:
     """Comparison of another cause with the first."""
     probability = next((r.probability for r in diagnosis.ranking if r.effect == other.effect), 0.0)
     conclusion = "This capture distinguishes them."
@@ -274,7 +277,7 @@ def _signatures(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> list[MapRow
     def row(pictures: NDArray, caption: str) -> MapRow:
         return map_row({name: pictures[i] for i, name in largest}, residual_scale(), caption)
 
-    def size(cause: Cause) -> str:
+    def size(cause: LikelyCause) -> str:
         return _size(diagnosis, cause.effect, values_text(cause.effect, cause.values, cause.sigma))
 
     return [
@@ -299,7 +302,7 @@ def _size(diagnosis: Diagnosis, effect: str, alone: str) -> str:
     return in_model.get(effect) or in_ranking.get(effect, alone)
 
 
-def _before_and_after(diagnosis: Diagnosis) -> Table:
+def _before_and_after(diagnosis: Diagnosis) -> ReportTable:
     """Figures of the model as given and with the effects found, in two columns."""
     first, last = (diagnosis.path[k].comparison for k in (0, -1))
     rows = [
@@ -325,29 +328,40 @@ def _before_and_after(diagnosis: Diagnosis) -> Table:
             number(100 * last.luminance.rms_noise, 2),
         ),
     ]
-    return Table(("figure", "model as given", "with the effects found", "noise alone"), rows)
+    caption = (
+        "Noise alone is that of the model with the effects found. It is taken as independent between bands. The "
+        "rendering's noise is alike in all bands and shifts colours less, so that a colour difference may lie a little "
+        "below noise alone."
+    )
+    return ReportTable(("figure", "model as given", "with the effects found", "noise alone"), rows, caption)
 
 
-def _ranking(diagnosis: Diagnosis) -> Table:
+def _ranking(diagnosis: Diagnosis) -> ReportTable:
     """Effects tried alone, by the part of the excess that each explains."""
-    excess = diagnosis.chi2_per_dof - 1
     rows = [
         (
             r.effect,
             Cell(_size(diagnosis, r.effect, ranked_values(r)), wrap=True),
-            number(100 * (diagnosis.chi2_per_dof - r.chi2_per_dof) / excess if excess > 0.01 else np.nan, 1),
+            number(100 * explained_share(diagnosis, r), 1),
             number(100 * r.probability, 1),
         )
         for r in diagnosis.ranking[:_NUM_RANKED]
     ]
-    return Table(
-        ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"),
-        rows,
+    caption = (
         "Camera and lamp are refitted with each effect. The parameters of an effect found are of the final model. "
-        "Errors of the rendering count as noise here, so that none of "
-        "them is taken for an effect; the true effect may explain a little more than 100 %. The probability of an "
-        "effect found is that it is the cause, and not one of its alternatives. Each of several effects has its "
-        "probability. The probability of 'unknown' is that the cause is not in the catalogue.",
+        "Errors of the rendering count as noise here, so that none of them is taken for an effect; the true effect may "
+        "explain a little more than 100 %. "
+    )
+    if diagnosis.adequate:
+        caption += "What the probabilities lack to 100 % is the probability that the model lacks nothing. "
+    else:
+        caption += (
+            "The probability of an effect found is that it is the cause, and not one of its alternatives. Each of "
+            "several effects has its probability. "
+        )
+    caption += "The probability of 'unknown' is that the cause is not in the catalogue."
+    return ReportTable(
+        ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"), rows, caption
     )
 
 

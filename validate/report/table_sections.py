@@ -22,8 +22,8 @@ from ..compare import (
     regions_of,
 )
 from .bands import NamedBand
-from .blocks import Cell, ReportSection, Table, number, percent, significant, to_error
-from .metrics import Run
+from .blocks import Cell, ReportSection, ReportTable, number, percent, significant, to_error
+from .metrics import ValidationFacts
 from .plots import MapRow
 from .verdict import verdict
 
@@ -43,16 +43,18 @@ def _chi2(chi2: ChiSquare) -> Cell:
     return Cell(number(chi2.per_dof, digits), f"± {number(chi2.per_dof_sigma, 3)}", beyond)
 
 
-def _regions(header: str, regions: Sequence[Region], caption: str, names: Sequence[str] | None = None) -> Table:
+def _regions(
+    header: str, regions: Sequence[Region], caption: str, every: ChiSquare, names: Sequence[str] | None = None
+) -> ReportTable:
     """A partition of the residuals with a row for all of them."""
     rows = [
         (name, _chi2(r.chi2), percent(r.share_of_residuals), percent(r.share_of_excess))
         for name, r in zip(names or [r.name for r in regions], regions, strict=True)
     ]
     total = sum(r.share_of_residuals for r in regions), sum(r.share_of_excess for r in regions)
-    return Table(
+    return ReportTable(
         (header, "χ²/dof", "share of the residuals, %", "share of the excess χ², %"),
-        [*rows, ("all", "", percent(total[0]), percent(total[1]))],
+        [*rows, ("all", _chi2(every), percent(total[0]), percent(total[1]))],
         caption,
     )
 
@@ -84,7 +86,7 @@ def where_section(
     if np.isfinite(regions["place"][0].share_of_excess) and (failures or verdict(c).level != "explained"):
         worst = max(regions["place"], key=lambda r: r.share_of_excess)
         sentences = [f.sentence for f in failures] or [
-            f"{percent(worst.share_of_excess, 0)} % of the excess χ² is {_in_place(worst.name)}, with "
+            f"Most of the excess χ² is {_in_place(worst.name)}: {percent(worst.share_of_excess, 0)} %, with "
             f"{percent(worst.share_of_residuals, 0)} % of the residuals."
         ]
     return ReportSection(
@@ -92,9 +94,9 @@ def where_section(
         sentences,
         (
             maps,
-            _regions("place", regions["place"], _DEFINITION),
-            _regions("surface", regions["surface"], "By surface, its edges included."),
-            _regions("band", by_band, "By band.", [name for _, name in bands]),
+            _regions("place", regions["place"], _DEFINITION, c.chi2),
+            _regions("surface", regions["surface"], "By surface, its edges included.", c.chi2),
+            _regions("band", by_band, "By band.", c.chi2, [name for _, name in bands]),
         ),
     )
 
@@ -121,7 +123,7 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
     """
     by_band = list(c.by_band.items())
     rows = [(name, by_band[i][1]) for i, name in bands]
-    band_table = Table(
+    band_table = ReportTable(
         ("band", "mean difference, %", "rms difference, %", "rms of noise, %", "beyond noise, %"),
         [
             (
@@ -136,7 +138,7 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
         "By band: (measured − rendered) / rendered over all pixels of surfaces. 'Beyond noise' is the rms difference "
         "that noise does not explain, relative to the rms signal.",
     )
-    surfaces = Table(
+    surfaces = ReportTable(
         (
             "surface",
             *(f"{name}, %" for _, name in bands),
@@ -174,13 +176,13 @@ def _colours(row: SurfaceRow) -> list[str | Cell]:
     return list(cells.values())
 
 
-def _luminances(c: Comparison) -> Table:
+def _luminances(c: Comparison) -> ReportTable:
     """Table of luminance and chromaticity of photograph and rendering, by surface."""
 
     def cells(xyz: NDArray[np.float64]) -> list[str]:
         return [significant(float(xyz[1]), 4), *(number(value, 4) for value in chromaticity(xyz))]
 
-    return Table(
+    return ReportTable(
         ("surface", "photograph, cd/m²", "x", "y", "rendering, cd/m²", "x", "y", "interior px"),
         [
             (name, *cells(row.xyz_measured), *cells(row.xyz_rendered), f"{row.interior_pixels}")
@@ -214,7 +216,7 @@ LABELS = dict(
 )
 
 
-def camera_section(run: Run) -> ReportSection:
+def camera_section(run: ValidationFacts) -> ReportSection:
     """Section on the camera before and after the refit, and on the lamp's scale.
 
     Parameters
@@ -256,7 +258,7 @@ def camera_section(run: Run) -> ReportSection:
             ]
         rows.append(row)
     pull = (run.lamp_scale - 1) / run.lamp_scale_prior_sigma
-    lamp = Table(
+    lamp = ReportTable(
         ("lamp", "fitted", "standard deviation", "stated standard deviation", "change, σ"),
         [
             (
@@ -272,7 +274,7 @@ def camera_section(run: Run) -> ReportSection:
         "Camera and lamp",
         (f"Reprojection error of the surveyed points: {significant(run.reprojection_rms_px)} px rms per coordinate.",),
         (
-            Table(
+            ReportTable(
                 header, rows, "The rotation is a Rodrigues vector, relative to a camera that looks along +z with +y up."
             ),
             lamp,
@@ -300,7 +302,7 @@ def masks_section(c: Comparison) -> ReportSection:
         "Pixels left out",
         (),
         (
-            Table(
+            ReportTable(
                 ("reason", "pixels", "% of the picture"),
                 rows,
                 "These pixels are left out in at least one band. A pixel may have several reasons.",
@@ -342,7 +344,7 @@ def parts_section(c: Comparison, subsets: Sequence[Part]) -> ReportSection:
                 number(1 + share / members.sum(), 3),
             )
         )
-    table = Table(
+    table = ReportTable(
         ("where", "residuals, %", "excess χ², %", "χ²/dof"),
         rows,
         "These parts overlap. Light is direct if the visible surface is the first that reflects it. The model "
@@ -372,4 +374,4 @@ def correlation_section(
     """
     rows = [(name, *(number(value, 2) for value in row)) for name, row in zip(names, correlations, strict=True)]
     caption = "Correlation of the errors of two fitted numbers; camera and lamp are free within their priors."
-    return ReportSection("Correlations of fitted numbers", sentences, (Table(("", *names), rows, caption),))
+    return ReportSection("Correlations of fitted numbers", sentences, (ReportTable(("", *names), rows, caption),))

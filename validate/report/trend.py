@@ -15,7 +15,7 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 
-from .blocks import ReportSection, Table, with_error
+from .blocks import ReportSection, ReportTable, with_error
 from .page import report_environment
 from .plots import INK, LINE, STYLE, Drawing, drawing, new_figure
 
@@ -196,7 +196,7 @@ def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
     ]
     captures = ", ".join(dict.fromkeys(result.capture for result in results))
     sections = [
-        ReportSection("Every number", blocks=(Table(("number", *(result.name for result in results)), rows),)),
+        ReportSection("Every number", blocks=(ReportTable(("number", *(result.name for result in results)), rows),)),
         ReportSection(
             "Trends",
             ("Bars are one standard deviation where it is known. The dashed line is noise alone.",),

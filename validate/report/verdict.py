@@ -9,9 +9,9 @@ import numpy as np
 
 from ..compare import HEADLINE, Comparison, Region, regions_of
 from .bands import NamedBand
-from .metrics import Run
+from .metrics import ValidationFacts
 
-__all__ = ["Verdict", "chi2_by_place", "verdict", "warnings"]
+__all__ = ["ReportVerdict", "chi2_by_place", "verdict", "warnings"]
 
 #: Probability below which a difference is significant.
 SIGNIFICANT = 1e-3
@@ -37,7 +37,7 @@ _MAX_CAMERA_DISTANCE = 29.6
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ReportVerdict:
     """Verdict on a comparison."""
 
     #: "explained", "nearly" or "unexplained".
@@ -48,7 +48,7 @@ class Verdict:
     details: tuple[str, ...]
 
 
-def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
+def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
     """Verdict whether noise explains the difference, and where the excess is.
 
     Parameters
@@ -60,7 +60,7 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
 
     Returns
     -------
-    Verdict
+    ReportVerdict
         Level and sentences.
     """
     significant = c.chi2.p_value < SIGNIFICANT
@@ -86,7 +86,7 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
         regions = regions_of(c)
         region = max(regions["place"], key=lambda r: r.share_of_excess)
         details.append(
-            f"{100 * region.share_of_excess:.0f} % of the excess χ² is in one region: {region.name}, with "
+            f"The region with most of the excess χ² is {region.name}: {100 * region.share_of_excess:.0f} %, with "
             f"{100 * region.share_of_residuals:.0f} % of the residuals."
         )
         surface, band = (_worst(regions[kind]) for kind in ("surface", "band"))
@@ -96,7 +96,7 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> Verdict:
                 f"The worst region is {surface.name} (χ²/dof {surface.chi2.per_dof:.3g}), the worst band {name} "
                 f"({band.chi2.per_dof:.3g})."
             )
-    return Verdict(level, headline, tuple(details))
+    return ReportVerdict(level, headline, tuple(details))
 
 
 def chi2_by_place(c: Comparison) -> str:
@@ -121,7 +121,7 @@ def _worst(regions: Sequence[Region]) -> Region | None:
     return max(used, key=lambda r: r.chi2.per_dof, default=None)
 
 
-def warnings(c: Comparison, run: Run) -> list[str]:
+def warnings(c: Comparison, run: ValidationFacts) -> list[str]:
     """Reasons for caution about the results.
 
     Parameters

@@ -17,7 +17,7 @@ from ..diagnose import Diagnosis
 from .bands import named_bands
 from .blocks import ReportSection
 from .diagnosis import path_steps
-from .metrics import PathStep, Run, metrics, write_metrics
+from .metrics import PathStep, ValidationFacts, metrics, write_metrics
 from .page import ReportInputs, build_report
 from .story import signature_layers, story
 from .table_sections import parts_section
@@ -78,10 +78,10 @@ def _assumptions(result: Validation) -> list[str]:
     ]
 
 
-def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]) -> Run:
+def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]) -> ValidationFacts:
     """Data of a validation besides the comparison."""
     prepared, fit = result.prepared, result.fit
-    return Run(
+    return ValidationFacts(
         capture=prepared.calibration.capture.manifest.name or prepared.calibration.capture.folder.name,
         model=result.model.name,
         version=version("cboxlab"),

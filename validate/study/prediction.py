@@ -74,8 +74,13 @@ class Base:
         return self.validation.rendered
 
     def prepare(self) -> None:
-        """Compute now what every prediction needs, so that the first one is as fast as later ones."""
+        """Compute now what every prediction needs, so that the first one is as fast as later ones.
+
+        Changes refer to the picture by patch transport with the base's own effects.
+        """
         _ = self.refit_change, self.derivative
+        for predictor in (self._rough, self._retracing):
+            predictor.patch_picture(predictor.included)
 
     def drafting(self, effects: Sequence[AppliedEffect]) -> Predictor:
         """The predictor of fewer rays for given effects.

@@ -35,6 +35,8 @@ class EnviHeader(FrozenMappings):
     path: Path
     #: Values by key in lower case, without braces; lines of a value in braces are kept apart by ``\\n``.
     entries: dict[str, str]
+    #: First values of keys that are stated again with other values.
+    contradicted: dict[str, str]
 
     def __contains__(self, key: str) -> bool:
         return key in self.entries
@@ -51,9 +53,17 @@ class EnviHeader(FrozenMappings):
         -------
         str or None
             None where the header lacks the key.
+
+        Raises
+        ------
+        InputError
+            If the header states the key again with another value.
         """
         if key not in self.entries:
             return None
+        if key in self.contradicted:
+            both = " and ".join(repr(each[:40]) for each in (self.contradicted[key], self.entries[key]))
+            raise InputError(f"{self.path}: {key}", both, "one value", "Delete the line that is wrong.")
         return " ".join(line.partition(";")[0].strip() for line in self.entries[key].split("\n")).strip()
 
     def integer(self, key: str, default: int | None = None) -> int:
@@ -163,7 +173,7 @@ def is_envi(path: Path) -> bool:
 
 
 def read_header(path: Path) -> EnviHeader:
-    """The entries of a header; of a key stated twice the last one counts.
+    """The entries of a header.
 
     Parameters
     ----------
@@ -184,11 +194,15 @@ def read_header(path: Path) -> EnviHeader:
     if not lines.popleft().startswith("ENVI"):
         raise InputError(path, "no 'ENVI' in its first line", "an ENVI header")
     entries: dict[str, str] = {}
+    contradicted: dict[str, str] = {}
     while lines:
         key, equals, value = (part.strip() for part in lines.popleft().partition("="))
         if equals and key and not key.startswith(";"):
-            entries[" ".join(key.lower().split())] = _value(value, lines)
-    return EnviHeader(path, entries)
+            name = " ".join(key.lower().split())
+            text = _value(value, lines)
+            if entries.setdefault(name, text).lower() != text.lower():
+                contradicted[name], entries[name] = entries[name], text
+    return EnviHeader(path, entries, contradicted)
 
 
 def _value(first: str, lines: deque[str]) -> str:

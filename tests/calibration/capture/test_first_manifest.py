@@ -8,7 +8,7 @@ import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
 from cboxlab.utils.errors import InputError
-from helpers.frame_files import write_dng, write_fits
+from helpers.files.frame_files import write_dng, write_fits
 
 SHAPE = (12, 16)
 

@@ -9,7 +9,7 @@ import tifffile
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
 from cboxlab.utils.errors import InputError
-from helpers.frame_files import XTRANS, shifted, write_dng, write_fits
+from helpers.files.frame_files import XTRANS, shifted, write_dng, write_fits
 from PIL import Image
 
 SHAPE = (12, 16)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
-from helpers.frame_files import write_dng, write_fits
+from helpers.files.frame_files import write_dng, write_fits
 
 SHAPE = (64, 96)
 #: The darkest to the brightest part of the scene, DN.

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
 from cboxlab.utils.errors import InputError
-from helpers.frame_files import write_dng, write_fits
+from helpers.files.frame_files import write_dng, write_fits
 
 SHAPE = (12, 16)
 

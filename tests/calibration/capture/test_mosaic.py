@@ -5,7 +5,7 @@ import pytest
 from cboxlab.calibration.capture.manifest import MosaicTable, channel_letters
 from cboxlab.calibration.capture.mosaic import channel_lattice, channel_mask
 from cboxlab.calibration.correction.defects import dead_pixels
-from helpers.frame_files import BAYER, XTRANS, shifted
+from helpers.files.frame_files import BAYER, XTRANS, shifted
 from pydantic import ValidationError
 
 PATTERNS = {

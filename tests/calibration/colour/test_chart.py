@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.colour.chart import find_chart
-from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result import calibrate_capture
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
 from PIL import Image
@@ -88,7 +88,7 @@ def test_the_real_chart_is_found_and_measured_as_with_labels_made_by_hand(shared
     (tmp_path / "capture.toml").chmod(0o644)
     (tmp_path / "capture.toml").write_text(text.replace('image = "labels.png"\n', ""))
     capture = load_capture(tmp_path)
-    calibration = calibrate(capture)
+    calibration = calibrate_capture(capture)
     detected, by_hand = find_chart(calibration.capture, calibration.bands), np.asarray(Image.open(real / "labels.png"))
     shares = [np.mean(detected[by_hand == label] == label) for label in range(1, 25)]
     assert min(shares) > 0.85
@@ -109,6 +109,6 @@ def test_a_picture_without_a_chart_gives_a_note(shared, tmp_path):
     (tmp_path / "capture.toml").chmod(0o644)
     with (tmp_path / "capture.toml").open("a") as file:
         file.write('\n[labels]\nnames = "patches.csv"\nreflectance = "reflectance.csv"\n')
-    calibration = calibrate(load_capture(tmp_path))
+    calibration = calibrate_capture(load_capture(tmp_path))
     assert calibration.patches is None
     assert any(note.startswith("no patch reflectances") for note in calibration.notes)

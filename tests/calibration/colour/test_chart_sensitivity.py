@@ -8,7 +8,7 @@ from cboxlab.calibration.capture import channel_mask, load_capture
 from cboxlab.calibration.colour.radiance_ensemble import evaluation_radiances
 from cboxlab.calibration.radiometry.broad_light_sensitivity import smooth_wiener
 from cboxlab.calibration.radiometry.spectral_sensitivity import NarrowBandReadings
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from PIL import Image
 
@@ -66,7 +66,7 @@ def chart_capture(folder, stated_kelvin=2900.0, with_efficiency=False, seed=4):
     for channel in "RGB":
         text += f'[[band]]\nid = "{channel}"\nchannel = "{channel}"\nexposure_s = 0.5\n' + frames.format("chart")
     (folder / "capture.toml").write_text(text)
-    return calibrate(load_capture(folder))
+    return calibrate_capture(load_capture(folder))
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from cboxlab.calibration.colour.radiance_ensemble import (
 )
 from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.calibration.instrument.band_response import BandResponse
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 from helpers.fakes.capture import CENTRES_NM, FakeCapture, response
 
@@ -144,7 +144,7 @@ def test_the_baselines_weights(shared):
 
     The stated errors are those that benchmarks/measured/history.md gives.
     """
-    colour = calibrate(load_capture(shared / "captures" / "baseline")).colour
+    colour = calibrate_capture(load_capture(shared / "captures" / "baseline")).colour
     plain, trained = colour.errors["least squares"], colour.errors["trained"]
     assert colour.recommended == "trained"
     assert plain.largest[2] > 0.4 and plain.rms[2] > 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.capture.mosaic import channel_mask
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from PIL import Image
 
 
@@ -52,7 +52,7 @@ def test_chart_of_known_reflectances_through_the_whole_chain(tmp_path):
     (folder / "names.csv").write_text("label,name,column\n" + names)
     text += '[labels]\nimage = "labels.png"\nnames = "names.csv"\nreflectance = "known.csv"\n'
     (folder / "capture.toml").write_text(text)
-    table = calibrate(load_capture(folder)).patches
+    table = calibrate_capture(load_capture(folder)).patches
     # Stray light in proportion to the light at the patch is what the offset can describe.
     np.testing.assert_allclose(table.offset, stray, atol=0.006)
     np.testing.assert_allclose(table.reflectance, true, atol=0.015)

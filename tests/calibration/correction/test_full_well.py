@@ -7,7 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import with_full_well
 from cboxlab.calibration.correction.full_well import _saturated_count
 from cboxlab.calibration.instrument import Mask
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from helpers.fakes.capture import BIAS, DEPTH, F_NUMBER, GAIN, READ_NOISE, FakeCapture
 from helpers.places import ROOT
 
@@ -47,7 +47,7 @@ def full(tmp_path_factory):
                 extra += f"[[{kind}]]\n{band}exposure_s = {seconds}\nframes = {names!r}\n".replace("'", '"')
     path = folder / "capture.toml"
     path.write_text(path.read_text() + extra)
-    return calibrate(load_capture(folder))
+    return calibrate_capture(load_capture(folder))
 
 
 def test_the_full_well_is_found_below_full_scale(full):
@@ -76,7 +76,7 @@ def test_full_pixels_are_no_copied_or_encoded_frames(full):
 def test_full_pixels_are_masked(tmp_path):
     fake = _Full(tmp_path / "capture", seed=7, centres=(550,))
     fake.gains["f550"] = 1.1 * WELL_E / GAIN / float(np.max(fake.expected("f550") * fake.flat))
-    bands = calibrate(load_capture(fake.write(flats=False, references=False))).bands
+    bands = calibrate_capture(load_capture(fake.write(flats=False, references=False))).bands
     signal = fake.expected("f550") * fake.flat * fake.gains["f550"]
     masked = (bands.images["mask"].values[0] & Mask.SATURATED) > 0
     assert masked[signal > WELL_E / GAIN].all()

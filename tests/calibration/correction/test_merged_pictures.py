@@ -8,7 +8,7 @@ import OpenEXR
 import pytest
 import tifffile
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.utils.errors import InputError
 
 SHAPE = (60, 160)
@@ -62,7 +62,7 @@ POISSON = f'[noise]\nkind = "poisson"\ngain_e_per_unit = {GAIN}\nread_noise_e = 
 
 @pytest.mark.parametrize("write", [write_tiff, write_exr, write_hdr])
 def test_values_are_read_as_they_are_stored(tmp_path, write):
-    result = calibrate(load_capture(capture(tmp_path / "c", POISSON, write)))
+    result = calibrate_capture(load_capture(capture(tmp_path / "c", POISSON, write)))
     tolerance = 1 / 60 if write is write_hdr else 1e-6  # RGBE has eight bits of the brightest channel
     np.testing.assert_allclose(
         result.images["signal"].values[0],
@@ -74,7 +74,7 @@ def test_values_are_read_as_they_are_stored(tmp_path, write):
 
 
 def test_pulls_with_the_stated_noise_are_standard_normal(tmp_path):
-    bands = calibrate(load_capture(capture(tmp_path / "c", POISSON))).bands
+    bands = calibrate_capture(load_capture(capture(tmp_path / "c", POISSON))).bands
     pull = (bands.images["signal"].values[0] - light()) / np.sqrt(bands.predicted_variance(light()[None])[0])
     assert abs(pull.std() - 1) < 4 / np.sqrt(2 * pull.size) and abs(pull.mean()) < 4 / np.sqrt(pull.size)
 
@@ -82,7 +82,7 @@ def test_pulls_with_the_stated_noise_are_standard_normal(tmp_path):
 @pytest.mark.parametrize(("kind", "repeats"), [("repeats", 3), ("estimated", 1)])
 def test_noise_comes_from_repeats_or_neighbours(tmp_path, kind, repeats):
     folder = capture(tmp_path / "c", f'[noise]\nkind = "{kind}"\n', repeats=repeats)
-    result = calibrate(load_capture(folder))
+    result = calibrate_capture(load_capture(folder))
     (note,) = [note for note in result.notes if note.startswith("merged pictures")]
     assert ("repeats" if kind == "repeats" else "estimated") in note
     expected = (light() / GAIN + (READ / GAIN) ** 2) / repeats
@@ -96,13 +96,13 @@ def test_values_that_are_not_finite_are_saturated(tmp_path):
     values[3:6, 70:75] = np.inf
     values[50, 10] = np.nan
     write_tiff(folder / "box-0", values)
-    mask = calibrate(load_capture(folder)).images["mask"].values[0]
+    mask = calibrate_capture(load_capture(folder)).images["mask"].values[0]
     assert (mask[3:6, 70:75] > 0).all() and mask[50, 10] > 0 and np.count_nonzero(mask) == 16
 
 
 def fault(folder):
     with pytest.raises(InputError) as error:
-        calibrate(load_capture(folder))
+        calibrate_capture(load_capture(folder))
     return str(error.value)
 
 

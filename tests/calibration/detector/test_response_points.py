@@ -6,7 +6,7 @@ import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
 from cboxlab.calibration.detector.response_points import _middle, response_points
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.calibration.result.write import write_calibration
 from helpers.fakes.capture import DISTANCE_MM, F_NUMBER, GAIN, READ_NOISE, FakeCapture
 
@@ -58,7 +58,7 @@ def series_capture(folder, late_s=0.0, times=TIMES, further=True, shade=0.0):
 def straight(tmp_path_factory):
     folder = tmp_path_factory.mktemp("series") / "c"
     series_capture(folder)
-    return calibrate(load_capture(folder))
+    return calibrate_capture(load_capture(folder))
 
 
 def test_all_four_laws_hold_on_a_camera_that_obeys_them(straight):
@@ -102,7 +102,7 @@ def test_a_late_shutter_is_named(tmp_path):
     base = float(FakeCapture(folder, centres=(550,)).exposure["f550"])
     late = 0.02 * 0.25 * base
     series_capture(folder, late_s=late)
-    calibration = calibrate(load_capture(folder))
+    calibration = calibrate_capture(load_capture(folder))
     fit = next(s.fit for s in calibration.sensor.responses if s.key == "exposure")
     assert fit.departure is not None and fit.departure.kind == "offset"
     assert abs(fit.departure.size - late) < 4 * fit.departure.sigma
@@ -118,7 +118,7 @@ def test_plots_and_record_are_written(straight, tmp_path):
 def test_only_the_middle_of_the_field_is_used(tmp_path):
     """A shadow along two borders in every second frame changes no law."""
     series_capture(tmp_path / "c", shade=0.5)
-    responses = calibrate(load_capture(tmp_path / "c")).sensor.responses
+    responses = calibrate_capture(load_capture(tmp_path / "c")).sensor.responses
     results = {s.key: s.fit for s in responses if s.source == "reference"}
     assert set(results) == {"exposure", "f_number", "image_distance", "flux"}
     for fit in results.values():
@@ -129,4 +129,4 @@ def test_only_the_middle_of_the_field_is_used(tmp_path):
 def test_a_curve_needs_light_over_a_factor_of_three(tmp_path, shortest, curve):
     """Nine exposures from a part of the band's own one up to it."""
     series_capture(tmp_path / "c", times=np.linspace(shortest, 0.95, 9).tolist(), further=False)
-    assert (calibrate(load_capture(tmp_path / "c")).sensor.curve is not None) == curve
+    assert (calibrate_capture(load_capture(tmp_path / "c")).sensor.curve is not None) == curve

@@ -10,7 +10,7 @@ from cboxlab.calibration import frame_readers
 from cboxlab.calibration.capture import file_mosaic_notes, load_capture
 from cboxlab.utils.errors import InputError
 from helpers.fakes.capture import FakeCapture
-from helpers.frame_files import write_dng, write_fits
+from helpers.files.frame_files import write_dng, write_fits
 
 
 def write_stack(path, stack):

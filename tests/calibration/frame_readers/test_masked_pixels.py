@@ -5,7 +5,7 @@ import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import write_first_manifest
 from cboxlab.calibration.frame_readers import frame_header
-from helpers.frame_files import write_dng
+from helpers.files.frame_files import write_dng
 
 MASKED = 16
 BLACK_DN = 128.0

@@ -17,7 +17,7 @@ from cboxlab.calibration.geometry.camera_fit import fit_camera
 from cboxlab.calibration.geometry.surveyed_points import SurveyedPoints
 from cboxlab.calibration.geometry.target_camera import fit_camera_targets
 from cboxlab.calibration.geometry.targets import TargetView, detect_target
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.calibration.result.write import calibration_record
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
@@ -185,7 +185,7 @@ target = [{{ kind = "chessboard", rows = 5, columns = 7, pitch_mm = {PITCH_MM}, 
     assert fit is not None and [view.name for view in fit.discordant] == ["target-2.tif"]
     assert notes[0].startswith("target view not used: target-2.tif: its points scatter by ")
     assert abs(fit.intrinsics[0] - FOCAL_LENGTH_PX) < 6 * np.sqrt(fit.intrinsics_covariance[0, 0])
-    assert set(notes) <= set(calibration_record(calibrate(load_capture(tmp_path)))["notes"])
+    assert set(notes) <= set(calibration_record(calibrate_capture(load_capture(tmp_path)))["notes"])
 
 
 def test_a_disk_is_found_where_it_is_whatever_the_shading() -> None:

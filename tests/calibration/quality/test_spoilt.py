@@ -11,8 +11,8 @@ import pytest
 from capture_mistakes import MISTAKES, Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
-from cboxlab.calibration.result import calibrate
-from helpers.calibrations import quick_calibration
+from cboxlab.calibration.result import calibrate_capture
+from helpers.captures.calibrations import quick_calibration
 from helpers.places import ROOT
 
 
@@ -30,7 +30,7 @@ def test_bands_without_light_leave_a_calibration_and_a_suspicion(tmp_path, name,
     mistake = next(m for m in MISTAKES if m.name == name)
     mistake.make(draft, np.random.default_rng(5))
     draft.save()
-    calibration = calibrate(load_capture(draft.folder))
+    calibration = calibrate_capture(load_capture(draft.folder))
     assert any(re.search(mistake.expected, str(suspicion)) for suspicion in calibration.suspicions)
     assert (calibration.weights is not None) == colour
 

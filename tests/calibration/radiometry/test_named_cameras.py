@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings, MosaicSensor, behind_mosaic
@@ -69,7 +69,10 @@ def capture_of(original, tmp_path, reference="camera:nikon 5100 (npl)"):
 
 
 def test_levels_come_from_the_references_and_colours_are_those_of_the_tables(original, tmp_path):
-    nominal, calibration = calibrate(load_capture(original)), calibrate(load_capture(capture_of(original, tmp_path)))
+    nominal, calibration = (
+        calibrate_capture(load_capture(original)),
+        calibrate_capture(load_capture(capture_of(original, tmp_path))),
+    )
     levels = {column[-1]: level for column, level in calibration.capture.channel_levels.items()}
     for letter, level in LEVELS.items():
         assert levels[letter] == pytest.approx(level / max(LEVELS.values()), rel=3e-3)
@@ -83,7 +86,7 @@ def test_without_references_the_levels_are_unknown(original, tmp_path):
     folder = capture_of(original, tmp_path)
     path = folder / "capture.toml"
     path.write_text(re.sub(r"(?ms)^\[\[reference\]\]\n.*?(?=^\[)", "", path.read_text()))
-    calibration = calibrate(load_capture(folder))
+    calibration = calibrate_capture(load_capture(folder))
     assert any("the channels' levels are unknown" in note for note in calibration.notes)
     assert calibration.radiometry.constant is None
 

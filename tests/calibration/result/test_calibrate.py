@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.colour.patch_colour import patch_errors, patch_xyz, smoothest_spectra
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.calibration.result.write import write_calibration
 from helpers.fakes.capture import CONSTANT, FakeCapture
 
@@ -37,12 +37,12 @@ KEYS = {
 
 @pytest.fixture(scope="module")
 def colorchecker(shared):
-    return calibrate(load_capture(shared / "real" / "seven-band-colorchecker"))
+    return calibrate_capture(load_capture(shared / "real" / "seven-band-colorchecker"))
 
 
 @pytest.fixture(scope="module")
 def baseline(shared):
-    return calibrate(load_capture(shared / "captures" / "baseline"))
+    return calibrate_capture(load_capture(shared / "captures" / "baseline"))
 
 
 def record(calibration, folder):
@@ -56,7 +56,7 @@ def test_absolute_luminance_of_a_known_scene(tmp_path):
     The seven bells miss ybar a little: for this smooth spectrum by less than 3%; noise is far below.
     """
     fake = FakeCapture(tmp_path / "c", seed=2)
-    calibration = calibrate(load_capture(fake.write()))
+    calibration = calibrate_capture(load_capture(fake.write()))
     xyz = calibration.xyz()
     from cboxlab.calibration.instrument import colour_matching_functions
 
@@ -109,7 +109,7 @@ def test_baseline_repeats_scatter_as_predicted(baseline):
 
 @pytest.mark.parametrize("name", ["seven-band-colorchecker", "seven-band-disks"])
 def test_real_captures_say_what_they_lack(shared, tmp_path, name):
-    calibration = calibrate(load_capture(shared / "real" / name))
+    calibration = calibrate_capture(load_capture(shared / "real" / name))
     entry = record(calibration, tmp_path)
     text = " ".join(entry["notes"])
     for lack in (
@@ -134,7 +134,7 @@ def test_real_captures_say_what_they_lack(shared, tmp_path, name):
 
 def test_the_camera_behind_the_real_captures_has_one_shutter(shared, colorchecker):
     """Same camera, two days: black level -0.2 to -0.4 DN, exposure offset 0.3 to 0.6 ms, in both."""
-    disks = calibrate(load_capture(shared / "real" / "seven-band-disks"))
+    disks = calibrate_capture(load_capture(shared / "real" / "seven-band-disks"))
     for linearity in (colorchecker.linearity, disks.linearity):
         assert 0.15 < linearity.black_level_dn < 0.45
         assert 3e-4 < linearity.exposure_offset_s < 7e-4

@@ -10,7 +10,7 @@ from cboxlab.calibration.instrument.band_response import BandResponse
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from cboxlab.validation.compare.comparison import Comparison, compare
-from cboxlab.validation.report.metrics import Run
+from cboxlab.validation.report.metrics import ValidationFacts
 
 BANDS = ("f450", "f500", "f550", "f600", "f650")
 SURFACES = ("floor", "ceiling", "back wall", "red wall", "green wall", "block")
@@ -117,7 +117,7 @@ class FakeBox:
         return compare(measured, rendered, self.sensor_variance, **arguments)
 
 
-def fake_run(**changes: object) -> Run:
+def fake_run(**changes: object) -> ValidationFacts:
     """A run with a calibrated and a slightly moved camera."""
     sigma = np.array([0.4, 0.4, 0.8, 0.03, 0.03, 0.01, 0.2, 0.3, 0.3, 0.002])
     camera = Camera(
@@ -142,7 +142,7 @@ def fake_run(**changes: object) -> Run:
         "lamp_scale_prior_sigma": 0.02,
         "calibrated_camera": camera,
     }
-    return Run(**{**arguments, **changes})
+    return ValidationFacts(**{**arguments, **changes})
 
 
 def fake_weights() -> tuple[FilterWeights, list[BandResponse]]:

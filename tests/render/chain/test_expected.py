@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.chain.expected import expected_signal
 from cboxlab.rendering.chain.projection import scene_light
@@ -106,7 +106,7 @@ class AffectedCapture(FakeCapture):
 
 def chi2(folder, fake: FakeCapture, effects) -> float:
     """Per degree of freedom, of measured minus expected."""
-    calibration = calibrate(load_capture(folder))
+    calibration = calibrate_capture(load_capture(folder))
     signal = expected_signal(image(fake), sensing(calibration, CAMERA), effects, CAMERA)
     used = calibration.images["mask"].values == 0
     residual = (calibration.images["signal"].values - signal) / np.sqrt(calibration.predicted_variance(signal))
@@ -157,7 +157,7 @@ def test_a_flat_with_another_spectrum_counts(tmp_path):
 def plain(tmp_path_factory):
     """(fake, calibration, sensing) of a capture without effects."""
     fake = FakeCapture(tmp_path_factory.mktemp("plain"), centres=BANDS)
-    calibration = calibrate(load_capture(fake.write()))
+    calibration = calibrate_capture(load_capture(fake.write()))
     return fake, calibration, sensing(calibration, CAMERA)
 
 
@@ -254,14 +254,14 @@ def test_minutes_come_from_the_manifest(tmp_path):
     fake = AffectedCapture(tmp_path / "c", centres=(450, 550))
     path = fake.write() / "capture.toml"
     path.write_text(path.read_text().replace('id = "f550"', 'id = "f550"\nstart_s = 90.0'))
-    minutes = sensing(calibrate(load_capture(path.parent)), CAMERA).minutes
+    minutes = sensing(calibrate_capture(load_capture(path.parent)), CAMERA).minutes
     first, second = fake.exposure.values()
     np.testing.assert_allclose(minutes, [(2 * first + 1.8) / 60, (90 + 2 * second + 1.8) / 60])
 
 
 def test_captures_without_flats_darks_and_reference_can_be_predicted(tmp_path):
     fake = FakeCapture(tmp_path / "c", centres=BANDS)
-    calibration = calibrate(load_capture(fake.write(darks=False, flats=False, references=False)))
+    calibration = calibrate_capture(load_capture(fake.write(darks=False, flats=False, references=False)))
     constants = sensing(calibration, CAMERA)
     expected = render_bands(image(fake), calibration.responses).signal.values
     np.testing.assert_allclose(expected_signal(image(fake), constants, [], CAMERA), expected, rtol=1e-9)
@@ -274,7 +274,7 @@ def test_missing_tables_and_other_grids_are_refused(tmp_path, plain):
     path = fake.write() / "capture.toml"
     path.write_text(path.read_text().replace('transmittance = "spectra/all.csv:f550"\n', ""))
     with pytest.raises(InputError, match=r"band\[1\] \(f550\)\.transmittance"):
-        sensing(calibrate(load_capture(path.parent)), CAMERA)
+        sensing(calibrate_capture(load_capture(path.parent)), CAMERA)
     coarse = replace(image(fake), wavelength_nm=GRID[::10], spectra=fake.spectrum[None, ::10])
     with pytest.raises(ValueError, match="400 to 700"):
         expected_signal(coarse, plain[2], [], CAMERA)

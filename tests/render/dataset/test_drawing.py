@@ -8,7 +8,7 @@ from cboxlab.rendering.dataset.distributions import numbers
 from cboxlab.rendering.dataset.solids import Solid, any_meet, blocked_share
 from cboxlab.utils.errors import InputError
 from helpers.places import ROOT
-from helpers.recipes import write_recipe
+from helpers.scenes.recipes import write_recipe
 
 
 def samples_of(value, count=4000):

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from cboxlab.rendering.dataset import draw_box, light_parts, load_recipe, visible_points
-from cboxlab.rendering.dataset.patterns import drawn_tiles, tiled_wall
+from cboxlab.rendering.dataset.patterns import drawn_tiles, tiled
+from cboxlab.rendering.dataset.solids import Solid
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render, render_passes
+from cboxlab.rendering.integrators import render_image, render_passes
 from cboxlab.rendering.model import load_model, write_model
 from cboxlab.utils.errors import InputError
-from helpers.recipes import write_recipe
+from helpers.scenes.recipes import write_recipe
 from PIL import Image
 
 GRID = np.array([450.0, 550.0, 650.0])
@@ -31,6 +32,9 @@ ceiling = "light"
 back = "pixels\"""",
 )
 
+#: A block with the pattern of the floor on its sides.
+TILED_BLOCK = ('height_mm = [80, 300]\npaint = "light"', 'height_mm = [80, 300]\npaint = "checks"')
+
 #: Grey levels of the image: the darkest is the first paint of its pattern.
 LEVELS = np.array([[10, 200, 200], [200, 10, 10]], np.uint8)
 
@@ -39,7 +43,8 @@ LEVELS = np.array([[10, 200, 200], [200, 10, 10]], np.uint8)
 def box(tmp_path_factory):
     folder = tmp_path_factory.mktemp("patterns")
     Image.fromarray(LEVELS).save(folder / "tiles.png")
-    path = write_recipe(folder, PATTERNS, ("seed = 11", "seed = 14"))
+    larger = [(f"{side}_px = 16", f"{side}_px = 24") for side in ("width", "height")]
+    path = write_recipe(folder, TILED_BLOCK, PATTERNS, ("seed = 11", "seed = 14"), *larger)
     recipe = load_recipe(path)
     assert recipe.files == ["tiles.png"]
     return draw_box(recipe, 0, folder)
@@ -49,7 +54,7 @@ def test_tiles_fill_their_wall_and_face_inwards():
     """Areas sum to the wall's for any numbers; the first row is the upper one, the first column the left one."""
     corners = np.array([[0.0, 0, 0], [7, 0, 0], [7, 3, 0], [0, 3, 0]])
     tiles = drawn_tiles("random", (4, 6), 3, np.random.default_rng(2)).astype(str)
-    surfaces = tiled_wall("back", corners, tiles)
+    surfaces = tiled("back", [(corners, tiles)])
     assert [s.name for s in surfaces] == ["back-0", "back-1", "back-2"]
     for surface in surfaces:
         assert surface.areas_mm2.sum() == pytest.approx(21 * np.mean(tiles == surface.material))
@@ -59,6 +64,23 @@ def test_tiles_fill_their_wall_and_face_inwards():
         corner = surface.vertices_mm[surface.faces]
         assert (np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, 2] > 0).all()
     np.testing.assert_array_equal(drawn_tiles("stripes", (2, 3), 2, np.random.default_rng(0)), [[0, 1, 0]] * 2)
+
+
+def test_tiles_of_a_block_cover_its_mesh(box):
+    """Area, closedness, volume and outward faces are those of the plain block; each side has its own drawn tiles."""
+    record = box.record["blocks"][0]
+    surfaces = [surface for surface in box.model.scene.surfaces if surface.name.startswith("1-block-")]
+    assert [surface.material for surface in surfaces] == ["colour", "light"]
+    corners = np.concatenate([surface.vertices_mm[surface.faces] for surface in surfaces])
+    width, height, depth = record["size_mm"]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(2 * (width * height + height * depth + depth * width))
+    centred = corners - record["center_mm"]
+    assert np.linalg.det(centred).sum() / 6 == pytest.approx(width * height * depth)
+    assert (np.linalg.det(centred) > 0).all()  # the centre is behind every face
+    plain = Solid(np.array(record["center_mm"]), np.array(record["size_mm"]) / 2, record["yaw_deg"]).mesh[0]
+    np.testing.assert_allclose(np.ptp(corners.reshape(-1, 3), axis=0), np.ptp(plain, axis=0))
+    assert np.shape(record["tiles"]["top"]) == (3, 5) and record["tiles"]["bottom"] == [["light"]]
 
 
 def test_a_box_of_patterns_is_drawn_written_and_read_again(box, tmp_path):
@@ -88,9 +110,12 @@ def test_the_albedo_of_tiles_is_exact_and_their_light_unbiased(box):
     np.testing.assert_allclose(parts.albedo[alone], expected, atol=1e-6)
     product = (parts.albedo * parts.irradiance / np.pi)[alone]
     np.testing.assert_allclose(product, (mean - parts.reflections[0])[alone], atol=1e-6 * mean.max())
-    other = render(RenderJob(scene, camera, GRID, 64, 16, seed=8), integrator="path")
-    for surface in np.flatnonzero(back | np.array(["floor" in s.name for s in scene.surfaces] + [False])):
+    other = render_image(RenderJob(scene, camera, GRID, 64, 16, seed=8), integrator="path")
+    tiled_ones = [s.name.startswith(("back", "floor", "1-block")) for s in scene.surfaces]
+    assert sum(tiled_ones) == 6
+    for surface in np.flatnonzero(tiled_ones):
         on = image.surface == surface
+        assert on.sum() > 4
         batches = [[(c[on].mean(axis=0) @ i.spectra) for c in i.coefficients] for i in (image, other)]
         errors = [np.std(each, axis=0, ddof=1) / np.sqrt(len(each)) for each in batches]
         difference = np.mean(batches[0], axis=0) - np.mean(batches[1], axis=0)
@@ -105,13 +130,14 @@ def test_the_albedo_of_tiles_is_exact_and_their_light_unbiased(box):
         (('image = "tiles.png"\n', ""), "without an image"),
         (('ceiling = "light"', 'ceiling = "checks"'), "walls.ceiling: found 'checks'"),
         (("rows = 3", "rows = 33"), "pattern.checks.rows"),
+        (("rows = 3", "rows = 9"), "block[0].paint: found the pattern 'checks' of up to 9 tiles"),
         (("[pattern.checks]", "[pattern.light]"), "the name of a paint"),
     ],
 )
 def test_a_faulty_pattern_is_refused_with_its_key(tmp_path, change, phrase):
     Image.fromarray(LEVELS).save(tmp_path / "tiles.png")
     with pytest.raises(InputError) as raised:
-        load_recipe(write_recipe(tmp_path, PATTERNS, change))
+        load_recipe(write_recipe(tmp_path, TILED_BLOCK, PATTERNS, change))
     assert phrase in str(raised.value)
 
 

@@ -6,7 +6,7 @@ from cboxlab.rendering.dataset import draw_box, joined_scene, load_recipe, shari
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import relative_error, render_passes, render_to_precision
-from helpers.recipes import write_recipe
+from helpers.scenes.recipes import write_recipe
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

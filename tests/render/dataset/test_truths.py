@@ -13,7 +13,7 @@ from cboxlab.rendering.integrators.stock import scene_dict, sensor_dict
 from cboxlab.rendering.visibility import film_for
 from cboxlab.scenes import Lamp, Material, Scene, Spectrum, Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
-from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside, quad, square
+from helpers.scenes.boxes import BANDS, FLAT, box_with_lamp, camera_inside, quad, square
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

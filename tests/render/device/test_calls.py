@@ -11,7 +11,7 @@ from cboxlab.rendering.radiosity.lamp import build_lamp_samplers
 from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.progress import Cancelled, ProgressReporter, checkpoint, stoppable, stops_promptly
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 

@@ -10,7 +10,7 @@ from cboxlab.rendering.perturbation.patch_light import patch_light
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
 from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Spectrum
-from helpers.boxes import EDGE, box_with_lamp, camera_inside
+from helpers.scenes.boxes import EDGE, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")

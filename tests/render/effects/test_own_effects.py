@@ -8,7 +8,7 @@ from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import catalogue
 from cboxlab.scenes import cornell_box
 from cboxlab.validation.diagnose.hypotheses import hypotheses
-from helpers.installed_effects import own_effects
+from helpers.programs.installed_effects import own_effects
 
 STAGES = {
     "washed-surface": "scene",

@@ -18,7 +18,7 @@ from cboxlab.rendering.export import (
 from cboxlab.scenes import Surface, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh, sphere_mesh
 from cboxlab.utils.errors import InputError
-from helpers.boxes import box_with_lamp, camera_inside
+from helpers.scenes.boxes import box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

@@ -12,7 +12,7 @@ from cboxlab.rendering.export.neutral import ExportSettings
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
-from helpers.installed_renderers import own_renderers
+from helpers.programs.installed_renderers import own_renderers
 from numpy import array
 
 

@@ -10,7 +10,7 @@ from cboxlab.rendering.files.cube_files import read_cube, write_cube
 from cboxlab.rendering.files.raw_files import write_raw
 from cboxlab.rendering.image.image import LAMP
 from cboxlab.utils.errors import InputError
-from helpers.raw_frames import read_raw
+from helpers.files.raw_frames import read_raw
 from PIL import Image
 
 WAVELENGTH = np.array([400.0, 450.5, 500.0, 550.0, 625.25, 700.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.files import open_cube, read_cube
 from cboxlab.utils.errors import InputError
-from helpers.envi_files import LIGHT, NM, header_text, write
+from helpers.files.envi_files import LIGHT, NM, header_text, write
 
 
 def read(tmp_path, *arguments):

@@ -5,8 +5,8 @@ import pytest
 from cboxlab.rendering.files import Declared, declared_for, files_of, read_cube, require_used, stated_in
 from cboxlab.rendering.files.headers import in_nanometres, nanometres_per_unit, states_no_unit
 from cboxlab.utils.errors import InputError
-from helpers.envi_files import LIGHT, NM, RADIANCE, header_text, write
 from helpers.faults import fault_folder
+from helpers.files.envi_files import LIGHT, NM, RADIANCE, header_text, write
 
 
 def read(tmp_path, *arguments, declared=None, **keywords):
@@ -35,6 +35,14 @@ def test_the_faults_own_lists_are_read(tmp_path, case):
 def test_the_faults_header_without_an_order_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"interleave: found nothing; expected one of bsq, bil, bip"):
         read_cube(fault_folder("envi-no-interleave", tmp_path) / "x.hdr")
+
+
+def test_a_key_with_two_values_is_refused(tmp_path):
+    """The same value twice, or two descriptions, do no harm."""
+    twice = header_text() + "interleave = BSQ\ndescription = {one}\ndescription = {another}\n"
+    np.testing.assert_array_equal(read(tmp_path / "same", twice)["radiance"], LIGHT)
+    with pytest.raises(InputError, match=r"interleave: found 'bsq' and 'bil'; expected one value"):
+        read(tmp_path / "other", header_text() + "interleave = bil\n")
 
 
 def test_the_faults_bad_bands_are_left_out(tmp_path):

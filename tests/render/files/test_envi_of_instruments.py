@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.files import Declared, read_cube
 from cboxlab.utils.errors import InputError
-from helpers.envi_files import LIGHT, RADIANCE, write
+from helpers.files.envi_files import LIGHT, RADIANCE, write
 
 HEADERS = Path(__file__).parent / "envi_headers"
 WHOLE = np.random.default_rng(5).integers(100, 4000, (4, 5, 6))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.files import Declared, read_picture
 from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, primaries_matrix
-from helpers.rgbe import write_rgbe
+from helpers.files.rgbe import write_rgbe
 
 DECLARED = Declared("cd m^-2", 179.0, colour_space="radiance")
 MATRIX = 179 * primaries_matrix(COLOUR_SPACES["radiance"])

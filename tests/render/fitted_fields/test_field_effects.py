@@ -21,7 +21,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.explain import explain
 from cboxlab.validation.diagnose.field_fit.surface_maps import smooth_surface_maps
 from cboxlab.validation.report.explanation import explanation_record
-from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 
 NM = np.array([450.0, 520, 590, 660])

@@ -11,7 +11,7 @@ from cboxlab.rendering.perturbation import build_patch_transport, patch_light
 from cboxlab.rendering.radiosity import solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from helpers.boxes import camera_inside, lamp_and, quad, square, walls
+from helpers.scenes.boxes import camera_inside, lamp_and, quad, square, walls
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: traces rays")
 

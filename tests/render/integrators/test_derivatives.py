@@ -11,7 +11,7 @@ from cboxlab.rendering.integrators.derivatives import render_derivatives
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from helpers.boxes import BANDS, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

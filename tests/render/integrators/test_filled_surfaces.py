@@ -14,7 +14,7 @@ from cboxlab.rendering.integrators.general_path_tracer import render_general_pat
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.scenes import Material, Medium, Spectrum, Surface
 from cboxlab.scenes.shapes import box_mesh
-from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.choice import render_image
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Medium, Spectrum, cornell_box, cornell_camera, load_scene
 from cboxlab.utils.errors import InputError
-from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -124,7 +124,7 @@ def test_other_wavelengths_do_not_change_a_wavelength():
 
 def test_the_door_takes_every_scene_and_the_final_gather_diffuse_ones():
     scene = with_bsdf(**COATED)
-    image = render(RenderJob(scene, cornell_camera(8), BANDS, samples=4, batches=2))
+    image = render_image(RenderJob(scene, cornell_camera(8), BANDS, samples=4, batches=2))
     assert image.coefficients.shape == (2, 8, 8, 3)
     with pytest.raises(InputError, match=r"found surfaces that are not Lambertian.*; expected a diffuse scene"):
         solve_light(scene, BANDS)
@@ -162,7 +162,7 @@ quads_mm = [[[552.8, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 559.2], [549.6, 0.0,
     assert scene.medium.anisotropy == 0.5
     assert scene.medium.absorption_per_mm.at(500.0) == 0
     assert scene.lamp.pattern == pytest.approx(np.array([[0.5, 1.5], [1.0, 1.0]]))
-    image = render(RenderJob(scene, cornell_camera(8), BANDS, samples=4, batches=2))
+    image = render_image(RenderJob(scene, cornell_camera(8), BANDS, samples=4, batches=2))
     assert image.coefficients.mean() > 0
     path.write_text(path.read_text().replace("pattern = [[1, 3], [2, 2]]", "pattern = [[1, 3], [2]]"))
     with pytest.raises(InputError, match=r"lamp.pattern: found rows of different lengths"):

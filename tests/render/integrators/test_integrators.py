@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.choice import render_image
 from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
@@ -21,7 +21,7 @@ from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import ProgressReporter
-from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
+from helpers.scenes.boxes import BANDS, EDGE, box_with_lamp, camera_inside, lamp_and, quad, square, walls
 from scipy.stats import t as student
 
 needs_llvm = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -333,7 +333,7 @@ def test_the_door_to_all_integrators(name):
     """Each integrator is reached by name, reports its progress up to 1, and returns the whole picture."""
     messages = []
     progress = ProgressReporter(lambda stage, done: messages.append(done))
-    image = render(
+    image = render_image(
         RenderJob(cornell_box(), cornell_camera(8), BANDS, samples=4, batches=2), progress=progress, integrator=name
     )
     assert image.project(np.eye(3))[0].shape == (8, 8, 3)

@@ -15,7 +15,7 @@ from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import Spectrum, cornell_box, cornell_camera
-from helpers.boxes import BANDS, FLAT, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, FLAT, box_with_lamp, camera_inside
 from scipy.stats import t as student
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

@@ -11,7 +11,7 @@ from cboxlab.rendering.files.cube_strips import read_strips, strip_cameras, writ
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.integrators import passes, precision
-from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.choice import render_image
 from cboxlab.rendering.integrators.passes import combined, render_pass
 from cboxlab.rendering.integrators.precision import (
     BATCHES,
@@ -23,7 +23,7 @@ from cboxlab.rendering.integrators.precision import (
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Cancelled, ProgressReporter
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 
@@ -101,7 +101,7 @@ def test_an_interrupted_picture_goes_on_where_it_stopped(tmp_path, monkeypatch):
     messages = []
     reporter = ProgressReporter(lambda stage, done: messages.append((stage, done)))
     resumed = render_to_precision(RenderJob(*WHERE), 0.004, checkpoint=passes, progress=reporter)
-    assert list(dict.fromkeys(stage for stage, _ in messages)) == ["rendering a pilot", "rendering"]
+    assert list(dict.fromkeys(stage for stage, _ in messages)) == ["rendering with few samples", "rendering"]
     parts = [done for stage, done in messages if stage == "rendering"]
     first = parts[: parts.index(1.0) + 1]  # if the passes do not suffice, more follow
     assert first == sorted(first) and parts[-1] == 1
@@ -139,7 +139,7 @@ def test_a_cancelled_picture_keeps_whole_passes_alone(tmp_path):
 
 def test_passes_are_the_batches_of_one_picture():
     parts = [render_pass(RenderJob(*WHERE, 16, seed=3).batch(n)) for n in range(3)]
-    image = render(RenderJob(*WHERE, samples=16, batches=3, seed=3))
+    image = render_image(RenderJob(*WHERE, samples=16, batches=3, seed=3))
     assert np.array_equal(combined(parts).coefficients, image.coefficients)
 
 
@@ -189,7 +189,7 @@ def test_a_scheduler_that_is_not_there(monkeypatch):
 
 def test_strips_make_up_the_cube(tmp_path):
     """Written strip by strip, read as a whole and by other strips: the same values, units and names."""
-    cube = render(RenderJob(*WHERE, samples=4, batches=2)).cube()
+    cube = render_image(RenderJob(*WHERE, samples=4, batches=2)).cube()
     write_cube(tmp_path / "whole.nc", cube)
     write_strips(tmp_path / "strips.nc", 12, (cube.isel(y=slice(top, top + 5)) for top in range(0, 12, 5)))
     assert read_cube(tmp_path / "strips.nc").identical(read_cube(tmp_path / "whole.nc"))
@@ -213,7 +213,7 @@ def test_strips_of_a_camera_see_what_it_sees():
 def test_covariance_between_bands_is_kept():
     """Two wavelengths share their paths: the variance of their sum, over pixels, is that of summed batches and far
     from the sum of their variances."""
-    image = render(RenderJob(*WHERE, samples=16, batches=8))
+    image = render_image(RenderJob(*WHERE, samples=16, batches=8))
     each = image.project(np.eye(3))[1][..., 1:].sum(axis=-1)
     both = image.project(np.array([[0.0], [1.0], [1.0]]))[1][..., 0]
     summed = (image.coefficients @ image.spectra)[..., 1:].sum(axis=-1).var(axis=0, ddof=1) / 8

@@ -19,7 +19,7 @@ from cboxlab.rendering.perturbation.patch_light import patch_light
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
 from cboxlab.rendering.radiosity.final_gather import gather, render_final_gather, solve_light
 from cboxlab.scenes import Lamp, Material, Medium, Spectrum
-from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, quad, square
+from helpers.scenes.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, quad, square
 from scipy.ndimage import binary_dilation
 from scipy.stats import t as student
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators.choice import render
+from cboxlab.rendering.integrators.choice import render_image
 from cboxlab.rendering.integrators.general_path_tracer import render_general_path_tracer
 from cboxlab.rendering.integrators.stock import render_stock
 from cboxlab.rendering.radiosity.final_gather import solve_light
 from cboxlab.scenes import Material, Spectrum, Texture
 from cboxlab.utils.errors import InputError
-from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey
+from helpers.scenes.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey
 from scipy.ndimage import map_coordinates
 from scipy.stats import t as student
 
@@ -125,7 +125,7 @@ def test_a_white_picture_in_a_white_furnace_is_not_seen():
         surfaces=surfaces,
         materials={**box.materials, "painted": Material("painted", FLAT, texture=white)},
     )
-    image = render(RenderJob(scene, camera_inside(10), BANDS[:1], 512, BATCHES, seed=4))
+    image = render_image(RenderJob(scene, camera_inside(10), BANDS[:1], 512, BATCHES, seed=4))
     values = image.coefficients[:, image.surface >= 0].mean(axis=(1, 2))
     error = values.std(ddof=1) / np.sqrt(BATCHES)
     assert error < 0.003 and abs(values.mean() - 1) < student.isf(0.5e-6, BATCHES - 1) * error

@@ -12,7 +12,7 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.perturbation import Coat, Reflection, changed_reflection, fresnel
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
-from helpers.boxes import BANDS, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, box_with_lamp, camera_inside
 from scipy.ndimage import binary_dilation
 from scipy.stats import chi2
 

@@ -11,7 +11,7 @@ from cboxlab.rendering.integrators.path_tracer import render_path_tracer
 from cboxlab.rendering.perturbation.edge_blur import build_edge_blur
 from cboxlab.rendering.perturbation.warp import build_warp
 from cboxlab.rendering.visibility.tracer import build_tracer
-from helpers.boxes import BANDS, camera_inside, lamp_and, quad, square
+from helpers.scenes.boxes import BANDS, camera_inside, lamp_and, quad, square
 from scipy.special import erf
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: a picture is rendered")

@@ -15,7 +15,7 @@ from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.rendering.visibility.primary import facet_coverage
 from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
-from helpers.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
+from helpers.scenes.boxes import BANDS, EDGE, FLAT, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from scipy.ndimage import binary_dilation
 from scipy.stats import t as student
 

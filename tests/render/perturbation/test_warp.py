@@ -9,7 +9,7 @@ from cboxlab.rendering.perturbation.warp import build_warp, pixels_per_unit, war
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")

@@ -9,7 +9,7 @@ from cboxlab.rendering.photometry import surface_illuminance, tristimulus_weight
 from cboxlab.scenes import Spectrum, Surface
 from cboxlab.scenes.shapes import box_mesh
 from cboxlab.utils.errors import InputError
-from helpers.boxes import EDGE, FLAT, box_with_lamp
+from helpers.scenes.boxes import EDGE, FLAT, box_with_lamp
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

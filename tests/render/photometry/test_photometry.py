@@ -15,7 +15,7 @@ from cboxlab.rendering.photometry import (
 )
 from cboxlab.rendering.radiosity import gather, solve_light
 from colour import MSDS_CMFS, SDS_ILLUMINANTS
-from helpers.boxes import box_with_lamp, camera_inside
+from helpers.scenes.boxes import box_with_lamp, camera_inside
 
 GRID = np.arange(400.0, 701.0, 30.0)
 CMFS = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]

@@ -12,7 +12,7 @@ from cboxlab.rendering.radiosity.gathering import least_variance_shares
 from cboxlab.rendering.visibility import RAY_OFFSET_MM, FlatFaces
 from cboxlab.scenes import Surface, cornell_box, cornell_camera
 from cboxlab.scenes.shapes import sphere_mesh
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

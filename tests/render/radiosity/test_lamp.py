@@ -8,7 +8,7 @@ from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
 from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Lamp, Scene, Surface
 from cboxlab.scenes.shapes import ring_mesh
-from helpers.boxes import EDGE, FLAT, grey, quad, square, walls
+from helpers.scenes.boxes import EDGE, FLAT, grey, quad, square, walls
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 

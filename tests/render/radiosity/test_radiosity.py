@@ -13,11 +13,11 @@ from cboxlab.rendering.radiosity import solution
 from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
 from cboxlab.rendering.radiosity.patch_slopes import PatchSlopes, build_slopes
 from cboxlab.rendering.radiosity.patches import build_patches, patch_of, patch_points
-from cboxlab.rendering.radiosity.solution import indirect_basis, solve, trace_exchange
+from cboxlab.rendering.radiosity.solution import indirect_basis, solve_exchange, trace_exchange
 from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Scene, Surface, cornell_box
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
-from helpers.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
+from helpers.scenes.boxes import EDGE, FLAT, box_with_lamp, grey, lamp_and, quad, square, walls
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: tests of the compiled integrators")
 
@@ -240,7 +240,7 @@ def test_white_furnace():
     """
     _, patches, exchange = exchange_of(closed_cube(), 250.0, 256, seed=3)
     reflectance = np.broadcast_to([0.1, 0.5, 0.9], (len(patches), 3))
-    radiance = solve(exchange, reflectance, source=1.0 / reflectance)
+    radiance = solve_exchange(exchange, reflectance, source=1.0 / reflectance)
     assert radiance == pytest.approx(1.0 / (1.0 - reflectance), rel=1e-4)
 
 
@@ -287,7 +287,7 @@ def test_each_reflection_of_the_furnace():
     _, patches, exchange = exchange_of(closed_cube(), 500.0, 64, seed=3)
     reflectance = np.full((len(patches), 1), 0.6)
     for count in (1, 2, 5):
-        radiance = solve(exchange, reflectance, source=np.ones((len(patches), 1)), max_reflections=count)
+        radiance = solve_exchange(exchange, reflectance, source=np.ones((len(patches), 1)), max_reflections=count)
         assert radiance == pytest.approx(sum(0.6**n for n in range(1, count + 1)), rel=1e-5)
 
 
@@ -303,7 +303,7 @@ def test_energy_is_conserved(front, reflectance, lamp):
         scene = box_with_lamp(reflectance, front=front, reflectance=FLAT.scaled(lamp))
         tracer, patches, exchange = exchange_of(scene, 125.0, 128, seed)
         rho = np.array([reflectance, lamp])[patches.material]
-        b = solve(exchange, rho[:, None])[:, 0]
+        b = solve_exchange(exchange, rho[:, None])[:, 0]
         absorbed = np.sum(patches.area * b * (1 - rho) / rho)
         elsewhere = np.maximum(1 - exchange.form_factors.sum(axis=1), 0)  # the opening, and a black lamp
         emitted = build_lamp_samplers(tracer)[0].area
@@ -343,7 +343,7 @@ def test_the_short_basis_holds_at_every_wavelength(paints):
     rho = reflectances[patches.material]
     for cut in (None, 3):
         coefficients, spectra = indirect_basis(exchange, 0, patches.material, reflectances, cut)
-        expected = solve(exchange, rho, max_reflections=cut) - rho * exchange.direct
+        expected = solve_exchange(exchange, rho, max_reflections=cut) - rho * exchange.direct
         error = np.abs(coefficients @ spectra - expected)
         assert error.max() < 1e-4 * expected.max()
         rms = np.linalg.norm(error, axis=0) / np.linalg.norm(expected, axis=0)
@@ -358,6 +358,6 @@ def test_colours_do_not_mix():
         "two", tuple(surfaces), {"grey": grey(0.5), "black": grey(0.0, "black")}, lamp_and([], lamp.vertices_mm).lamp
     )
     _, patches, exchange = exchange_of(scene, 250.0, 64, seed=1)
-    b = solve(exchange, np.array([[0.5], [0.0]])[patches.material])
+    b = solve_exchange(exchange, np.array([[0.5], [0.0]])[patches.material])
     assert np.all(b[patches.material == 1] == 0)
     assert np.all(b[patches.material == 0] > 0)

@@ -26,7 +26,7 @@ from cboxlab.validation.compare_renders.renderers.closed_forms import (
     parallel_squares,
     perpendicular_rectangles,
 )
-from helpers.boxes import BANDS, EDGE, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
+from helpers.scenes.boxes import BANDS, EDGE, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
 from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

@@ -10,7 +10,7 @@ from cboxlab.rendering.image.image import LAMP
 from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera, packaged_cameras
 from cboxlab.rendering.sensor.detector import Detector, SensorCamera, channel_map, noisy_counts, quantise
 from cboxlab.rendering.sensor.light import integration_weights, require_radiance
-from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_electrons, noiseless_frame, simulate_frame
 from cboxlab.scenes.spectra import Spectrum, planck
 from cboxlab.utils.errors import InputError
 
@@ -45,7 +45,7 @@ def tungsten(shape=(8, 8)) -> xr.Dataset:
 
 
 def test_far_too_long_an_exposure_saturates():
-    frame = simulate(tungsten(), load_camera("dcs200"), 1e25, 1)
+    frame = simulate_frame(tungsten(), load_camera("dcs200"), 1e25, 1)
     assert (frame == frame.max()).all()
     assert frame.max() == load_camera("dcs200").detector.full_scale_dn
 
@@ -137,7 +137,7 @@ def test_the_monochrome_camera_counts_as_the_capture_format_says():
     quanta = wavelength * 1e-9 / (6.626e-34 * 2.998e8)
     factor = np.pi / 4 * 35.0**2 * 97.65625e-6**2 * exposure / (12.0 * 8.0**2 * 36.6**2)
     expected = factor * np.trapezoid(quanta * curve * radiance, wavelength)
-    counts = expected_counts(cube(radiance[None, None], wavelength), camera, exposure, "f600")[0, 0]
+    counts = noiseless_frame(cube(radiance[None, None], wavelength), camera, exposure, "f600")[0, 0]
     # 1e-5: the responsivity counts as linear between samples, where the format's sum has its product so
     assert counts - camera.detector.dark(exposure)[0] == pytest.approx(expected, rel=1e-5)
 
@@ -145,8 +145,8 @@ def test_the_monochrome_camera_counts_as_the_capture_format_says():
 def test_simulated_frames_scatter_about_the_expected_counts():
     camera, field = load_camera("dcs200"), tungsten((500, 500))
     exposure = auto_exposure(field, camera)
-    expected = expected_counts(field, camera, exposure)
-    frame = simulate(field, camera, exposure, seed=7).astype(float)
+    expected = noiseless_frame(field, camera, exposure)
+    frame = simulate_frame(field, camera, exposure, seed=7).astype(float)
     for where in ((0, 0), (0, 1), (1, 0), (1, 1)):
         lattice = (slice(where[0], None, 2), slice(where[1], None, 2))
         dark, sigma = camera.detector.dark(exposure)
@@ -157,7 +157,7 @@ def test_simulated_frames_scatter_about_the_expected_counts():
 
 def test_the_same_seed_gives_the_same_frame():
     camera, field = load_camera("dcs200"), tungsten()
-    frames = [simulate(field, camera, 0.1, seed) for seed in (1, 1, 2)]
+    frames = [simulate_frame(field, camera, 0.1, seed) for seed in (1, 1, 2)]
     assert np.array_equal(frames[0], frames[1])
     assert not np.array_equal(frames[0], frames[2])
 
@@ -191,7 +191,7 @@ def test_auto_exposure_puts_the_bright_surfaces_at_seventy_per_cent():
     field["surface"] = (("y", "x"), surface)
     for name, channel in (("dcs200", None), ("pxl1300l", "f550")):
         camera = load_camera(name)
-        counts = expected_counts(field, camera, auto_exposure(field, camera, channel), channel)
+        counts = noiseless_frame(field, camera, auto_exposure(field, camera, channel), channel)
         level = np.percentile(counts[surface != LAMP], 99) / camera.detector.full_scale_dn
         assert level == pytest.approx(0.7, abs=1e-3)
         assert np.percentile(counts[surface == LAMP], 99) == camera.detector.full_scale_dn
@@ -219,12 +219,12 @@ def test_each_pixel_behind_a_mosaic_sees_its_own_channel():
     [
         (lambda: channel_map(("RG", "GX"), ("R", "G", "B"), (4, 4)), "letter 'X'"),
         (lambda: channel_map(("RG", "G"), ("R", "G"), (4, 4)), "same length"),
-        (lambda: simulate(tungsten(), load_camera("dcs200"), 0.0, 1), "time above 0"),
-        (lambda: simulate(tungsten(), load_camera("dcs200"), 1.0, 1, "R"), "none: a mosaic"),
-        (lambda: simulate(tungsten(), load_camera("pxl1300l"), 1.0, 1), "one of f400"),
-        (lambda: simulate(tungsten(), load_camera("pxl1300l"), 1.0, 1, "f999"), "'f999'"),
+        (lambda: simulate_frame(tungsten(), load_camera("dcs200"), 0.0, 1), "time above 0"),
+        (lambda: simulate_frame(tungsten(), load_camera("dcs200"), 1.0, 1, "R"), "none: a mosaic"),
+        (lambda: simulate_frame(tungsten(), load_camera("pxl1300l"), 1.0, 1), "one of f400"),
+        (lambda: simulate_frame(tungsten(), load_camera("pxl1300l"), 1.0, 1, "f999"), "'f999'"),
         (
-            lambda: simulate(tungsten().isel(wavelength=slice(0, 12)), load_camera("dcs200"), 1.0, 1),
+            lambda: simulate_frame(tungsten().isel(wavelength=slice(0, 12)), load_camera("dcs200"), 1.0, 1),
             "Render the cube over a wider range",
         ),
         (lambda: require_radiance(np.ones((2, 2, 30)), 31), "one value per wavelength"),
@@ -241,9 +241,9 @@ def test_negative_radiance_beyond_noise_is_reported_with_its_place():
     field = tungsten()
     field["radiance"][3, 2, 10] = -1e-6
     with pytest.raises(InputError, match=r"radiance\[3, 2, 10\].*found -1e-06"):
-        simulate(field, load_camera("dcs200"), 1.0, 1)
+        simulate_frame(field, load_camera("dcs200"), 1.0, 1)
     field["standard_error"] = field["radiance"].dims, np.full(field["radiance"].shape, 1e-6)
-    simulate(field, load_camera("dcs200"), 1.0, 1)
+    simulate_frame(field, load_camera("dcs200"), 1.0, 1)
 
 
 def test_every_packaged_camera_loads():
@@ -280,13 +280,13 @@ def test_a_white_field_develops_neutral_and_a_red_one_red():
     camera, field = load_camera("dcs200"), tungsten((16, 16))
     white = Spectrum(field["wavelength"].values, planck(field["wavelength"].values, 3000.0))
     exposure = auto_exposure(field, camera)
-    noiseless = quantise(expected_counts(field, camera, exposure), 16)
+    noiseless = quantise(noiseless_frame(field, camera, exposure), 16)
     colour = raw_to_srgb(noiseless, camera, exposure, white)[8, 8].astype(int)
     # a half count of rounding is 1% of the weak blue channel
     assert np.ptp(colour) <= 8
     assert colour.min() > 200
     red = field * xr.DataArray(np.where(field["wavelength"] < 590, 0.02, 1.0), dims="wavelength")
-    r, g, b = raw_to_srgb(quantise(expected_counts(red, camera, exposure), 16), camera, exposure, white)[8, 8]
+    r, g, b = raw_to_srgb(quantise(noiseless_frame(red, camera, exposure), 16), camera, exposure, white)[8, 8]
     assert r > 1.5 * max(g, b)
 
 

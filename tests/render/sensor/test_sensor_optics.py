@@ -11,7 +11,7 @@ from cboxlab.rendering.sensor import light as sensor_light
 from cboxlab.rendering.sensor.cameras import PACKAGED, load_camera
 from cboxlab.rendering.sensor.charge import leak, spill_columns
 from cboxlab.rendering.sensor.optics import Blur, Vignetting
-from cboxlab.rendering.sensor.simulation import expected_counts, expected_electrons, simulate
+from cboxlab.rendering.sensor.simulation import expected_electrons, noiseless_frame, simulate_frame
 from cboxlab.utils.errors import InputError
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
@@ -131,8 +131,8 @@ def test_a_blooming_camera_draws_a_streak_where_a_drain_clips():
     for blooms, saturated in ((False, 1), (True, 5)):
         changed = dataclasses.replace(camera, detector=dataclasses.replace(drain, blooms=blooms))
         for frame in (
-            simulate(bright, changed, exposure, 1, "f550"),
-            expected_counts(bright, changed, exposure, "f550"),
+            simulate_frame(bright, changed, exposure, 1, "f550"),
+            noiseless_frame(bright, changed, exposure, "f550"),
         ):
             assert (frame[:, 2] > 3000).sum() == saturated
             assert (frame[:, [0, 1, 3, 4]] < 300).all()
@@ -144,9 +144,9 @@ def test_the_fixed_pattern_is_in_every_frame_and_as_large_as_stated():
     camera = mono()
     detector = dataclasses.replace(camera.detector, sensitivity_spread=0.05, offset_spread_dn=3.0, pattern_seed=4)
     camera = dataclasses.replace(camera, detector=detector)
-    frames = [simulate(field, camera, 2.0, seed, "f550").astype(float) for seed in (1, 2)]
+    frames = [simulate_frame(field, camera, 2.0, seed, "f550").astype(float) for seed in (1, 2)]
     common = np.cov(frames[0].ravel(), frames[1].ravel())
-    signal = expected_counts(field, camera, 2.0, "f550")[0, 0] - camera.detector.dark(2.0)[0]
+    signal = noiseless_frame(field, camera, 2.0, "f550")[0, 0] - camera.detector.dark(2.0)[0]
     expected = (0.05 * signal) ** 2 + 3.0**2
     # the covariance of two frames with this common part has about sqrt((c^2 + v^2) / n) of error
     assert common[0, 1] == pytest.approx(expected, abs=5 * np.hypot(expected, common[0, 0]) / 128)
@@ -179,14 +179,14 @@ def test_a_cube_on_disk_is_read_block_by_block(tmp_path):
     """A frame from the file equals that from memory, and takes a fraction of the cube's memory."""
     field = random_cube((1024, 96))
     camera = load_camera("dcs200")
-    expected = simulate(field, camera, 5.0, seed=3)
+    expected = simulate_frame(field, camera, 5.0, seed=3)
     size = field["radiance"].nbytes
     for ending in (".nc", ".hdr"):
         write_cube(tmp_path / f"cube{ending}", field)
         with open_cube(tmp_path / f"cube{ending}") as opened:
-            simulate(opened.isel(y=slice(0, 64)), camera, 5.0, seed=3)  # imports and caches of the libraries
+            simulate_frame(opened.isel(y=slice(0, 64)), camera, 5.0, seed=3)  # imports and caches of the libraries
             tracemalloc.start()
-            frame = simulate(opened, camera, 5.0, seed=3)
+            frame = simulate_frame(opened, camera, 5.0, seed=3)
             peak = tracemalloc.get_traced_memory()[1]
             tracemalloc.stop()
         np.testing.assert_array_equal(frame, expected)
@@ -195,7 +195,7 @@ def test_a_cube_on_disk_is_read_block_by_block(tmp_path):
 
 def test_a_seed_gives_the_same_frame_whatever_the_camera_does():
     field = random_cube((130, 20))
-    frames = [simulate(field, everything(), 5.0, seed) for seed in (1, 1, 2)]
+    frames = [simulate_frame(field, everything(), 5.0, seed) for seed in (1, 1, 2)]
     assert np.array_equal(frames[0], frames[1])
     assert not np.array_equal(frames[0], frames[2])
 
@@ -218,7 +218,9 @@ def test_a_camera_file_states_optics_and_charge(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(text.replace("[dark]", 'full_well_e = 6e4\noverflow = "column"\n[dark]') + more)
     field = random_cube((70, 30))
-    np.testing.assert_array_equal(simulate(field, load_camera(path), 5.0, 1), simulate(field, everything(), 5.0, 1))
+    np.testing.assert_array_equal(
+        simulate_frame(field, load_camera(path), 5.0, 1), simulate_frame(field, everything(), 5.0, 1)
+    )
     path.write_text(text.replace("[dark]", 'overflow = "column"\n[dark]'))
     with pytest.raises(InputError, match=r"detector\.full_well_e"):
         load_camera(path)

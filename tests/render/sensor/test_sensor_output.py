@@ -24,13 +24,13 @@ from cboxlab.rendering.sensor.colour_correction import (
 )
 from cboxlab.rendering.sensor.detector import channel_map, noisy_counts, quantise
 from cboxlab.rendering.sensor.optics import Blur
-from cboxlab.rendering.sensor.simulation import auto_exposure, expected_counts, expected_electrons, simulate
+from cboxlab.rendering.sensor.simulation import auto_exposure, expected_electrons, noiseless_frame, simulate_frame
 from cboxlab.rendering.synthetic.cube_capture import write_cube_capture
 from cboxlab.scenes.spectra import Spectrum, planck
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands.cli import main
-from helpers.raw_frames import read_raw
+from helpers.files.raw_frames import read_raw
 
 WAVELENGTH = np.arange(400.0, 701.0, 10.0)
 TUNGSTEN = Spectrum(WAVELENGTH_NM, planck(WAVELENGTH_NM, 3000.0))
@@ -75,8 +75,8 @@ def test_a_table_for_the_nonlinearity_may_be_the_identity(tmp_path):
     (tmp_path / "a.toml").write_text(text + "[nonlinearity]\nlinear_dn = [0, 255]\nrecorded_dn = [0, 255]\n")
     field, plain = chart_cube(), load_camera("dcs200")
     exposure = auto_exposure(field, plain)
-    counts = expected_counts(field, load_camera(tmp_path / "a.toml"), exposure)
-    np.testing.assert_allclose(counts, expected_counts(field, plain, exposure), rtol=1e-12)
+    counts = noiseless_frame(field, load_camera(tmp_path / "a.toml"), exposure)
+    np.testing.assert_allclose(counts, noiseless_frame(field, plain, exposure), rtol=1e-12)
     for broken in (
         "linear_dn = [0, 255]",
         "linear_dn = [0, 1]\nrecorded_dn = [0, 1]\nsquare_root_from_dn = 4095",
@@ -170,7 +170,9 @@ def test_simulation_from_coefficients_equals_the_full_path(tmp_path, blur):
     np.testing.assert_allclose(expected_electrons(coefficients, camera, 1.0), expected, rtol=1e-10)
     write_cube(tmp_path / "c.nc", coefficients)
     with open_cube(tmp_path / "c.nc") as opened:
-        np.testing.assert_array_equal(simulate(opened, camera, 0.1, 1), simulate(coefficients, camera, 0.1, 1))
+        np.testing.assert_array_equal(
+            simulate_frame(opened, camera, 0.1, 1), simulate_frame(coefficients, camera, 0.1, 1)
+        )
 
 
 def test_a_basis_of_other_wavelengths_is_reported():
@@ -216,7 +218,7 @@ def test_a_raw_converter_opens_the_dng(tmp_path, name):
     channel = None if camera.pattern else "f550"
     field = cube(np.broadcast_to(1e-4 * planck(WAVELENGTH, 3000.0), (64, 96, 31)))
     exposure = auto_exposure(field, camera, channel)
-    counts = simulate(field, camera, exposure, 1, channel)
+    counts = simulate_frame(field, camera, exposure, 1, channel)
     write_dng(tmp_path / "a.dng", counts, camera, exposure, TUNGSTEN)
     with rawpy.imread(str(tmp_path / "a.dng")) as raw:
         stored = counts.astype(float)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.sensor.cameras import load_camera
-from cboxlab.rendering.sensor.simulation import expected_counts
+from cboxlab.rendering.sensor.simulation import noiseless_frame
 from oracles import verification_chart as chart
 from oracles import verification_frames as frames
 
@@ -24,7 +24,7 @@ def test_expected_counts_agree_with_an_independent_path_at_full_resolution(name)
     cube = xr.Dataset({"radiance": (("y", "x", "wavelength"), radiance)}, coords={"wavelength": chart.NM})
     draws = 4000
     for seconds in (1 / 30, 1 / 125):
-        frame = expected_counts(cube, camera, seconds)
+        frame = noiseless_frame(cube, camera, seconds)
         expected = np.stack([frame[::2, 0], frame[::2, 1], frame[1::2, 1]], axis=-1)
         entry = independent.record(light, seconds, draws, np.random.default_rng(1))
         # spread of a count is about 1 DN at most; F bends its mean by a hundredth

@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.rendering.chain.bands import render_bands
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.rendering.synthetic.capture_writer import (
@@ -87,7 +87,7 @@ def folder(scene, image, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def calibration(folder):
-    return calibrate(load_capture(folder))
+    return calibrate_capture(load_capture(folder))
 
 
 def test_signals_differ_from_the_truth_by_their_stated_noise_only(calibration, image):

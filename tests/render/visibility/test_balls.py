@@ -11,8 +11,8 @@ from cboxlab.rendering.visibility.tracer import build_tracer, intersect
 from cboxlab.scenes import Surface
 from cboxlab.scenes.scene import Medium
 from cboxlab.scenes.shapes import moved_on_floor, sphere_mesh
-from helpers.boxes import EDGE, FLAT, box_with_lamp
-from helpers.hits import COUNT, ROUNDING_MM, blocked_by, directions, hit_of, rays
+from helpers.scenes.boxes import EDGE, FLAT, box_with_lamp
+from helpers.scenes.hits import COUNT, ROUNDING_MM, blocked_by, directions, hit_of, rays
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

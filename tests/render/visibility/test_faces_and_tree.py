@@ -8,7 +8,7 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.visibility.faces_and_tree import FacesAndTree, build_accelerator, triangle_tree
 from cboxlab.rendering.visibility.flat_faces import FlatFaces
 from cboxlab.rendering.visibility.tracer import facets
-from helpers.hits import COUNT, between_surfaces, blocked_by, differing, directions, hit_of, normals_of, rays
+from helpers.scenes.hits import COUNT, between_surfaces, blocked_by, differing, directions, hit_of, normals_of, rays
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

@@ -8,7 +8,7 @@ from cboxlab.rendering.visibility.faces_and_tree import triangle_tree
 from cboxlab.rendering.visibility.flat_faces import MOST_FACES, FlatFaces, flat_faces
 from cboxlab.rendering.visibility.tracer import build_tracer, facets
 from cboxlab.scenes import cornell_box
-from helpers.hits import (
+from helpers.scenes.hits import (
     COUNT,
     ROUNDING_MM,
     between_surfaces,

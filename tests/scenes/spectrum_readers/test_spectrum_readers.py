@@ -7,9 +7,14 @@ import colour
 import numpy as np
 import pytest
 from cboxlab.scenes import read_spectra, read_spectrum
-from cboxlab.scenes.spectrum_readers import InstrumentText, catalogue, read_instrument_file, recognised_reader
+from cboxlab.scenes.spectrum_readers import (
+    InstrumentText,
+    read_instrument_file,
+    recognised_reader,
+    spectrum_reader_catalogue,
+)
 from cboxlab.utils.errors import InputError
-from helpers.instrument_texts import INSTRUMENTS
+from helpers.files.instrument_texts import INSTRUMENTS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -47,7 +52,7 @@ def test_the_ending_and_windows_lines_change_nothing(tmp_path, key):
 
 
 def test_every_format_has_a_file_here():
-    assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(catalogue())
+    assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(spectrum_reader_catalogue())
 
 
 def test_further_spectra_of_a_file():
@@ -129,7 +134,7 @@ MALFORMED = [
     ("tm27", "1.3e-2", "1.3e-2 W", "line 12", "'1.3e-2 W'"),
     ("tm27", "<SpectralQuantity>radiance", "<SpectralQuantity>brightness", "line 7", "one of"),
     ("tm27", '"405.5"', '"399"', "line 11", "399 nm after 400 nm"),
-    ("tm27", "0.012", "0.0\n12", "line 11", "'0.0 12'"),
+    ("tm27", "0.012", "0.0\n12", "line 11", r"'0.0\n12'"),
     ("tm27", "</Header>", "</Head>", "line 6", "damaged"),
     ("tm27", "<IESTM2714 xmlns", '<!DOCTYPE x [<!ENTITY a "b">]>\n<IESTM2714 xmlns', "line 2", "DOCTYPE"),
     ("pr650", "0000,1", "0018,1", "line 1", "quality code 18"),

@@ -18,7 +18,7 @@ from cboxlab.scenes import cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.api import CubeSettings, cube, render, render_file
 from cboxlab.validation.api.strip_files import load_strip, store_strip
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
 

@@ -13,7 +13,7 @@ from cboxlab.calibration.quality.stacks import read_stacks
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.validation.capture_checks import with_scene_checks
 from cboxlab.validation.capture_checks.band_registration import SMALLEST_STEP_PX, _check_step
-from helpers.calibrations import quick_calibration
+from helpers.captures.calibrations import quick_calibration
 from helpers.places import ROOT
 from scipy import ndimage
 

@@ -2,11 +2,11 @@
 
 import pytest
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result import calibrate_capture
 from cboxlab.rendering.device import variant
 from cboxlab.validation.capture_checks import find as checks
 from cboxlab.validation.capture_checks import find_scene_suspicions, with_scene_checks
-from helpers.calibrations import quick_calibration
+from helpers.captures.calibrations import quick_calibration
 from helpers.fakes.capture import FakeCapture
 from helpers.places import ROOT
 
@@ -17,7 +17,7 @@ DEMO = ROOT / "validate" / "data" / "demo-capture"
 def test_a_small_sound_capture_raises_none(tmp_path, lacking):
     """False-alarm rate of all checks together below 1 in 1000 captures; seed 3."""
     folder = FakeCapture(tmp_path / "capture", seed=3).write(**lacking)
-    assert with_scene_checks(calibrate(load_capture(folder))).suspicions == ()
+    assert with_scene_checks(calibrate_capture(load_capture(folder))).suspicions == ()
 
 
 @pytest.mark.parametrize("compiled", [variant.compiled(), False])

@@ -13,7 +13,7 @@ import pytest
 from capture_mistakes import MISTAKES, Draft
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.validation.capture_checks import with_scene_checks
-from helpers.calibrations import quick_calibration
+from helpers.captures.calibrations import quick_calibration
 from helpers.places import ROOT
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")

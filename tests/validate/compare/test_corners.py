@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.geometry import SurveyedPoints
-from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result import calibrate_capture
 from cboxlab.validation.compare import locate_corners, scene_corners
 
 DEMO = Path(cboxlab.validation.__file__).parent / "data" / "demo-capture"
@@ -17,7 +17,7 @@ IDS = ("c02", "c03", "c06", "c07", "c08", "c10", "c12", "c14", "c16", "c18", "c2
 
 @pytest.fixture(scope="module")
 def calibration():
-    return calibrate(load_capture(DEMO))
+    return calibrate_capture(load_capture(DEMO))
 
 
 def clicks(calibration, ids, seed, error_px=0.5):

@@ -13,7 +13,7 @@ from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare.failure import parts, ranked_failures
 from cboxlab.validation.report.table_sections import parts_section
-from helpers.boxes import BANDS
+from helpers.scenes.boxes import BANDS
 from scipy.ndimage import binary_dilation
 
 NAMES = ("floor", "left", "right")
@@ -89,13 +89,14 @@ def test_an_excess_is_found_where_it_was_put():
 
 
 def test_two_places_are_two_entries_and_noise_is_none():
+    """The larger mean chi-square comes first, though the other place has three times the residuals."""
     z = noise()
     z[:, :, :20] *= 3
-    z[2, :, 40:] *= 3
+    z[2, :, 40:] *= 3.3
     c = comparison(z)
     picture_parts = parts(c, PAINTS, NM, None)
-    first, second = ranked_failures(c, picture_parts)[:2]
-    assert first.kinds == {"surface": "on the floor"}
+    second, first = ranked_failures(c, picture_parts)[:2]
+    assert first.kinds == {"surface": "on the floor"} and second.chi2_per_residual > first.chi2_per_residual
     assert set(second.kinds) == {"surface", "band"} and "right" in second.label and "f600" in second.label
     assert ranked_failures(comparison(noise(), p_value=0.4), picture_parts) == ()
 

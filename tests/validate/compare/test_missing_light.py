@@ -8,7 +8,7 @@ from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.validation.compare import CalibratedCapture, pipeline, validate_capture
-from cboxlab.validation.diagnose import diagnose, stepwise
+from cboxlab.validation.diagnose import diagnose_validation, stepwise
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 TRIED = ("interreflection", "haze")
@@ -51,6 +51,6 @@ def test_all_reflected_light_missing_is_found_with_a_quiet_camera(monkeypatch, t
     surveyed = validation.prepared.expected_camera(())
     np.testing.assert_array_equal(validation.fit.camera.parameters, surveyed.parameters)
     assert abs(validation.fit.lamp_scale - 1) <= 2.001 * validation.prepared.lamp_sigma
-    diagnosis = diagnose(validation)
+    diagnosis = diagnose_validation(validation)
     assert diagnosis.selected == ("interreflection",)
     assert diagnosis.chi2_per_dof > 100 and diagnosis.final_chi2_per_dof < 1.5

@@ -19,11 +19,11 @@ from cboxlab.scenes import cornell_box
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.compare.pipeline import validate_capture
 from cboxlab.validation.diagnose import stepwise
-from cboxlab.validation.diagnose.diagnosis import diagnose
+from cboxlab.validation.diagnose.diagnosis import diagnose_validation
 from cboxlab.validation.report.viewer.payload import picture_data
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_scene
-from helpers.mosaic_capture import write_mosaic_capture
+from helpers.captures.mosaic_capture import write_mosaic_capture
 
 SIZE, SEED = 64, 11
 #: Stages of effects that channels may show.
@@ -103,7 +103,7 @@ def test_the_report_and_the_diagnosis_say_what_holds(validated, tmp_path, monkey
     if pattern == PATTERNS["Bayer"]:
         every = stepwise.hypotheses
         monkeypatch.setattr(stepwise, "hypotheses", lambda *a: [h for h in every(*a) if h.effect.stage in OF_CAMERA])
-    diagnosis = diagnose(result)
+    diagnosis = diagnose_validation(result)
     assert diagnosis.selected == () and diagnosis.adequate
     write_validation(result, tmp_path, diagnosis)
     report = (tmp_path / "report.html").read_text(encoding="utf-8")

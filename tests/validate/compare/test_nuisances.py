@@ -9,7 +9,7 @@ from cboxlab.rendering.perturbation import build_warp, pixels_per_unit, warp_cha
 from cboxlab.rendering.radiosity import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare.nuisances import NuisanceFit, Nuisances, fit_lamp_scale, fit_nuisances
-from helpers.boxes import box_with_lamp, camera_inside
+from helpers.scenes.boxes import box_with_lamp, camera_inside
 
 
 def test_values_keep_their_places_in_the_vector():

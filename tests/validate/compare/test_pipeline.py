@@ -29,13 +29,13 @@ from cboxlab.validation.compare import pipeline
 from cboxlab.validation.compare.maps import read_map
 from cboxlab.validation.compare.nuisances import NuisanceFit, fit_lamp_scale
 from cboxlab.validation.compare.pipeline import Predicted, rendered_from, validate_capture, validate_prepared
-from cboxlab.validation.diagnose.diagnosis import diagnose
+from cboxlab.validation.diagnose.diagnosis import diagnose_validation
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.stepwise import refitted
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
-from helpers.browser import open_browser
+from helpers.pages.browser import open_browser
 from scipy import stats
 
 SIZE = 64
@@ -210,7 +210,7 @@ def test_nothing_is_missing_where_nothing_is_hidden(result, monkeypatch):
         "cboxlab.validation.diagnose.stepwise.hypotheses",
         lambda *names, **how: [h for h in hypotheses(*names, **how) if h.effect.stage in stages],
     )
-    assert diagnose(result).adequate
+    assert diagnose_validation(result).adequate
 
 
 def test_a_camera_pulled_away_by_pixels_comes_back(result):

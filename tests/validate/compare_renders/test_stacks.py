@@ -59,7 +59,7 @@ def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twic
     optics = (8.0 * 50.0) ** 2 if with_variance else 1.0
     monkeypatch.setattr("cboxlab.calibration.capture.load_capture", lambda folder: capture)
     monkeypatch.setattr(
-        "cboxlab.calibration.result.calibrate",
+        "cboxlab.calibration.result.calibrate_capture",
         lambda capture: SimpleNamespace(capture=capture, images=images, camera=None),
     )
     monkeypatch.setattr(

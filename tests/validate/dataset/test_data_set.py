@@ -22,9 +22,9 @@ from cboxlab.validation.dataset.layout import Layout, begin
 from cboxlab.validation.dataset.picture import render_pictures, rounded
 from cboxlab.validation.dataset.tasks import tasks_of
 from cboxlab.validation.dataset.workers import in_processes
-from helpers.command_line import assert_one_line_of_help
-from helpers.ending import ends_once
-from helpers.recipes import write_recipe
+from helpers.programs.command_line import assert_one_line_of_help
+from helpers.programs.ending import ends_once
+from helpers.scenes.recipes import write_recipe
 from threadpoolctl import threadpool_limits
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
@@ -117,6 +117,14 @@ def test_the_index_and_the_pictures_say_the_same(run):
         dataset.arrays("albedoo")
 
 
+def test_the_index_as_parquet_is_that_of_the_text(run):
+    table = pytest.importorskip("arro3.io").read_parquet(run.dataset.folder / "index.parquet").read_all()
+    columns = {name: table[name].to_pylist() for name in run.dataset.index[0]}
+    assert [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)] == [
+        dict(row) for row in run.dataset.index
+    ]
+
+
 def test_the_model_of_a_picture_is_that_of_its_box(folder, run, recipe_file):
     box = draw_box(load_recipe(recipe_file), 1, recipe_file.parent)
     number = next(i for i, row in enumerate(run.dataset.index) if row["box"] == 1)
@@ -136,6 +144,7 @@ def test_card_and_croissant_name_every_part(run):
     assert record["conformsTo"] == "http://mlcommons.org/croissant/1.0"
     columns = {field["source"]["extract"]["column"] for field in record["recordSet"][0]["field"]}
     assert columns <= set(run.dataset.index[0])
+    assert record["creator"]["@type"] in ("sc:Organization", "sc:Person")  # readers refuse anything else
     assert "4 pictures pass all checks" in (run.dataset.folder / "quality.html").read_text()
 
 
@@ -306,7 +315,7 @@ def outcome(capsys, *arguments):
     return ended.value.code, out, err
 
 
-@pytest.mark.parametrize("case", ["key", "nowhere", "other", "begun", "version", "sensor", "dark", "scheduler"])
+@pytest.mark.parametrize("case", ["key", "nowhere", "other", "file", "begun", "version", "sensor", "dark", "scheduler"])
 def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeypatch, case):
     target, options = tmp_path / "set", []
     path = write_recipe(tmp_path)
@@ -314,6 +323,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         "key": ["seeds", "Did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
+        "file": ["a file", "a new or empty folder"],
         "begun": ["another recipe"],
         "version": ["mitsuba 0.1"],
         "sensor": ["sensor[0]", "of the sensitivity"],
@@ -332,6 +342,8 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
     elif case == "other":
         target.mkdir()
         (target / "notes.txt").write_text("mine")
+    elif case == "file":
+        target.write_text("mine")
     elif case in ("begun", "version"):
         begin(load_recipe(path), path, target)
         if case == "begun":
@@ -364,3 +376,30 @@ def test_a_preview_costs_what_the_run_costs(folder, run, recipe_file, monkeypatc
 def test_a_folder_without_a_data_set_is_refused(tmp_path):
     with pytest.raises(InputError, match="state of a data set"):
         open_dataset(tmp_path)
+
+
+def test_a_large_picture_is_that_of_its_strips(tmp_path, monkeypatch):
+    """Labels, points and albedo are the same to the bit; the light differs by its error alone."""
+    gloss = '[[effect]]\nid = "veiling-glare"\n[room]'
+    path = write_recipe(tmp_path, ("noise = 0.1", "noise = 0.05"), ("[room]", gloss))
+    recipe = load_recipe(path)
+    box = draw_box(recipe, 0, tmp_path)
+    (plain,) = render_pictures([box], "main", recipe, tmp_path)
+    monkeypatch.setattr(sys.modules["cboxlab.validation.dataset.picture"], "STRIP_PIXELS", 16 * 5)
+    (joined,) = render_pictures([box], "main", recipe, tmp_path)
+    assert joined.sizes == plain.sizes and list(joined.data_vars) == list(plain.data_vars)
+    for name in ("surface", "material", "coverage", "depth", "position", "normal", "albedo"):
+        np.testing.assert_array_equal(joined[name], plain[name])
+    visible = plain["surface"].values >= 0
+    scale = np.hypot(plain["standard_error"], joined["standard_error"]).values[visible]
+    z = (joined["radiance"] - plain["radiance"]).values[visible] / scale
+    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.3  # independent errors of the stated size
+    assert check_picture(joined, box, 0.05, 23).faults == ()
+
+
+def test_pictures_that_do_not_fit_into_memory_are_refused(tmp_path, monkeypatch):
+    path = write_recipe(tmp_path, ("width_px = 16", "width_px = 4096"), ("height_px = 16", "height_px = 4096"))
+    monkeypatch.setattr(sys.modules["cboxlab.validation.dataset.memory"], "_memory_bytes", lambda: 8e9)
+    with pytest.raises(InputError, match=r"camera\[0\].*4096 x 4096 pixels, about 1\d\.\d GB.*at most the 8.0 GB"):
+        create_dataset(path, tmp_path / "set")
+    assert not (tmp_path / "set").exists()

@@ -1,4 +1,4 @@
-"""The set of effects that explains most to first order, on shapes that are known exactly (``helpers.patterns``)."""
+"""The set of effects that explains most to first order, on shapes of ``helpers.captures.patterns``."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -9,7 +9,7 @@ import pytest
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose import stepwise
 from cboxlab.validation.diagnose.selection import best_set
-from helpers.patterns import AMOUNT, COUNT, Patterns, fitted_together, laboratory, names_of, waves
+from helpers.captures.patterns import AMOUNT, COUNT, Patterns, fitted_together, laboratory, names_of, waves
 
 
 def resembling():

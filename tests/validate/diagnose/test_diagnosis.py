@@ -37,8 +37,8 @@ from cboxlab.validation.report.diagnosis import (
 )
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import story
-from helpers.manual_commands import described
-from helpers.raw_frames import read_raw
+from helpers.files.raw_frames import read_raw
+from helpers.programs.manual_commands import described
 from PIL import Image
 from scipy import stats
 from scipy.ndimage import convolve

@@ -10,7 +10,7 @@ from cboxlab.rendering.model import Model
 from cboxlab.scenes import cornell_box
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose import effect_fit
-from helpers.patterns import COUNT, laboratory, waves
+from helpers.captures.patterns import COUNT, laboratory, waves
 
 PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.3 * waves(1, 0), "third": waves(2, 1)}
 

@@ -13,7 +13,7 @@ from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import write_cube
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
@@ -54,7 +54,7 @@ def test_a_depth_must_explain_a_quarter_of_what_is_above_noise(monkeypatch, exce
 @pytest.fixture(scope="module")
 def complete():
     camera, scene = perturbed_camera(SIZE, SEED), photographed_scene(Model())
-    return render(RenderJob(scene, camera, WAVELENGTH_NM, 64, 2, seed=SEED))
+    return render_image(RenderJob(scene, camera, WAVELENGTH_NM, 64, 2, seed=SEED))
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def answers(capture, tmp_path_factory):
     results = {}
     for depth in (4, None):
         camera = prepared.calibrated_camera
-        cube = render(RenderJob(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth)).cube()
+        cube = render_image(RenderJob(prepared.scene, camera, GRID, 128, 2, seed=SEED + 1, max_bounces=depth)).cube()
         write_cube(path, cube)
         results[depth] = *external_render(validate_capture(load_capture(capture), model, picture=path)), cube
     return results

@@ -1,11 +1,17 @@
-"""Flaws of a base that effects may imitate."""
+"""Judgement of effects next to the flaws of a base."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from cboxlab.validation.diagnose import judgement
 from cboxlab.validation.diagnose.base_flaws import Flaw
 from cboxlab.validation.diagnose.judgement import BaseFlaws
+
+COUNT = 400
+CANDIDATE = SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id="lamp")), by_priors=False, numbers=[1])
 
 
 @pytest.mark.parametrize(
@@ -14,3 +20,35 @@ from cboxlab.validation.diagnose.judgement import BaseFlaws
 def test_effects_imitate_every_flaw_but_single_pixels(kinds, imitated):
     flaws = BaseFlaws(tuple(Flaw(kind, 0.1, 1.0, 0.8) for kind in kinds), True, np.zeros(3))
     assert flaws.imitated is imitated
+
+
+def sound_base(residual):
+    """Flaws without columns: residuals have unit variance."""
+    model = SimpleNamespace(
+        model=SimpleNamespace(count=COUNT),
+        whitened=lambda vector: vector,
+        fit=lambda vector: SimpleNamespace(score=float(vector @ vector)),
+        weighted=lambda _, columns: columns,
+    )
+    return SimpleNamespace(model=model, residual=residual)
+
+
+@pytest.mark.parametrize(("sigmas", "holds"), [(0.0, False), (3.0, False), (20.0, True)])
+def test_an_effect_holds_by_its_amplitude_and_one_that_changes_nothing_does_not(sigmas, holds):
+    rest = np.random.default_rng(3).standard_normal(COUNT)
+    shape = np.ones(COUNT) / np.sqrt(COUNT)
+    rest -= shape * (shape @ rest)
+    verdict = judgement.verdict_of(CANDIDATE, rest + sigmas * shape, rest, sound_base(rest))
+    assert verdict.holds is holds
+    assert verdict.certainty == pytest.approx(sigmas, abs=1e-9)
+    assert verdict.gain == pytest.approx(sigmas**2 / COUNT)
+    assert verdict.holds_next_to_flaws is holds
+
+
+def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
+    noise, cause = np.random.default_rng(4).standard_normal((2, 5, 6, 7))
+    linearised = SimpleNamespace(model=SimpleNamespace(whiten=np.ravel))
+    monkeypatch.setattr(judgement, "flaws_of", lambda fit, rest: (fit, rest))
+    fit, rest = judgement.flaws_without(linearised, (noise + cause).ravel(), cause)
+    assert fit is linearised
+    assert rest == pytest.approx(noise.ravel())

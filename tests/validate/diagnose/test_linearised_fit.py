@@ -9,7 +9,7 @@ from cboxlab.validation.diagnose import linearised_fit
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.linearised_fit import refitted_together, residual_with
 from cboxlab.validation.diagnose.search import Candidate, NumberStep
-from helpers.patterns import COUNT, laboratory, waves
+from helpers.captures.patterns import COUNT, laboratory, waves
 
 PATTERNS = {"one": waves(1, 0), "two": waves(0, 2) + 0.5 * waves(1, 0)}
 

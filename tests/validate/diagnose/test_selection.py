@@ -25,7 +25,7 @@ from cboxlab.validation.diagnose.selection import (
     pairs_replaced,
 )
 from cboxlab.validation.diagnose.stepwise import limits_of
-from helpers.patterns import AMOUNT, COUNT, SHAPE, Patterns, fitted_together, laboratory, names_of, waves
+from helpers.captures.patterns import AMOUNT, COUNT, SHAPE, Patterns, fitted_together, laboratory, names_of, waves
 
 
 def test_two_effects_take_the_place_of_three_that_imitate_them():

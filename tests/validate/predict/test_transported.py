@@ -13,7 +13,7 @@ from cboxlab.rendering.radiosity.final_gather import render_final_gather
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.predict.transported import coated, transported
-from helpers.boxes import BANDS, box_with_lamp, camera_inside
+from helpers.scenes.boxes import BANDS, box_with_lamp, camera_inside
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

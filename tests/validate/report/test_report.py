@@ -10,7 +10,7 @@ import pytest
 from cboxlab.validation.compare import COLOUR_DIFFERENCES, read_map, regions_of, write_maps
 from cboxlab.validation.compare.colour_difference import ColourDifference
 from cboxlab.validation.compare.comparison import compare
-from cboxlab.validation.report.blocks import Cell, Headline, ReportSection, Story, Table, number, with_error
+from cboxlab.validation.report.blocks import Cell, Headline, ReportSection, ReportTable, Story, number, with_error
 from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import falling_curve, map_row, residual_scale
@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
         ("Effects added one at a time.",),
         (falling_curve(["as given", "+ veiling-glare"], [7.3, 1.02], [1.9, 0.3], "ΔE*ab"),),
     )
-    table = Table(("effect", "fraction"), [("veiling-glare", Cell("0.031", "± 0.001", True))])
+    table = ReportTable(("effect", "fraction"), [("veiling-glare", Cell("0.031", "± 0.001", True))])
     pictures = map_row({"before": np.ones((8, 8)), "after": np.zeros((8, 8))}, residual_scale())
     story = Story(
         Headline("Glare of 3 % is missing.", ("It lies everywhere.",), pictures),
@@ -124,7 +124,7 @@ def test_a_third_colour_difference_needs_one_record(monkeypatch, tmp_path):
 
 def test_verdict_in_words(pages):
     assert "Where it fails" in pages["error"]
-    assert re.search(r"\d+ % of the excess χ² is (in interiors of|on) surfaces", pages["error"])
+    assert re.search(r"Most of the excess χ² is (in interiors of|on) surfaces[^:]*: \d+ %", pages["error"])
     for text in (*SURFACES, *BANDS):
         assert text in pages["noise"]
 

@@ -6,8 +6,8 @@ from io import BytesIO
 
 import pytest
 from cboxlab.validation.report.page import ReportInputs, build_report
-from helpers.browser import open_browser
 from helpers.fakes.box import FakeBox, fake_run, fake_weights
+from helpers.pages.browser import open_browser
 from pypdf import PdfReader
 
 BOX = FakeBox(size=48)
@@ -82,7 +82,7 @@ def _squeezed(text):
 
 
 def test_tables_are_whole_on_a_telephone(browser, report):
-    """No table of the report is cut at 400 px, and its caption stands outside the scroller."""
+    """No table of the report is cut at 400 px, its caption stands outside the scroller, and numbers stay whole."""
     _open(browser, report, 400)
     cut = browser.run(
         "[...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth + 1)"
@@ -90,6 +90,12 @@ def test_tables_are_whole_on_a_telephone(browser, report):
     )
     assert cut == []
     assert browser.run("document.querySelectorAll('.scroll .caption, table caption').length") == 0
+    broken = browser.run(
+        "[...document.querySelectorAll('td:not(.words)')].filter((cell) => [...cell.childNodes].some((node) =>"
+        "{const range = document.createRange(); range.selectNodeContents(node);"
+        "return new Set([...range.getClientRects()].map((box) => box.top)).size > 1;})).map((cell) => cell.innerText)"
+    )
+    assert broken == []
 
 
 def test_maps_of_the_bands_share_their_axes(browser, report):

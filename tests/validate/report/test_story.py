@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
-from cboxlab.validation.diagnose import Cause, Diagnosis, FurtherCaptureResult, Limit, Ranked, Separation, Step
+from cboxlab.validation.diagnose import Diagnosis, FurtherCaptureResult, LikelyCause, Limit, Ranked, Separation, Step
 from cboxlab.validation.report.diagnosis import further_sentences, limit_text, size_in_words
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story
@@ -20,7 +20,7 @@ GLARE, LEAK = {"fraction": 0.0301}, {"fraction": 0.01}
 
 def _cause(name, values, cosine, first, behind):
     signature = AS_GIVEN.maps["residual_over_sigma"].values.astype(np.float32)
-    return Cause(name, values, {"fraction": 0.0012}, signature, cosine, first, behind)
+    return LikelyCause(name, values, {"fraction": 0.0012}, signature, cosine, first, behind)
 
 
 def _diagnosis(selected, causes=(), separations=()):

@@ -6,9 +6,9 @@ import pytest
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.report import read_trend_result, trend, trend_record, write_trend
 from cboxlab.validation.report.metrics import metrics
-from helpers.browser import open_browser
 from helpers.fakes.box import FakeBox, fake_run
-from helpers.page_faults import FAULTS
+from helpers.pages.browser import open_browser
+from helpers.pages.page_faults import FAULTS
 
 BOX = FakeBox(size=32)
 

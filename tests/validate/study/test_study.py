@@ -15,7 +15,7 @@ from cboxlab.validation.api import Study
 from cboxlab.validation.api import study as study_module
 from cboxlab.validation.compare import fit_cache, refitted_picture
 from cboxlab.validation.predict import picture_cache
-from helpers.glare_capture import GLARE, glare_capture
+from helpers.captures.glare_capture import GLARE, glare_capture
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from cboxlab.rendering.synthetic import band_filters
 from cboxlab.scenes import cornell_box
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.synthetic.blind import Answer, draw_effect, open_seal, read_diagnosis, score, seal
-from helpers.boxes import box_with_lamp
+from helpers.scenes.boxes import box_with_lamp
 
 BANDS = tuple(band_filters())
 

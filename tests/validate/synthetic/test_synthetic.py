@@ -9,7 +9,7 @@ it the effect stands out.
 import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.rendering.chain.expected import expected_signal
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.image.image import RenderedImage
@@ -90,7 +90,7 @@ def photographed(folder, image, scene, effects, **settings):
         settings=CaptureSettings(**settings),
         seed=SEED,
     )
-    return calibrate(load_capture(folder))
+    return calibrate_capture(load_capture(folder))
 
 
 def chi2_per_dof(calibration, image, effects) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Cancelled
 from rich.text import Text
 
-from ..terminal import command_line, require_numbers, this_run
+from ..terminal import command_line, require_option_numbers, this_run
 from .add import add
 from .batch import batch
 from .calibrate import calibrate
@@ -96,7 +96,7 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
     try:
         _require_letters(command)
         _require_address_space()
-        require_numbers(command, _COMMANDS)
+        require_option_numbers(command, _COMMANDS)
         app(prog_name="cbox", args=command)
     except SystemExit as ended:
         if ended.code == _INTERRUPTED:  # Typer ends an interrupted command without a message

@@ -12,7 +12,7 @@ from cboxlab.rendering.model import Model, write_model
 
 from ...api import DiagnosisResult, RawFrame, ValidationResult, simulate, write_manifest
 from ...compare import Predicted, Validation, validate_capture
-from ...diagnose import Diagnosis, diagnose
+from ...diagnose import Diagnosis, diagnose_validation
 from ...report import ReportSection, picture_row, verdict, write_diagnosis, write_validation
 from .console import bar, print_result, say
 
@@ -73,7 +73,7 @@ def _diagnosed(result: Validation) -> Diagnosis | None:
         return None
     say("5. Diagnosis: the program fits every effect of the catalogue, with camera and lamp.")
     with bar("diagnosing") as report:
-        diagnosis = diagnose(result, report)
+        diagnosis = diagnose_validation(result, report)
     outcome = DiagnosisResult(diagnosis, result)
     print_result(outcome.lines(), outcome.tables())
     return diagnosis

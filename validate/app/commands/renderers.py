@@ -50,14 +50,14 @@ def renderers(
     samples: Annotated[int, typer.Option(help="Samples per pixel and batch.", min=1)] = 256,
     collect: Annotated[
         Path | None,
-        typer.Option(help="Only write cubes of the pictures that renderers wrote in this folder of `cbox export`."),
+        typer.Option(help="Run nothing. Make cubes of the pictures that renderers wrote to this export folder."),
     ] = None,
     references: Annotated[
         bool, typer.Option("--references", help="Only compare our integrators with closed forms.")
     ] = False,
     json: JsonOption = None,
 ) -> None:
-    """Run other renderers on a box, and compare each with our reference.
+    """Run other renderers on a box, and compare each with the reference of cboxlab.
 
     The command prints differences, noise, time, and the probable cause of a difference.
     """

@@ -21,6 +21,7 @@ from starlette.routing import Mount, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
+from .autosave import discard_unsaved
 from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
 from .first_capture import first_draft, first_thumbnails, write_first
 from .jobs import Jobs
@@ -178,6 +179,12 @@ class _Handlers:
         """Captures, studies and models that can be opened."""
         names = await asyncio.to_thread(list_inputs, self.bench.root)
         return JSONResponse(names, headers=_HEADERS)
+
+    async def discard(self, request: Request) -> Response:
+        """Remove unsaved work that the list of inputs has."""
+        name = text_of(await json_body(request), "study")
+        await self.jobs.quick(lambda: discard_unsaved(self.bench.root, name))
+        return JSONResponse({}, headers=_HEADERS)
 
     async def step(self, request: Request) -> Response:
         """Do a short step; the answer is the study after it."""
@@ -349,6 +356,7 @@ def build_app(
         Route("/api/places", handlers.inputs),
         Route("/api/events", handlers.events),
         Route("/api/cancel", handlers.cancel, methods=["POST"]),
+        Route("/api/discard", handlers.discard, methods=["POST"]),
         Route("/api/pattern", handlers.pattern, methods=["POST"]),
         Route("/api/earlier", handlers.earlier, methods=["POST"]),
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),

@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import shutil
+from itertools import count
 from pathlib import Path
+from typing import Any
+
+from cboxlab.utils.errors import InputError
 
 from ...api import Study
 
-__all__ = ["AUTOSAVE_FOLDER", "autosave", "discard_autosave", "unsaved_studies"]
+__all__ = ["AUTOSAVE_FOLDER", "autosave", "discard_autosave", "discard_unsaved", "unsaved_studies"]
 
 #: Folder of unsaved studies, below the root folder. Lists of captures and studies leave hidden folders out.
 AUTOSAVE_FOLDER = ".cbox-unsaved"
 
+#: Largest number of characters of a capture's name in the name of a folder.
+_MAX_NAME = 60
+
 _LOG = logging.getLogger(__name__)
 
 
-def _folder(root: Path, study: Study) -> Path:
-    """Folder of the unsaved work on the captures of a study."""
-    captures = [str(capture.folder.resolve()) for capture in study.captures]
-    digest = hashlib.sha256("\n".join(captures).encode()).hexdigest()[:8]
-    return root / AUTOSAVE_FOLDER / f"{study.captures[0].folder.name[:60]}-{digest}"
-
-
-def autosave(root: Path, study: Study) -> None:
+def autosave(root: Path, study: Study, folder: Path | None) -> Path | None:
     """Write a study to its folder of unsaved work; a disk that refuses it is logged.
 
     Parameters
@@ -33,27 +32,68 @@ def autosave(root: Path, study: Study) -> None:
         Folder of the workbench.
     study
         The study.
+    folder
+        Folder in which it was written before; None for a new one.
+
+    Returns
+    -------
+    Path | None
+        Folder of the study; None if the disk refused it.
     """
     try:
-        study.write(_folder(root, study))
+        folder = _new_folder(root, study) if folder is None else folder
+        study.write(folder)
     except OSError as error:
         _LOG.warning("unsaved work is not stored: %s", error)
+    return folder
 
 
-def discard_autosave(root: Path, study: Study) -> None:
-    """Remove the unsaved work on the captures of a study.
+def _new_folder(root: Path, study: Study) -> Path:
+    """Empty folder of a new name, so that no study replaces another one."""
+    parent, name = root / AUTOSAVE_FOLDER, study.captures[0].folder.resolve().name[:_MAX_NAME]
+    parent.mkdir(exist_ok=True)
+    for number in count(1):
+        try:
+            (parent / f"{name}-{number}").mkdir()
+        except FileExistsError:
+            continue
+        return parent / f"{name}-{number}"
+    raise AssertionError("no end")
+
+
+def discard_autosave(folder: Path | None) -> None:
+    """Remove the unsaved work of a study.
+
+    Parameters
+    ----------
+    folder
+        Folder of ``autosave``; None for none.
+    """
+    if folder is not None:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def discard_unsaved(root: Path, name: str) -> None:
+    """Remove unsaved work that the list of ``unsaved_studies`` has.
 
     Parameters
     ----------
     root
         Folder of the workbench.
-    study
-        The study, which is saved elsewhere.
+    name
+        Path of the list.
+
+    Raises
+    ------
+    InputError
+        For another name.
     """
-    shutil.rmtree(_folder(root, study), ignore_errors=True)
+    if name not in [each["path"] for each in unsaved_studies(root)]:
+        raise InputError("unsaved work", repr(name)[:80], "a name of the list")
+    discard_autosave(root / name)
 
 
-def unsaved_studies(root: Path) -> list[str]:
+def unsaved_studies(root: Path) -> list[dict[str, Any]]:
     """Studies with unsaved work, the newest first.
 
     Parameters
@@ -63,8 +103,15 @@ def unsaved_studies(root: Path) -> list[str]:
 
     Returns
     -------
-    list of str
-        Paths relative to ``root``.
+    list of dict
+        Path relative to ``root``, the capture's ``name``, and when it ``changed``, seconds since 1970.
     """
-    files = sorted((root / AUTOSAVE_FOLDER).glob("*/study.json"), key=lambda path: path.stat().st_mtime, reverse=True)
-    return [path.parent.relative_to(root).as_posix() for path in files]
+    files = [(path, path.stat().st_mtime) for path in (root / AUTOSAVE_FOLDER).glob("*/study.json")]
+    return [
+        {
+            "path": path.parent.relative_to(root).as_posix(),
+            "name": path.parent.name.rpartition("-")[0],
+            "changed": changed,
+        }
+        for path, changed in sorted(files, key=lambda each: each[1], reverse=True)
+    ]

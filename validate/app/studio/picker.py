@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.geometry import SurveyedPoints
-from cboxlab.calibration.result import calibrate
+from cboxlab.calibration.result import calibrate_capture
 from cboxlab.scenes import Scene
 from cboxlab.scenes.scene_file import PACKAGED
 from cboxlab.utils.errors import InputError
@@ -181,7 +181,7 @@ class Picker:
             if capture.reduction is not None:
                 raise InputError(folder / "capture.toml", "frames that are reduced", "frames in their full size")
             without_points = capture.manifest.model_copy(update={"geometry": None, "target": ()})
-            calibration = calibrate(replace(capture, manifest=without_points))
+            calibration = calibrate_capture(replace(capture, manifest=without_points))
         return _Picture(folder, calibration.photograph, capture.scene, scene_corners(capture.scene))
 
 

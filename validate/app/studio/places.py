@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from cboxlab.scenes.scene_file import packaged_scenes
 from cboxlab.utils.errors import InputError
@@ -89,7 +90,7 @@ def require_study_folder(root: Path, folder: Path) -> None:
         raise InputError("folder", f"'{folder}', with files of other kinds", "a new folder, or a saved study's", hint)
 
 
-def list_inputs(root: Path) -> dict[str, list[str]]:
+def list_inputs(root: Path) -> dict[str, Any]:
     """Captures, studies and models below a folder, and the packaged scenes.
 
     Parameters
@@ -100,10 +101,10 @@ def list_inputs(root: Path) -> dict[str, list[str]]:
     Returns
     -------
     dict
-        Lists ``captures``, ``studies``, ``models`` and ``unsaved`` (studies) of paths relative to the folder.
+        Lists ``captures``, ``studies`` and ``models`` of paths relative to the folder, and ``unsaved`` as of
+        ``unsaved_studies``.
     """
     names: dict[str, list[str]] = {"captures": [], "studies": [], "models": [*packaged_scenes()]}
-    names["unsaved"] = unsaved_studies(root)
     for path in _files(root):
         name = path.parent.relative_to(root).as_posix()
         if path.name == "capture.toml":
@@ -112,7 +113,7 @@ def list_inputs(root: Path) -> dict[str, list[str]]:
             names["studies"].append(name)
         elif path.suffix == ".toml" and _is_model(path):
             names["models"].append(path.relative_to(root).as_posix())
-    return {key: values[:_MAX_LISTED] for key, values in names.items()}
+    return {"unsaved": unsaved_studies(root), **{key: values[:_MAX_LISTED] for key, values in names.items()}}
 
 
 def _files(root: Path) -> Iterator[Path]:

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from cboxlab.rendering.chain import STAGE_TITLES, STAGES
 from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue, names_in
 from numpy.typing import NDArray
 
 from ...api import DiagnosisResult
 from ...compare import band_centres
-from ...report import finding_sentences, ranked_values
+from ...report import explained_share, finding_sentences, ranked_values
 from .workbench import Workbench
 
 __all__ = ["catalogue_record", "earlier_view", "pattern_view", "study_record", "view"]
@@ -38,9 +39,10 @@ def catalogue_record(bench: Workbench) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        One record for each effect: id, stage, summary, confirm, parameters.
+        One record for each effect, by stage in the order of light: id, stage, title, summary, confirm, parameters.
     """
-    return [_effect_record(effect, bench) for effect in catalogue().values()]
+    effects = catalogue().values()
+    return [_effect_record(effect, bench) for stage in STAGES for effect in effects if effect.stage == stage]
 
 
 def study_record(bench: Workbench) -> dict[str, Any]:
@@ -67,6 +69,7 @@ def study_record(bench: Workbench) -> dict[str, Any]:
         "root": str(bench.root),
         "revision": bench.revision,
         "saved": bench.is_saved,
+        "unsaved": None if bench.unsaved_folder is None else bench.unsaved_folder.relative_to(bench.root).as_posix(),
         "moves": [_number(value) for value in bench.moves],
         "captures": [capture.manifest.name or capture.folder.name for capture in study.captures],
         "capture": bench.capture,
@@ -176,7 +179,8 @@ def _applied_record(applied: AppliedEffect, bench: Workbench) -> dict[str, Any]:
 def _effect_record(effect: Effect, bench: Workbench) -> dict[str, Any]:
     return {
         "id": effect.id,
-        "stage": effect.stage,
+        "stage": f"{effect.stage}: {STAGE_TITLES[effect.stage]}",
+        "title": effect.short_title,
         "summary": effect.summary,
         "confirm": effect.confirm,
         "parameters": [_parameter_record(p, bench) for p in effect.parameters],
@@ -254,7 +258,7 @@ def _diagnosis_record(result: DiagnosisResult) -> dict[str, Any]:
                 "id": entry.effect,
                 "values": dict(entry.values),
                 "text": ranked_values(entry),
-                "chi2_per_dof": _number(entry.chi2_per_dof),
+                "explained": _number(explained_share(diagnosis, entry)),
                 "probability": entry.probability,
             }
             for entry in diagnosis.ranking[:_MAX_RANKED]

@@ -74,6 +74,7 @@ class Workbench:
         #: Reduced chi-square of the capture in view after each change since the study was opened.
         self.moves: list[float] = []
         self._saved: History | None = None
+        self._unsaved: Path | None = None
         self._correlations: tuple[tuple[AppliedEffect, ...], Correlations | None] = (), None
         self._profile: tuple[tuple[AppliedEffect, ...], int, Profile] | None = None
 
@@ -90,6 +91,11 @@ class Workbench:
         if self._study is None:
             return True
         return self._saved is not None and _same_states(self._study.history, self._saved)
+
+    @property
+    def unsaved_folder(self) -> Path | None:
+        """Folder of the study's unsaved work; None before it has any."""
+        return self._unsaved
 
     def require_revision(self, revision: int) -> None:
         """Require that a step was made on the present state.
@@ -200,7 +206,7 @@ class Workbench:
     def _open(self, folder: Path, model: str | Path | None, progress: Progress) -> None:
         if (folder / "study.json").exists() and not (folder / "capture.toml").exists():
             study = Study.read(folder, cache=self.cache, calibrated_study=self._study, progress=progress)
-            self._begin(study, AUTOSAVE_FOLDER not in folder.parts)
+            self._begin(study, folder if folder.parent == self.root / AUTOSAVE_FOLDER else None)
             return
         loaded = load_capture(folder)
         start = as_model(self._model(model), [loaded], noise=self._noise, seed=self._seed)
@@ -233,11 +239,11 @@ class Workbench:
             return None
         return load_model(name if name in packaged_scenes() else path_of_name(self.root, name, "model"))
 
-    def _begin(self, study: Study, is_saved: bool = True) -> None:
-        """Set a study of other inputs, without a diagnosis."""
+    def _begin(self, study: Study, unsaved: Path | None = None) -> None:
+        """Set a study of other inputs, without a diagnosis; unsaved work is in a folder."""
         self._predicted(study)
         self.capture, self.diagnosis, self.moves = 0, None, []
-        self._saved = study.history if is_saved else None
+        self._unsaved, self._saved = unsaved, study.history if unsaved is None else None
         self._set(study)
 
     def _take(self, study: Study) -> None:
@@ -251,7 +257,7 @@ class Workbench:
         self.revision += 1
         self.moves = [*self.moves, float(self.prediction.chi2.per_dof)][-_MAX_MOVES:]
         if not self.is_saved:
-            autosave(self.root, study)
+            self._unsaved = autosave(self.root, study, self._unsaved)
 
     def add(self, effect: str, values: Mapping[str, str | float]) -> None:
         """Add an effect.
@@ -455,7 +461,8 @@ class Workbench:
         require_study_folder(self.root, target)
         written = [*self.study.write(target)]
         self._saved = self.study.history
-        discard_autosave(self.root, self.study)
+        discard_autosave(self._unsaved)
+        self._unsaved = None
         if report:
             self.render(progress)
             written = [*self.study.write(target), *self.study.write_report(target, self.capture)]

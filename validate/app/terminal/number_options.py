@@ -11,7 +11,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.numbers import number_of, whole_number_of
 from typer.models import OptionInfo
 
-__all__ = ["command_name", "require_numbers"]
+__all__ = ["command_name", "require_option_numbers"]
 
 
 def command_name(command: Callable[..., Any]) -> str:
@@ -30,7 +30,7 @@ def command_name(command: Callable[..., Any]) -> str:
     return command.__name__.rstrip("_").replace("_", "-")
 
 
-def require_numbers(arguments: Sequence[str], commands: Iterable[Callable[..., Any]]) -> None:
+def require_option_numbers(arguments: Sequence[str], commands: Iterable[Callable[..., Any]]) -> None:
     """Check the numbers of a command's options, before Python's own conversion takes 1_6 for 16.
 
     Parameters

@@ -26,7 +26,7 @@ from rich.text import Text
 
 __all__ = [
     "STANDARD_OUTPUT",
-    "Run",
+    "RunningCommand",
     "console",
     "data_table",
     "errors",
@@ -102,7 +102,7 @@ class _LogLines(logging.Handler):
 
 
 @dataclass
-class Run:
+class RunningCommand:
     """The running command and the amount that it prints."""
 
     #: Whether only errors are printed.
@@ -141,7 +141,7 @@ class Run:
 
 
 #: Run of this process, which runs one command at a time.
-this_run = Run()
+this_run = RunningCommand()
 
 
 def show_results_apart() -> None:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         write_junit,
     )
     from .pooled import SYSTEMATIC, PooledMean
-    from .sides import Side, SurfaceMap, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
+    from .sides import Side, SurfaceIndices, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
     from .strata import BLOCKS, strata_of
     from .verdict import FALSE_ALARMS, regress_sides
 
@@ -36,7 +36,7 @@ __all__ = [
     "Outcome",
     "PooledMean",
     "Side",
-    "SurfaceMap",
+    "SurfaceIndices",
     "View",
     "as_percent",
     "assert_same_light",

@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment, minimize_scalar
 from .evidence import Evidence, Fit
 from .sides import Side
 
-__all__ = ["Explanation", "exact", "from_pictures", "group_name"]
+__all__ = ["FittedChange", "exact", "from_pictures", "group_name"]
 
 #: Factors between renderers that take a quantity or a unit for another: value, name, meaning. They are those of
 #: candidate over baseline, or of baseline over candidate.
@@ -49,7 +49,7 @@ _MIN_WAVELENGTHS = 4
 
 
 @dataclass(frozen=True)
-class Explanation(FrozenMappings):
+class FittedChange(FrozenMappings):
     """A fitted explanation of a change."""
 
     #: Identifier of the change.
@@ -69,7 +69,7 @@ class Explanation(FrozenMappings):
         return self.fit.chi2
 
 
-def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
+def from_pictures(evidence: Evidence, side: Side) -> Iterator[FittedChange]:
     """Fitted explanations that need no scene.
 
     Parameters
@@ -81,7 +81,7 @@ def from_pictures(evidence: Evidence, side: Side) -> Iterator[Explanation]:
 
     Yields
     ------
-    Explanation
+    FittedChange
         Lamp, values, exchanged bands, wavelengths.
     """
     yield from _lamp(evidence, side)
@@ -111,7 +111,7 @@ def group_name(side: Side, group: NDArray[np.bool_]) -> str:
     return f"{float(side.wavelength_nm[group].mean()):.4g}"
 
 
-def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
+def _lamp(evidence: Evidence, side: Side) -> Iterator[FittedChange]:
     """All light times a factor; and times one factor for each group of bands."""
     base = evidence.baseline
     fit = evidence.fit([base])
@@ -121,15 +121,15 @@ def _lamp(evidence: Evidence, side: Side) -> Iterator[Explanation]:
         factor = float(evidence.candidate[inside].sum() / base[inside].sum())
     meaning = _meaning(factor)
     remark = {} if meaning is None else {"meaning": meaning}
-    yield Explanation("lamp-scale", {"factor": factor, **remark}, fit, 1)
+    yield FittedChange("lamp-scale", {"factor": factor, **remark}, fit, 1)
     if evidence.groups > 1:
         masks = [evidence.group == g for g in range(evidence.groups)]
         fit = evidence.fit([base * mask for mask in masks])
         factors = {group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)}
         if min(factors.values()) >= 0 and side.as_stored:
-            yield Explanation("channel-gains", {"factor_by_channel": factors}, fit, len(masks))
+            yield FittedChange("channel-gains", {"factor_by_channel": factors}, fit, len(masks))
         elif min(factors.values()) >= 0:
-            yield Explanation("lamp-spectrum", {"factor_by_nm": factors}, fit, len(masks))
+            yield FittedChange("lamp-spectrum", {"factor_by_nm": factors}, fit, len(masks))
 
 
 def _meaning(factor: float) -> str | None:
@@ -161,13 +161,13 @@ def exact(evidence: Evidence, picture: NDArray) -> Fit:
     return evidence.fit([], picture - evidence.baseline)
 
 
-def _values(evidence: Evidence) -> Iterator[Explanation]:
+def _values(evidence: Evidence) -> Iterator[FittedChange]:
     """A constant added; values clipped at a largest one; values raised to a power."""
     base, mean = evidence.baseline, float(evidence.baseline.mean())
     if not mean > 0:
         return
     fit = evidence.fit([np.full_like(base, mean)])
-    yield Explanation("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit, 1)
+    yield FittedChange("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit, 1)
     most = float(evidence.candidate.max())
     if 0 < most < float(base.max()):
 
@@ -175,14 +175,14 @@ def _values(evidence: Evidence) -> Iterator[Explanation]:
             return exact(evidence, np.minimum(base, level)).chi2
 
         best = minimize_scalar(cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12})
-        yield Explanation("clipped", {"largest": float(best.x)}, exact(evidence, np.minimum(base, best.x)), 1)
+        yield FittedChange("clipped", {"largest": float(best.x)}, exact(evidence, np.minimum(base, best.x)), 1)
     yield from _power(evidence, np.maximum(base / mean, 1e-9), mean)
 
 
-def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterator[Explanation]:
+def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterator[FittedChange]:
     """Values raised to a power, times a factor. base : (y, x, w) radiances over their mean."""
     used = (evidence.cell >= 0)[..., None] & (evidence.candidate > 0) & (base > 1e-3)
-    if np.count_nonzero(used) < 3:
+    if np.count_nonzero(used) < 3 or not np.ptp(base[used]):
         return
     exponent, level = np.polyfit(np.log(base[used]), np.log(evidence.candidate[used] / mean), 1)
     factor, best = float(np.exp(level)), None
@@ -193,7 +193,7 @@ def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterat
             screen = [e for e in _SCREEN_EXPONENTS if abs(exponent / e - 1) < _EXPONENT_TOLERANCE]
             remark = {"meaning": "values encoded for a screen, or decoded once too often?"} if screen else {}
             parameters = {"exponent": float(exponent), "factor_at_mean": factor, **remark}
-            best = Explanation("power", parameters, fit, 2)
+            best = FittedChange("power", parameters, fit, 2)
         step = evidence.fit([picture, picture * np.log(base)], picture - evidence.baseline).amplitudes
         factor *= float(np.clip(1 + step[0], 0.5, 2.0))
         exponent = float(np.clip(exponent + step[1], *_EXPONENTS))
@@ -208,14 +208,14 @@ def _sound_exponent(exponent: float) -> bool:
     return 2 * low < exponent < high / 2 and abs(exponent - 1) > _MIN_EXPONENT_CHANGE
 
 
-def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
+def _exchanged(evidence: Evidence, side: Side) -> Iterator[FittedChange]:
     """Bands in another order; in colour red, green and blue, for each known set of primaries."""
     base = evidence.baseline
     if side.as_stored:
         for order in permutations(range(len(side.bands))):
             letters = "".join(side.bands[i] for i in order)
             if letters != "RGB":
-                yield Explanation("bands-exchanged", {"order": letters}, exact(evidence, base[..., list(order)]), 1)
+                yield FittedChange("bands-exchanged", {"order": letters}, exact(evidence, base[..., list(order)]), 1)
         return
     if side.in_colour:
         for (space, corners), order in product(COLOUR_SPACES.items(), permutations(range(3))):
@@ -223,7 +223,7 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
             fit = exact(evidence, base @ (matrix @ np.linalg.inv(matrix)[list(order)]).T)
             names = "".join("RGB"[i] for i in order)
             if names != "RGB":
-                yield Explanation("bands-exchanged", {"order": names, "colour_space": space}, fit, 1)
+                yield FittedChange("bands-exchanged", {"order": names, "colour_space": space}, fit, 1)
         return
     inside = evidence.cell >= 0
     if not inside.any():
@@ -238,17 +238,17 @@ def _exchanged(evidence: Evidence, side: Side) -> Iterator[Explanation]:
     others = int(np.count_nonzero(rows != order))
     if others:
         labels = [side.bands[i] for i in order]
-        yield Explanation("bands-exchanged", {"order": labels}, exact(evidence, base[..., order]), others)
+        yield FittedChange("bands-exchanged", {"order": labels}, exact(evidence, base[..., order]), others)
 
 
-def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explanation]:
+def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[FittedChange]:
     """Wavelengths reversed, shifted, or shifted and stretched."""
     from scipy.interpolate import CubicSpline  # slow to import
 
     base = evidence.baseline
     if wavelength_nm.size < _MIN_WAVELENGTHS:
         return
-    yield Explanation("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]), 1)
+    yield FittedChange("wavelengths", {"order": "reversed"}, exact(evidence, base[..., ::-1]), 1)
     step = float(np.median(np.diff(wavelength_nm)))
     spectrum = CubicSpline(wavelength_nm, base, axis=-1)
     slope = spectrum.derivative()
@@ -272,4 +272,4 @@ def _wavelengths(evidence: Evidence, wavelength_nm: NDArray) -> Iterator[Explana
         parameters = {"shift_nm": float(best[1][0])}
         if count == 2:
             parameters["stretch_nm"] = float(best[1][1])
-        yield Explanation("wavelengths", parameters, best[0], count)
+        yield FittedChange("wavelengths", parameters, best[0], count)

@@ -14,12 +14,13 @@ import numpy as np
 from cboxlab.rendering.files import AS_STATED, Declared, DeclaredPair, Window, files_of
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene_file import packaged_scenes
+from cboxlab.utils.arguments import require_type, required_number, required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
 from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
-from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of
+from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of, sound_side
 from .verdict import FALSE_ALARMS, regress_sides
 
 if TYPE_CHECKING:
@@ -177,7 +178,7 @@ def regress_pictures(
         If the sides cannot be compared.
     """
     progress.part(0.02)
-    baseline, candidate, cut = on_common_pixels(baseline, candidate)
+    baseline, candidate, cut = on_common_pixels(sound_side(baseline), sound_side(candidate))
     baseline, candidate = in_common_quantity(baseline, candidate)
     notes: list[str] = [*cut]
     view = None if view is None else _cut_view(view, baseline)
@@ -209,8 +210,8 @@ def assert_same_light(
     baseline: str | Path,
     candidate: str | Path,
     *,
-    model: str | None = None,
-    camera: Path | None = None,
+    model: str | Path | None = None,
+    camera: str | Path | None = None,
     false_alarms: float = FALSE_ALARMS,
     declared: Declared | DeclaredPair = AS_STATED,
 ) -> Outcome:
@@ -233,7 +234,14 @@ def assert_same_light(
     InputError
         If a picture is missing or cannot be compared.
     """
-    outcome = regress_inputs(str(baseline), str(candidate), model, camera, false_alarms, declared=declared)
+    arguments = {"baseline": baseline, "candidate": candidate} | ({} if model is None else {"model": model})
+    for name, argument in arguments.items():
+        require_type(name, argument, (str, Path), "a file, a model or a command, as a text or a path")
+    view = None if camera is None else required_path("camera", camera, "a camera file or a capture")
+    rate = required_number("false_alarms", false_alarms, above=0.0, most=0.5)
+    require_type("declared", declared, (Declared, DeclaredPair), "a Declared or a DeclaredPair")
+    scene = None if model is None else str(model)
+    outcome = regress_inputs(str(baseline), str(candidate), scene, view, rate, declared=declared)
     if outcome.same:
         return outcome
     mean = outcome.picture_mean
@@ -349,7 +357,7 @@ def _published_view(camera: Camera | Path | None, size: int | Sequence[int]) -> 
 
 def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int], grid: np.ndarray, seed: int) -> Side:
     """Side rendered from a model. seed : number of the side, which gets its own random numbers."""
-    from cboxlab.rendering.integrators import BATCHES, RenderJob, render
+    from cboxlab.rendering.integrators import BATCHES, RenderJob, render_image
     from cboxlab.rendering.model import labelled_cube, load_model, model_cube_inputs
 
     from ...predict import transported
@@ -357,7 +365,7 @@ def _rendered(text: str, camera: Camera | Path | None, size: int | Sequence[int]
     model = load_model(text)
     scene, view, bounces = model_cube_inputs(model, *_camera_and_lamp(camera, size))
     side_seed = model.render.seed + 7 * seed
-    image = render(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
+    image = render_image(RenderJob(scene, view, grid, _SAMPLES, BATCHES, seed=side_seed, max_bounces=bounces))
     image = transported(image, scene, view, model.effects, side_seed, bounces)
     return side_of([labelled_cube(image)], [text])
 

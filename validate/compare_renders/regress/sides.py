@@ -19,6 +19,8 @@ from cboxlab.rendering.files import (
     camera_of_attribute,
     common_pixels,
     declared_for,
+    negative_pixels,
+    require_light,
     stated_in,
     window_of,
     xyz_weights,
@@ -34,7 +36,7 @@ from ..scene_pictures import AS_STORED, GUIDES, read_scene_picture
 
 __all__ = [
     "Side",
-    "SurfaceMap",
+    "SurfaceIndices",
     "cube_paths",
     "cut_camera",
     "cut_side",
@@ -44,18 +46,21 @@ __all__ = [
     "read_side",
     "roughness_of",
     "side_of",
+    "sound_side",
 ]
 
 #: Batches assumed behind a standard error whose cube does not state them: few, for cautious tests.
 _ASSUMED_BATCHES = 4
 #: Fewest pixels away from edges whose neighbours give a variance.
 _MIN_SMOOTH_PIXELS = 12
+#: Largest and, where there is light, smallest maximum of a picture: fourth powers of it are finite numbers.
+_MAXIMA = (1e-70, 1e70)
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
 _SQUARE_CUT = 30
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceMap:
+class SurfaceIndices:
     """Surface that each pixel shows."""
 
     #: (y, x) index into ``names``; negative for the lamp and outside of the scene.
@@ -83,7 +88,7 @@ class Side(FrozenMappings):
     #: Degrees of freedom behind each variance.
     degrees: float
     #: Map of surfaces of the cube; None without one.
-    surfaces: SurfaceMap | None
+    surfaces: SurfaceIndices | None
     #: Remarks for the reader of a verdict.
     notes: tuple[str, ...] = ()
     #: Whether the three planes are colours, without wavelengths.
@@ -154,6 +159,65 @@ class Side(FrozenMappings):
             variance=variance,
             batches=None if self.batches is None else self.batches[..., index],
         )
+
+
+def sound_side(side: Side) -> Side:
+    """Side whose numbers can be compared.
+
+    Sides of files have been checked before; those in memory have not.
+
+    Parameters
+    ----------
+    side
+        A side.
+
+    Returns
+    -------
+    Side
+        The side, with a note on negative radiance.
+
+    Raises
+    ------
+    InputError
+        If the picture is empty, or if a tenth of the light is below 0. If radiance or a variance is not finite, of
+        extreme size or of another shape than stated.
+    """
+    shape = side.radiance.shape
+    planes = len(side.bands)
+    if len(shape) != 3 or 0 in shape or shape[2] != planes:
+        expected = f"rows, columns and {planes} planes, at least one of each"
+        raise InputError(f"{side.source}: radiance", f"shape {shape}", expected)
+    _require_finite(side.radiance, f"{side.source}: radiance", "a finite radiance in every pixel and wavelength")
+    if side.variance is not None:
+        where = f"{side.source}: variance"
+        if side.variance.shape != shape:
+            raise InputError(where, f"shape {side.variance.shape}", f"shape {shape}, as the radiance")
+        _require_finite(side.variance, where, "a finite variance, or None where it is unknown")
+        if side.variance.min() < 0:
+            raise InputError(where, f"values below 0: {int((side.variance < 0).sum())}", "0 or more")
+    low, high = (float(bound) for bound in (side.radiance.min(), side.radiance.max()))
+    size = max(high, -low)
+    if size and not _MAXIMA[0] < size < _MAXIMA[1]:
+        expected = f"{_MAXIMA[0]:g} to {_MAXIMA[1]:g}, as of a lit picture in any unit"
+        raise InputError(f"{side.source}: radiance", f"a largest value of {size:.3g}", expected)
+    if low >= 0:
+        return side
+    picture = xr.Dataset({"radiance": (("y", "x", "plane"), side.radiance)})
+    require_light(picture, side.source)
+    negative = 0 if side.batches is not None else negative_pixels(picture)  # each file of several has its own note
+    note = f"{side.source}: pixels of negative radiance: {negative}"
+    return replace(side, notes=(*side.notes, note)) if negative and note not in side.notes else side
+
+
+def _require_finite(values: NDArray[np.float64], where: str, expected: str) -> None:
+    """Raise InputError for values (y, x, w) that are not finite, with their number and places."""
+    if values.size == 0 or np.isfinite([values.min(), values.max()]).all():
+        return
+    rows, columns = np.nonzero(~np.isfinite(values).all(axis=-1))
+    fault = f"pixels without a finite value: {rows.size}, the first at x {columns[0]}, y {rows[0]}"
+    if rows.size > 1:
+        fault += f"; all at x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
+    raise InputError(where, fault, expected)
 
 
 def on_common_pixels(first: Side, second: Side) -> tuple[Side, Side, tuple[str, ...]]:
@@ -262,12 +326,16 @@ def cube_paths(text: str) -> tuple[Path, ...]:
         If a folder holds no cube.
     """
     path = Path(text)
-    if path.is_dir():
+    try:
+        exists = path.exists()
+    except OSError:  # a list of many files is too long for the name of one
+        exists = False
+    if exists and path.is_dir():
         cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in READABLE))
         if not cubes:
             raise InputError(path, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
         return cubes
-    return (path,) if path.exists() else tuple(Path(part) for part in text.split(","))
+    return (path,) if exists else tuple(Path(part) for part in text.split(","))
 
 
 def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
@@ -410,11 +478,7 @@ def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
     in_colour = quantity != "radiance"
     ordered = cube.transpose("y", "x", "component" if in_colour else "wavelength", ...)
     radiance = ordered[quantity].values.astype(np.float64)
-    bad = ~np.isfinite(radiance)
-    if bad.any():
-        row, column, _ = (int(i[0]) for i in np.nonzero(bad))
-        fault = f"pixels without a finite value: {int(bad.any(axis=-1).sum())}, the first at x {column}, y {row}"
-        raise InputError(f"{source}: radiance", fault, "a finite radiance in every pixel and wavelength")
+    _require_finite(radiance, f"{source}: radiance", "a finite radiance in every pixel and wavelength")
     notes = [f"{source}: {note}" for note in str(cube.attrs.get(NOTES, "")).split("\n") if note]
     variance, degrees = None, 0.0
     if "standard_error" in cube:
@@ -463,7 +527,7 @@ def _rounding(picture: xr.Dataset) -> NDArray[np.float64] | None:
     return np.stack([picture[name].values for name in ("rounding", "rounding_shared")])
 
 
-def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
+def _surfaces(cube: xr.Dataset) -> SurfaceIndices | None:
     """Map of surfaces of a cube; None without one, or where it names too few."""
     if "surface" not in cube or set(cube["surface"].dims) != {"y", "x"}:
         return None
@@ -475,8 +539,8 @@ def _surfaces(cube: xr.Dataset) -> SurfaceMap | None:
     if index.max() >= len(names):
         return None
     if surface.attrs.get("lamp") == "unknown":
-        return SurfaceMap(index, names, None, bool(surface.attrs.get("of_objects", 0)))
-    return SurfaceMap(index, names, index == int(surface.attrs.get("lamp", -1)))
+        return SurfaceIndices(index, names, None, bool(surface.attrs.get("of_objects", 0)))
+    return SurfaceIndices(index, names, index == int(surface.attrs.get("lamp", -1)))
 
 
 def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, median_filter, minimum_filter
 
 from .noise import local_range
-from .sides import SurfaceMap
+from .sides import SurfaceIndices
 
 __all__ = ["BLOCKS", "Strata", "strata_of"]
 
@@ -56,7 +56,7 @@ class Strata(FrozenMappings):
 
 
 def strata_of(
-    level: NDArray[np.float64], surfaces: SurfaceMap | None, other: NDArray[np.float64] | None = None
+    level: NDArray[np.float64], surfaces: SurfaceIndices | None, other: NDArray[np.float64] | None = None
 ) -> Strata:
     """Parts of a picture.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from .evidence import Evidence, Fit
-from .explanations import Explanation, group_name
+from .explanations import FittedChange, group_name
 from .variants import Variants, build_variants, with_lamp_size
 
 __all__ = ["coats", "from_scene", "smooth_over_surfaces"]
@@ -43,7 +43,7 @@ _LAMP_RATIO = 5
 _MIN_WAVELENGTHS = 4
 
 
-def from_scene(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+def from_scene(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Fitted explanations by the scene, without gloss.
 
     Parameters
@@ -55,7 +55,7 @@ def from_scene(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
 
     Yields
     ------
-    Explanation
+    FittedChange
         Path depth, paints, swapped walls, ambient cache, lamp's size, wavelengths.
     """
     depths = [variants.light.change(max_bounces=k).picture() for k in _DEPTHS]
@@ -72,11 +72,11 @@ def _change(evidence: Evidence, variants: Variants, picture: NDArray) -> NDArray
     return evidence.baseline * (variants.ratio(picture) - 1)
 
 
-def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Iterator[Explanation]:
+def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Iterator[FittedChange]:
     """Paths that end after some reflections, or by a roulette whose loss is not compensated."""
     for number, picture in zip(_DEPTHS, depths, strict=True):
         fit = evidence.fit([], _change(evidence, variants, picture))
-        yield Explanation("path-depth", {"max_bounces": number}, fit, 1)
+        yield FittedChange("path-depth", {"max_bounces": number}, fit, 1)
     orders = [b - a for a, b in zip(depths, [*depths[1:], variants.picture], strict=True)]
     for spared in _SPARED:
         for survival in _SURVIVALS:
@@ -85,10 +85,10 @@ def _depth(evidence: Evidence, variants: Variants, depths: list[NDArray]) -> Ite
                 remaining = remaining + light * survival ** max(reflections - spared, 0)
             picture = np.where(variants.light.seen_lamps > 0, variants.picture, remaining)
             fit = evidence.fit([], _change(evidence, variants, picture))
-            yield Explanation("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, fit, 2)
+            yield FittedChange("path-depth", {"max_bounces": spared, "survival_not_made_up_for": survival}, fit, 2)
 
 
-def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+def _paints(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Reflectance of a material or a surface times a factor, or times one for each group."""
     light, transport = variants.light, variants.light.transport
     materials, surfaces = list(variants.scene.materials), [s.name for s in variants.scene.surfaces]
@@ -118,15 +118,15 @@ def _paints(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
                 fit = evidence.fit([step], now)
                 best = min(best, evidence.fit([], now), key=lambda f: f.chi2)
                 factor = float(np.clip(factor + fit.amplitudes[0], _MIN_PAINT_FACTOR, most))
-        yield Explanation("paint", {kind: name, "factor": factor}, best, 1)
+        yield FittedChange("paint", {kind: name, "factor": factor}, best, 1)
         if kind == "material" and evidence.groups > 1:
             masks = [evidence.group == g for g in range(evidence.groups)]
             fit = evidence.fit([step * mask for mask in masks])
             factors = {group_name(variants.side, m): 1 + float(a) for m, a in zip(masks, fit.amplitudes, strict=True)}
-            yield Explanation("paint", {kind: name, "factor_by_nm": factors}, fit, len(masks))
+            yield FittedChange("paint", {kind: name, "factor_by_nm": factors}, fit, len(masks))
 
 
-def _swapped(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+def _swapped(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Paints of two surfaces of different materials exchanged."""
     scene, light = variants.scene, variants.light
     table = np.array([m.reflectance.at(variants.coarse_nm) for m in scene.materials.values()])
@@ -139,10 +139,10 @@ def _swapped(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             patches[variants.patch_surface == index] = table[number[material]]
             fragments[light.transport.surface == index] = table[number[material]]
         change = _change(evidence, variants, variants.with_paints(patches, fragments))
-        yield Explanation("swapped-walls", {"surfaces": [a.name, b.name]}, evidence.fit([], change), 1)
+        yield FittedChange("swapped-walls", {"surfaces": [a.name, b.name]}, evidence.fit([], change), 1)
 
 
-def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[Explanation]:
+def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[FittedChange]:
     """Light reflected more than once smoothed over each surface, and times a factor."""
     surfaces = variants.surface_map().index
     indirect = np.maximum(variants.picture - direct, 0)
@@ -160,7 +160,7 @@ def _cache(evidence: Evidence, variants: Variants, direct: NDArray) -> Iterator[
         fit = evidence.fit([template, doubled])
         smoothed, factor = float(fit.amplitudes[0]), 1 + float(fit.amplitudes[1])
         parameters = {"width_of_picture": width, "smoothed": smoothed, "indirect_factor": factor}
-        yield Explanation("ambient-cache", parameters, fit, 3)
+        yield FittedChange("ambient-cache", parameters, fit, 3)
 
 
 def smooth_over_surfaces(evidence: Evidence, variants: Variants) -> tuple[Fit, int]:
@@ -197,7 +197,7 @@ def smooth_over_surfaces(evidence: Evidence, variants: Variants) -> tuple[Fit, i
     return evidence.fit(templates), len(templates)
 
 
-def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Larger or smaller edges of the lamp, with its radiance, to first order."""
     grown, smaller = (
         build_variants(with_lamp_size(variants.scene, 1 + step), variants.camera, variants.side)
@@ -214,11 +214,11 @@ def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
             "radiance_factor": 1 + float(fit.amplitudes[1]),
         }
         if abs(fit.amplitudes[0]) <= _MAX_LAMP_CHANGE and parameters["radiance_factor"] > 0:
-            fitted.append(Explanation("lamp-size", parameters, fit, 2))
+            fitted.append(FittedChange("lamp-size", parameters, fit, 2))
     yield from sorted(fitted, key=lambda e: e.chi2)[:1]
 
 
-def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Edges of wavelength bins taken for their centres: half a step off, or stretched by a step.
 
     Paints are those of the scene. The lamp's spectrum is that of the baseline, linear between wavelengths.
@@ -239,10 +239,10 @@ def _wavelengths(evidence: Evidence, variants: Variants) -> Iterator[Explanation
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.where(unmoved * lamp > 0, variants.at(moved) * light / (unmoved * lamp), 1.0)
             fit = evidence.fit([], evidence.baseline * (ratio - 1))
-            yield Explanation("wavelengths", {name: sign * half}, fit, 1)
+            yield FittedChange("wavelengths", {name: sign * half}, fit, 1)
 
 
-def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
+def coats(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Fitted explanations by a specular coat on one material.
 
     Strength and factor on the diffuse part are fitted together: glossy models (rough plastic, principled) change the
@@ -257,7 +257,7 @@ def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
 
     Yields
     ------
-    Explanation
+    FittedChange
         One for each material and roughness whose strength is positive.
     """
     names, light = names_in(variants.scene), variants.light
@@ -285,4 +285,4 @@ def coats(evidence: Evidence, variants: Variants) -> Iterator[Explanation]:
                 "diffuse_factor": factor,
             }
             if specular > 0:
-                yield Explanation("gloss", parameters, fit, 3)
+                yield FittedChange("gloss", parameters, fit, 3)

@@ -13,7 +13,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene, Surface
 from numpy.typing import NDArray
 
-from .sides import Side, SurfaceMap
+from .sides import Side, SurfaceIndices
 
 __all__ = ["Variants", "build_variants", "mismatch", "with_lamp_size"]
 
@@ -111,12 +111,12 @@ class Variants:
         )
         return light.picture().transpose(1, 2, 0)
 
-    def surface_map(self) -> SurfaceMap:
+    def surface_map(self) -> SurfaceIndices:
         """Surface that each pixel shows: the one that covers most of it.
 
         Returns
         -------
-        SurfaceMap
+        SurfaceIndices
             The map.
         """
         transport = self.light.transport
@@ -128,7 +128,7 @@ class Variants:
         most = shares.argmax(axis=1)
         most[(shares.max(axis=1) < _MIN_COVERAGE) | lamp | (most == len(names))] = -1
         shape = height, width
-        return SurfaceMap(most.reshape(shape), names, lamp.reshape(shape))
+        return SurfaceIndices(most.reshape(shape), names, lamp.reshape(shape))
 
     def with_paints(self, patches: NDArray[np.float64], fragments: NDArray[np.float64]) -> NDArray[np.float64]:
         """Rendering with other reflectances.

@@ -22,10 +22,10 @@ from .pooled import (
     difference_of,
     pooled_means,
 )
-from .sides import Side, SurfaceMap, quieter_part, roughness_of
+from .sides import Side, SurfaceIndices, quieter_part, roughness_of, sound_side
 from .strata import Strata, strata_of
 
-__all__ = ["FALSE_ALARMS", "Comparison", "compared_sides", "regress_sides"]
+__all__ = ["FALSE_ALARMS", "RegressionData", "compared_sides", "regress_sides"]
 
 #: Largest part of the verdicts on equal pictures that say "different": one in a thousand runs.
 FALSE_ALARMS = 1e-3
@@ -56,7 +56,7 @@ _MAX_PIXEL_DEGREES = 8.0
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class RegressionData:
     """Data that verdict and naming share."""
 
     #: Both sides on one grid of wavelengths.
@@ -74,8 +74,8 @@ class Comparison:
 
 
 def compared_sides(
-    baseline: Side, candidate: Side, surfaces: SurfaceMap | None = None, false_alarms: float = FALSE_ALARMS
-) -> Comparison:
+    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None = None, false_alarms: float = FALSE_ALARMS
+) -> RegressionData:
     """Comparison of two sides, before any test.
 
     Parameters
@@ -89,14 +89,15 @@ def compared_sides(
 
     Returns
     -------
-    Comparison
+    RegressionData
         Sides, parts, noise, outliers.
 
     Raises
     ------
     InputError
-        If the pictures differ in size or their wavelengths do not overlap.
+        If a side is not sound, if the pictures differ in size, or if their wavelengths do not overlap.
     """
+    baseline, candidate = sound_side(baseline), sound_side(candidate)
     rows, columns = baseline.shape
     if min(rows, columns) < _SHORTEST_SIDE_PX:
         least = f"{_SHORTEST_SIDE_PX} x {_SHORTEST_SIDE_PX} px or more: noise and edges come from neighbouring pixels"
@@ -106,7 +107,7 @@ def compared_sides(
     return _compared(common, _strata(common.baseline, common.candidate, surfaces), false_alarms)
 
 
-def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison:
+def _compared(common: Common, strata: Strata, false_alarms: float) -> RegressionData:
     """Comparison of two sides on one grid of wavelengths."""
     a, b = common.candidate, common.baseline
     difference = a.radiance - b.radiance
@@ -143,7 +144,7 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Comparison
         roughness = roughness_of(b.variance, a.variance, strata.body)
     common_part = None if shared is None else np.sqrt(shared)
     pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part, paired)
-    return Comparison(common, strata, noise, cut, pooling)
+    return RegressionData(common, strata, noise, cut, pooling)
 
 
 def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
@@ -156,7 +157,7 @@ def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
     return strata.smooth if enough or not estimated else strata.body
 
 
-def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Strata:
+def _strata(baseline: Side, candidate: Side, surfaces: SurfaceIndices | None) -> Strata:
     """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
     surface_map = surfaces or baseline.surfaces or candidate.surfaces
     levels = _total(baseline), _total(candidate)
@@ -167,7 +168,7 @@ def _strata(baseline: Side, candidate: Side, surfaces: SurfaceMap | None) -> Str
     return others if _SMOOTHER * strata.smooth.sum() < others.smooth.sum() else strata
 
 
-def _without_pattern(comparison: Comparison, false_alarms: float) -> Comparison:
+def _without_pattern(comparison: RegressionData, false_alarms: float) -> RegressionData:
     """Comparison without a periodic pattern that decides; itself without one."""
     difference = difference_of(comparison.pooling)
     critical = false_alarms * SHARES["grid"]
@@ -186,7 +187,7 @@ def _without_pattern(comparison: Comparison, false_alarms: float) -> Comparison:
     return replace(again, removed=pattern.name)
 
 
-def _without_slow(comparison: Comparison, false_alarms: float) -> Comparison:
+def _without_slow(comparison: RegressionData, false_alarms: float) -> RegressionData:
     """Comparison with the noise that a deciding slow change leaves; itself without one.
 
     A slow change would count as noise that reaches over the picture, and hide its own name.
@@ -203,8 +204,8 @@ def _without_slow(comparison: Comparison, false_alarms: float) -> Comparison:
 
 
 def regress_sides(
-    baseline: Side, candidate: Side, surfaces: SurfaceMap | None = None, false_alarms: float = FALSE_ALARMS
-) -> tuple[Outcome, Comparison]:
+    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None = None, false_alarms: float = FALSE_ALARMS
+) -> tuple[Outcome, RegressionData]:
     """Verdict on two sides, without a name of the change.
 
     Parameters
@@ -256,7 +257,7 @@ def regress_sides(
     return outcome, comparison
 
 
-def _sides(comparison: Comparison) -> tuple[Side, Side]:
+def _sides(comparison: RegressionData) -> tuple[Side, Side]:
     """Baseline and candidate."""
     return comparison.common.baseline, comparison.common.candidate
 
@@ -266,7 +267,7 @@ def _total(side: Side) -> NDArray[np.float64]:
     return np.asarray(side.radiance.sum(axis=-1))
 
 
-def _remarks(comparison: Comparison) -> list[str]:
+def _remarks(comparison: RegressionData) -> list[str]:
     """Notes on maps, equal numbers, and noise that is not as stated."""
     notes = []
     if comparison.pooling.paired:
@@ -278,8 +279,8 @@ def _remarks(comparison: Comparison) -> list[str]:
         notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
     if np.array_equal(comparison.common.candidate.radiance, comparison.common.baseline.radiance):
         notes.append(
-            "both sides have the same numbers to the bit: between independent pictures noise would hide a larger "
-            "change than is stated as detectable"
+            "both sides have the same numbers to the bit. Independent pictures differ by noise, so that a change "
+            "between them must be larger to be detected"
         )
     ratio = comparison.noise.ratio
     if np.isfinite(ratio) and ratio > _NOTED_RATIO and not comparison.noise.estimated:
@@ -291,7 +292,7 @@ def _remarks(comparison: Comparison) -> list[str]:
     return notes
 
 
-def _typical_noise(comparison: Comparison) -> float:
+def _typical_noise(comparison: RegressionData) -> float:
     """Median over the smooth pixels of the difference's standard deviation over the light."""
     used = _quiet(comparison.strata, estimated=True)
     if not used.any():
@@ -300,7 +301,7 @@ def _typical_noise(comparison: Comparison) -> float:
     return float(np.median(np.sqrt(comparison.noise.total[used]) / np.maximum(level, 1e-300)))
 
 
-def _changed_guides(comparison: Comparison) -> list[str]:
+def _changed_guides(comparison: RegressionData) -> list[str]:
     """Notes on albedo, normals and depth that differ away from edges.
 
     Paints, geometry or the camera have then changed.
@@ -327,14 +328,14 @@ def _span(guide: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((maximum_filter(guide, (3, 3, 1)) - minimum_filter(guide, (3, 3, 1))).max(axis=-1))
 
 
-def _relative(comparison: Comparison) -> NDArray[np.float64]:
+def _relative(comparison: RegressionData) -> NDArray[np.float64]:
     """(y, x) difference over the baseline, summed over wavelengths; NaN without light."""
     level = comparison.common.baseline.radiance.sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(level > 0, comparison.common.candidate.radiance.sum(axis=-1) / level - 1, np.nan)
 
 
-def _differing(comparison: Comparison) -> int:
+def _differing(comparison: RegressionData) -> int:
     """Count of pixels that differ by themselves, at a false discovery rate of 1 %.
 
     Pixels are tested as Student's t. The degrees of freedom are twice those behind a variance, since neighbours share

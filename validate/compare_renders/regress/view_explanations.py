@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from .evidence import Evidence, Fit
-from .explanations import Explanation, exact
+from .explanations import FittedChange, exact
 
 __all__ = ["from_view"]
 
@@ -29,11 +29,13 @@ _EDGE_CONTRAST = 0.05
 _SLOPE_PX = 0.1
 #: Accuracy with which a picture is moved, px: a smaller magnification or turn is none.
 _ACCURACY_PX = 0.05
+#: Part of what a displacement and free borders explain that borders alone may explain: nothing has moved otherwise.
+_MOST_BY_BORDERS = 0.5
 #: Widest border that a change of the view may bring into the picture, px.
 _MAX_BORDER_PX = 16
 
 
-def from_view(evidence: Evidence) -> Iterator[Explanation]:
+def from_view(evidence: Evidence) -> Iterator[FittedChange]:
     """Fitted explanations by the view.
 
     Parameters
@@ -43,7 +45,7 @@ def from_view(evidence: Evidence) -> Iterator[Explanation]:
 
     Yields
     ------
-    Explanation
+    FittedChange
         One for each kind of change and each mirror axis and width of border.
     """
     yield from _mirrored(evidence)
@@ -53,7 +55,7 @@ def from_view(evidence: Evidence) -> Iterator[Explanation]:
     yield from _border(evidence)
 
 
-def _mirrored(evidence: Evidence) -> Iterator[Explanation]:
+def _mirrored(evidence: Evidence) -> Iterator[FittedChange]:
     """The picture mirrored along either axis or both."""
     base = evidence.baseline
     for axis, picture in {
@@ -61,10 +63,10 @@ def _mirrored(evidence: Evidence) -> Iterator[Explanation]:
         "vertical": base[::-1],
         "both": base[::-1, ::-1],
     }.items():
-        yield Explanation("mirrored", {"axis": axis}, exact(evidence, picture), 1)
+        yield FittedChange("mirrored", {"axis": axis}, exact(evidence, picture), 1)
 
 
-def _rolled(evidence: Evidence) -> Iterator[Explanation]:
+def _rolled(evidence: Evidence) -> Iterator[FittedChange]:
     """The picture rolled: what leaves at one side enters at the other.
 
     The clearest peak of the pictures' correlation gives the number of pixels.
@@ -80,7 +82,7 @@ def _rolled(evidence: Evidence) -> Iterator[Explanation]:
     picture = np.roll(evidence.baseline, (rows, columns), axis=(0, 1))
     dy, dx = ((n + size // 2) % size - size // 2 for n, size in zip((rows, columns), before.shape, strict=True))
     values = {"dx_px": float(dx), "dy_px": float(dy), "rolled": True}
-    yield Explanation("shift", values, exact(evidence, picture), 2)
+    yield FittedChange("shift", values, exact(evidence, picture), 2)
 
 
 def _without_negative(evidence: Evidence) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -138,7 +140,7 @@ def _edge_position(before: NDArray, pixel: NDArray, after: NDArray) -> NDArray[n
     return np.where(edge, position, np.nan)
 
 
-def _displaced(evidence: Evidence) -> Iterator[Explanation]:
+def _displaced(evidence: Evidence) -> Iterator[FittedChange]:
     """Shift, magnification with turn, and distortion, as fields of displacement.
 
     Sizes are px at half a width from the picture's centre; clockwise turns are positive.
@@ -151,7 +153,7 @@ def _displaced(evidence: Evidence) -> Iterator[Explanation]:
     zoom, turn, cubic = np.array([x, y]) / half, np.array([-y, x]) / half, r2 * np.array([x, y]) / half
     reach = range(-_MAX_SHIFT_PX, _MAX_SHIFT_PX + 1)
     (dx, dy), fit = _fitted(evidence, shift, [(dx, dy) for dx in reach for dy in reach])
-    yield Explanation("shift", {"dx_px": float(dx), "dy_px": float(dy)}, fit, 6)
+    yield FittedChange("shift", {"dx_px": float(dx), "dy_px": float(dy)}, fit, 6)
     by_px = half * _STARTS
     starts = [(0, 0, 0, 0), *((0, 0, s, 0) for s in by_px), *((0, 0, 0, t) for t in by_px)]
     (dx, dy, s, t), fit = _fitted(evidence, [*shift, zoom, turn], starts)
@@ -163,10 +165,10 @@ def _displaced(evidence: Evidence) -> Iterator[Explanation]:
         "dy_px": float(dy),
     }
     if max(abs(s), abs(t)) > _ACCURACY_PX:
-        yield Explanation("view", parameters, fit, 8)
+        yield FittedChange("view", parameters, fit, 8)
     (*_, cubic_px), fit = _fitted(evidence, [*shift, cubic], [(0, 0, c) for c in by_px])
     if abs(cubic_px) > _ACCURACY_PX / 2:  # twice as much or more in the corners
-        yield Explanation("distortion", {"outwards_px_at_half_width": float(cubic_px)}, fit, 7)
+        yield FittedChange("distortion", {"outwards_px_at_half_width": float(cubic_px)}, fit, 7)
 
 
 def _fitted(
@@ -174,7 +176,8 @@ def _fitted(
 ) -> tuple[NDArray[np.float64], Fit]:
     """Amplitudes of fields of displacement (2, y, x) px, and the fit that they leave.
 
-    The fit goes from the best start along the slopes of the moved picture (Gauss and Newton).
+    The fit goes from the best start along the slopes of the moved picture (Gauss and Newton). Its chi-square is
+    infinite where free borders explain as much without a displacement.
     """
     base, fields_px = evidence.baseline, np.array(fields)
     every = max(1, min(base.shape[:2]) // _COARSE_PX)  # starts are compared on coarse pixels
@@ -208,6 +211,9 @@ def _fitted(
         if np.abs(step).max() < _ACCURACY_PX / 10:
             break
         sizes = sizes + np.clip(step, -1, 1)
+    unchanged, bordered = evidence.fit([]).chi2, evidence.fit(borders).chi2
+    if unchanged - bordered > _MOST_BY_BORDERS * (unchanged - fit.chi2):
+        fit = Fit(fit.amplitudes, np.inf)
     return best, fit
 
 
@@ -223,22 +229,22 @@ def _curvature(picture: NDArray) -> NDArray[np.float64]:
     return convolve1d(picture, kernel, 0, mode="nearest") + convolve1d(picture, kernel, 1, mode="nearest")
 
 
-def _filter(evidence: Evidence) -> Explanation:
+def _filter(evidence: Evidence) -> FittedChange:
     """Another pixel filter, by its first two even moments."""
     once = _curvature(evidence.baseline)
     fit = evidence.fit([once, _curvature(once)])
     blur = 2 * float(fit.amplitudes[0])
-    return Explanation("pixel-filter", {"added_variance_px2": blur}, fit, 2)
+    return FittedChange("pixel-filter", {"added_variance_px2": blur}, fit, 2)
 
 
-def _border(evidence: Evidence) -> Iterator[Explanation]:
+def _border(evidence: Evidence) -> Iterator[FittedChange]:
     """Factors at the four sides of the picture, one to three pixels wide."""
     distances = _distances(evidence)
     for ring in (1, 2, 3):
         templates = [evidence.baseline * (distance < ring)[..., None] for distance in distances.values()]
         fit = evidence.fit(templates)
         factors = {f"{name}_factor": 1 + float(a) for name, a in zip(distances, fit.amplitudes, strict=True)}
-        yield Explanation("border", {"width_px": ring, **factors}, fit, 5)
+        yield FittedChange("border", {"width_px": ring, **factors}, fit, 5)
 
 
 def _distances(evidence: Evidence) -> dict[str, NDArray[np.int64]]:

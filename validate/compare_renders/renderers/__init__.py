@@ -4,14 +4,14 @@ from .closed_form_scenes import CLOSED_FORM_SCENES, Measured, closed_form_table,
 from .comparing import ComparedRenderers, compare_renderers
 from .exporting import exported_model
 from .judging import Judged, judge, reference_cube, write_bias_map
-from .running import Run, missing, run_renderer
+from .running import RendererRun, missing, run_renderer
 
 __all__ = [
     "CLOSED_FORM_SCENES",
     "ComparedRenderers",
     "Judged",
     "Measured",
-    "Run",
+    "RendererRun",
     "closed_form_table",
     "compare_renderers",
     "exported_model",

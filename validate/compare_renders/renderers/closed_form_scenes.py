@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.integrators import RenderJob, render
+from cboxlab.rendering.integrators import RenderJob, render_image
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
@@ -164,7 +164,7 @@ def measure_closed_forms(
                     seed=seed + 101 * batch,
                     max_bounces=reference.max_bounces,
                 )
-                image = render(
+                image = render_image(
                     job,
                     integrator=integrator,  # type: ignore[arg-type]
                 )

@@ -46,11 +46,11 @@ class ComparedRenderers:
             The sentences.
         """
         names = ", ".join(judged.renderer for judged in self.judged)
-        lines = [f"Compared with our reference: {names or 'no renderer'}"]
+        lines = [f"Compared with the reference of cboxlab: {names or 'no renderer'}"]
         for judged in self.judged:
             lines.append(f"{judged.renderer}: {judged.sentence}")
             if judged.remark:
-                lines.append(f"• {judged.renderer} and our reference render a different scene here: {judged.remark}")
+                lines.append(f"• {judged.renderer} and the reference render a different scene here: {judged.remark}")
         return [*lines, *(f"• {sentence}" for sentence in self.left_out)]
 
     def tables(self) -> list[Table]:
@@ -76,7 +76,7 @@ class ComparedRenderers:
             for name, variance, cpu_s, wall_s in self.costs
         )
         return [
-            Table("Difference from our reference by surface, % ± standard deviation", ("surface", *names), surfaces),
+            Table("Difference from the reference by surface, % ± standard deviation", ("surface", *names), surfaces),
             Table("Difference by wavelength, % ± standard deviation", ("nm", *names), bands),
             Table("Noise and time", ("renderer", "error, %", "CPU s", "elapsed s", "variance × CPU s"), costs),
         ]

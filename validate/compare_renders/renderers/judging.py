@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.export import Exported
 from cboxlab.rendering.files import NOTES
-from cboxlab.rendering.integrators import BATCHES, RenderJob, render
+from cboxlab.rendering.integrators import BATCHES, RenderJob, render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
@@ -24,7 +24,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from ...report import STYLE
 from ..regress import UNKNOWN, Outcome, View, regress_pictures, side_of
-from .running import Run
+from .running import RendererRun
 
 __all__ = ["REFERENCE_SAMPLES", "Judged", "judge", "noise_of", "reference_cube", "write_bias_map"]
 
@@ -137,7 +137,7 @@ def reference_cube(
     Dataset
         Cube with standard error and map of surfaces.
     """
-    image = render(
+    image = render_image(
         RenderJob(
             exported.scene,
             exported.camera,
@@ -156,7 +156,7 @@ def judge(
     cube: xr.Dataset,
     reference: xr.Dataset,
     exported: Exported,
-    run: Run | None = None,
+    run: RendererRun | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Judged:
     """Compare a renderer's cube with our rendering of the same scene.

@@ -17,14 +17,14 @@ from cboxlab.rendering.export import Renderer, renderer_of
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import folder_lock
 
-__all__ = ["Run", "missing", "run_renderer"]
+__all__ = ["RendererRun", "missing", "run_renderer"]
 
 #: Characters of a failed renderer's last message that are repeated: about five lines of a terminal.
 _MAX_MESSAGE_LENGTH = 400
 
 
 @dataclass(frozen=True)
-class Run:
+class RendererRun:
     """Times of one renderer's run."""
 
     #: Identifier of the renderer.
@@ -66,7 +66,7 @@ def _environment(record: Renderer) -> dict[str, str]:
     return {**os.environ, **record.environment()}
 
 
-def run_renderer(export: Path, renderer: str) -> Run:
+def run_renderer(export: Path, renderer: str) -> RendererRun:
     """Run one renderer in its folder of an export, one run at a time.
 
     A run that waited for another one renders only what that one left out.
@@ -80,7 +80,7 @@ def run_renderer(export: Path, renderer: str) -> Run:
 
     Returns
     -------
-    Run
+    RendererRun
         Times of the run.
 
     Raises
@@ -105,4 +105,4 @@ def run_renderer(export: Path, renderer: str) -> Run:
         fault = f"{' '.join(command)} ended with {process.returncode}: {message}"
         raise InputError(export / renderer, fault, "a picture")
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return Run(renderer, math.nan if resumed else cpu, wall)
+    return RendererRun(renderer, math.nan if resumed else cpu, wall)

@@ -15,7 +15,7 @@ from ..field_fit import (
     ResidualData,
     cross_validate,
     fit_result,
-    solve,
+    solve_coefficients,
 )
 
 __all__ = ["EVEN", "fit_levels", "relative_levels"]
@@ -66,6 +66,6 @@ def fit_levels(n: NormalEquations, shapes: NDArray[Any], more: float) -> FieldFi
     trial_h = np.diag(n.trial_a[:, 0, 0])
     size = np.linalg.norm(shapes, axis=0)
     shapes = shapes / np.where(size > 0, size, 1)
-    x, evidence, freedom, width = solve(shapes.T @ h @ shapes, shapes.T @ n.b[:, 0])
+    x, evidence, freedom, width = solve_coefficients(shapes.T @ h @ shapes, shapes.T @ n.b[:, 0])
     trial = cross_validate(shapes.T @ trial_h @ shapes, shapes.T @ n.trial_b[:, 0], width)
     return fit_result(n, (shapes @ x)[:, None], (shapes @ trial)[:, None], evidence + more, freedom)

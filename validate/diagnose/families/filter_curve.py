@@ -21,7 +21,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fit_result,
     fixed_spectrum,
-    solve,
+    solve_coefficients,
 )
 
 __all__ = ["FAMILY"]
@@ -75,7 +75,7 @@ def _from_one(n: NormalEquations, band: int, source: int) -> FieldFit:
     """Fit of the light of one other band, next to another level of the band itself."""
     some = [band, source]
     h = n.a[band][np.ix_(some, some)] - n.c[band][:, some].T @ n.c[band][:, some]
-    x, evidence, freedom, width = solve(h, n.b[band][some])
+    x, evidence, freedom, width = solve_coefficients(h, n.b[band][some])
     trial_h, trial_b = n.trial_a[band][np.ix_(some, some)], n.trial_b[band][some]
     trial = np.linalg.solve(trial_h + np.eye(2) / width, trial_b)
     coefficients, of_trial = np.zeros(n.b.shape), np.zeros(n.b.shape)

@@ -12,7 +12,7 @@ from .field import (
     next_to_common_field,
     normal_equations,
     pixel_fit,
-    solve,
+    solve_coefficients,
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
 from .residual_data import ResidualData, Transport
@@ -63,6 +63,6 @@ __all__ = [
     "normal_equations",
     "pixel_fit",
     "scaled",
-    "solve",
+    "solve_coefficients",
     "strongest_waves",
 ]

@@ -33,7 +33,7 @@ __all__ = [
     "next_to_common_field",
     "normal_equations",
     "pixel_fit",
-    "solve",
+    "solve_coefficients",
 ]
 
 #: Squared widths of the prior that are tried, times the largest eigenvalue of the information, in quarter decades.
@@ -163,7 +163,7 @@ class FieldFit:
         return float(np.fmax(self.heldout, self.heldout_bands))
 
 
-def solve(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float, float]:
+def solve_coefficients(h: NDArray[Any], b: NDArray[Any]) -> tuple[NDArray[Any], float, float, float]:
     """Coefficients under the prior width that maximises the evidence.
 
     Parameters
@@ -236,7 +236,7 @@ def fixed_spectrum(n: NormalEquations, spectrum: NDArray[Any]) -> FieldFit:
     """
     s = np.asarray(spectrum, float)
     h, b = _combined(n.a, n.c, s), s @ n.b
-    x, evidence, freedom, width = solve(h, b)
+    x, evidence, freedom, width = solve_coefficients(h, b)
     coefficients = s[:, None] * x
     trial = cross_validate(np.einsum("b,bjk->jk", s**2, n.trial_a), s @ n.trial_b, width)
     fit = fit_result(n, coefficients, s[:, None] * trial, evidence, freedom)
@@ -282,7 +282,7 @@ def each_band(n: NormalEquations) -> FieldFit:
     """
     widths, trials = [], []
     for a, b, c, trial_a, trial_b in zip(n.a, n.b, n.c, n.trial_a, n.trial_b, strict=True):
-        *_, width = solve(a - c.T @ c, b)
+        *_, width = solve_coefficients(a - c.T @ c, b)
         widths.append(width)
         trials.append(cross_validate(trial_a, trial_b, width))
     inner = np.array([np.linalg.inv(a + np.eye(len(a)) / t) for a, t in zip(n.a, widths, strict=True)])
@@ -317,7 +317,7 @@ def next_to_common_field(n: NormalEquations) -> NormalEquations:
     """
     with_nuisances = n.c.sum(axis=0)
     h, b = n.a.sum(axis=0) - with_nuisances.T @ with_nuisances, n.b.sum(axis=0)
-    common, *_, width = solve(h, b)
+    common, *_, width = solve_coefficients(h, b)
     cross = n.a - with_nuisances.T @ n.c
     values, vectors = np.linalg.eigh((h + h.T) / 2)
     whitened = (vectors / np.sqrt(np.maximum(values, 0.0) + 1 / width)).T @ cross
@@ -350,7 +350,7 @@ def _in_turn(n: NormalEquations, start: NDArray[Any]) -> FieldFit:
     """Alternating fit of map and spectrum from a starting spectrum (band,)."""
     s = np.asarray(start, float) / np.abs(start).max()
     for _ in range(_MAX_ROUNDS):
-        x, evidence, freedom, width = solve(_combined(n.a, n.c, s), s @ n.b)
+        x, evidence, freedom, width = solve_coefficients(_combined(n.a, n.c, s), s @ n.b)
         nuisance = n.c @ x
         h = np.diag(n.a @ x @ x) - nuisance @ nuisance.T
         s = np.linalg.lstsq(h, n.b @ x, rcond=1e-9)[0]
@@ -360,7 +360,7 @@ def _in_turn(n: NormalEquations, start: NDArray[Any]) -> FieldFit:
         before, s = s, s / largest
         if np.abs(s - before).max() < _MAX_SPECTRUM_CHANGE:
             break
-    x, evidence, freedom, width = solve(_combined(n.a, n.c, s), s @ n.b)
+    x, evidence, freedom, width = solve_coefficients(_combined(n.a, n.c, s), s @ n.b)
     trial = cross_validate(np.einsum("b,bjk->jk", s**2, n.trial_a), s @ n.trial_b, width)
     free = len(s) - 1
     penalty = free * np.log(max(_gain(_combined(n.a, n.c, s), s @ n.b, x), 2.0))

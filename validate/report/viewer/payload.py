@@ -243,8 +243,8 @@ def viewer_data(validation: Validation, maps: Sequence[Mapping[str, Any]] = ()) 
     validation
         The validation.
     maps
-        Further layers {id, name, unit, perBand, values}. The values are (band, y, x) in the capture's order of bands
-        where perBand is true, otherwise (y, x).
+        Further layers {id, name, unit, perBand, values, red}. The values are (band, y, x) in the capture's order of
+        bands where perBand is true, otherwise (y, x). ``red``, optional, says what a positive value means.
 
     Returns
     -------

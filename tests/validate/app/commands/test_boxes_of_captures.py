@@ -10,7 +10,7 @@ from cboxlab.rendering.model.model_file import load_model
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
-from helpers.command_line import assert_one_line_of_help
+from helpers.programs.command_line import assert_one_line_of_help
 
 
 @pytest.mark.parametrize("capture_folder", [False, True])

@@ -24,7 +24,7 @@ from cboxlab.utils.files import folder_lock
 from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.synthetic.blind import open_seal
-from helpers.command_line import assert_one_line_of_help
+from helpers.programs.command_line import assert_one_line_of_help
 
 
 @pytest.fixture

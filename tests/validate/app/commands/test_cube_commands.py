@@ -12,9 +12,9 @@ from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.compare.maps import read_map
 from colour import SpectralDistribution, sd_to_XYZ
-from helpers.command_line import assert_one_line_of_help
-from helpers.manual_commands import described
-from helpers.raw_frames import read_raw
+from helpers.files.raw_frames import read_raw
+from helpers.programs.command_line import assert_one_line_of_help
+from helpers.programs.manual_commands import described
 from PIL import Image
 from scipy.ndimage import binary_erosion
 

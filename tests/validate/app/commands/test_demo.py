@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.calibration.result.calibrate import calibrate
+from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
@@ -53,7 +53,7 @@ def test_the_stated_command_makes_the_bundled_capture(tmp_path):
         *(f"spectra/{n}.csv" for n in ("camera", "filters", "lamp", "sphere")),
     ):
         assert (tmp_path / "again" / name).read_bytes() == (DEMO_CAPTURE / name).read_bytes(), name
-    again, bundled = (calibrate(load_capture(folder)).images for folder in (tmp_path / "again", DEMO_CAPTURE))
+    again, bundled = (calibrate_capture(load_capture(folder)).images for folder in (tmp_path / "again", DEMO_CAPTURE))
     used = (again["mask"].values == 0) & (bundled["mask"].values == 0)
     for band in range(again.sizes["band"]):
         means = [images["signal"].values[band][used[band]].mean() for images in (again, bundled)]

@@ -10,8 +10,8 @@ from cboxlab.rendering.model import load_model, write_model
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.explain import explain
 from cboxlab.validation.report.explanation import explanation_record
-from helpers.command_line import assert_one_line_of_help
-from helpers.small_excess import BANDS, SIGMA, SIZE, small_excess
+from helpers.captures.small_excess import BANDS, SIGMA, SIZE, small_excess
+from helpers.programs.command_line import assert_one_line_of_help
 
 ROW_NOISE = SIGMA * np.random.default_rng(2).normal(0, 1.5, (1, SIZE, 1)) * np.ones((BANDS, 1, 1))
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from cboxlab.scenes import read_spectra
-from helpers.instrument_texts import INSTRUMENTS
+from helpers.files.instrument_texts import INSTRUMENTS
 
 
 @pytest.mark.parametrize("key", INSTRUMENTS)

@@ -8,8 +8,8 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.files import read_cube
 from cboxlab.rendering.model.model_file import Model, write_model
-from helpers.command_line import assert_one_line_of_help
-from helpers.installed_renderers import own_renderers
+from helpers.programs.command_line import assert_one_line_of_help
+from helpers.programs.installed_renderers import own_renderers
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

@@ -3,10 +3,10 @@
 import pytest
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench, build_app
-from helpers.browser import open_browser
-from helpers.glare_capture import glare_capture
-from helpers.server import served
-from helpers.studio import HERE
+from helpers.captures.glare_capture import glare_capture
+from helpers.pages.browser import open_browser
+from helpers.pages.server import served
+from helpers.pages.studio import HERE
 from starlette.testclient import TestClient
 
 

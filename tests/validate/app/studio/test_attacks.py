@@ -10,7 +10,7 @@ import pytest
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import inputs_below, read_text
 from cboxlab.validation.app.studio import ANY_ADDRESS, Workbench, build_app
-from helpers.glare_capture import glare_capture
+from helpers.captures.glare_capture import glare_capture
 from starlette.testclient import TestClient
 
 #: Text of the files outside the workbench's folder, which no answer may contain.

@@ -9,10 +9,10 @@ from cboxlab.rendering.model import Model
 from cboxlab.validation.app.studio import Workbench, build_app
 from cboxlab.validation.compare import scene_corners
 from cboxlab.validation.synthetic import perturbed_camera
-from helpers.browser import open_browser
-from helpers.glare_capture import glare_capture
-from helpers.page_faults import FAULTS
-from helpers.server import served
+from helpers.captures.glare_capture import glare_capture
+from helpers.pages.browser import open_browser
+from helpers.pages.page_faults import FAULTS
+from helpers.pages.server import served
 from starlette.testclient import TestClient
 
 CORNERS = {corner.id: corner for corner in scene_corners(Model().scene)}

@@ -8,14 +8,16 @@ import urllib.request
 
 import numpy as np
 import pytest
+from cboxlab.rendering.chain import STAGES
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench
 from cboxlab.validation.compare import band_centres
 from cboxlab.validation.diagnose import stepwise
-from helpers.glare_capture import GLARE
-from helpers.page_faults import FAULTS
-from helpers.studio import add, chi2, finished, present, press, record_of, step
+from helpers.captures.glare_capture import GLARE
+from helpers.pages.page_faults import FAULTS
+from helpers.pages.server import served
+from helpers.pages.studio import add, chi2, finished, present, press, record_of, step
 
 #: Effects that the diagnosis tries here; each costs seconds.
 TRIED = ("veiling-glare", "ghost", "lamp-drift")
@@ -111,13 +113,31 @@ def test_unsaved_work_is_offered_again_until_it_is_saved(client, bench):
     assert not record["saved"] and len(record["moves"]) >= 2
     (unsaved,) = client.get("/secret/api/places").json()["unsaved"]
     again = Workbench(bench.root, bench.cache, noise=3.0, seed=1)  # after a crash
-    again.open(unsaved, None, NO_PROGRESS)
+    again.open(unsaved["path"], None, NO_PROGRESS)
     assert again.study.effects[0].values["fraction"] == 0.01 and again.study.history.can_undo and not again.is_saved
     shutil.rmtree(bench.root / "kept", ignore_errors=True)
     finished(client, "save", folder="kept")
     assert client.get("/secret/api/state").json()["saved"]
     assert client.get("/secret/api/places").json()["unsaved"] == []
     shutil.rmtree(bench.root / "kept")
+
+
+def test_unsaved_work_stays_when_its_capture_is_opened_again(client, bench):
+    step(client, "add", effect="ghost")
+    finished(client, "open", capture="capture")
+    step(client, "add", effect="lamp-drift")
+    new, old = client.get("/secret/api/places").json()["unsaved"]
+    assert new["name"] == old["name"] == "capture" and new["changed"] >= old["changed"]
+    finished(client, "open", capture=old["path"])
+    assert [effect.id for effect in bench.study.effects] == ["ghost"]
+    step(client, "add", effect="smear")  # goes on in the same folder
+    assert {each["path"] for each in client.get("/secret/api/places").json()["unsaved"]} == {new["path"], old["path"]}
+    assert client.post("/secret/api/discard", json={"study": "capture"}).status_code == 400
+    for each in (new, old):
+        assert client.post("/secret/api/discard", json={"study": each["path"]}).status_code == 200
+    assert client.get("/secret/api/places").json()["unsaved"] == []
+    assert (bench.root / "capture" / "capture.toml").exists()
+    finished(client, "open", capture="capture")
 
 
 def test_what_is_no_json_is_refused(client):
@@ -242,10 +262,41 @@ def test_a_reload_during_a_computation_shows_the_last_state_at_work(page, bench,
     page.until("page.job === null && !document.getElementById('add').disabled")
 
 
+def test_a_diagnosis_that_is_cancelled_after_its_rendering_leaves_a_page_that_goes_on(page, bench, monkeypatch):
+    add(page, "block-pose")
+    page.run("move({which: 0, values: {dx_mm: 2}, commit: true})")
+    page.until("page.record.effects[0].values.dx_mm === 2 && !page.asking")
+
+    def rendered_then_waiting(progress):
+        bench.render(progress)
+        while True:
+            progress.stage("waiting")
+            time.sleep(0.02)
+
+    monkeypatch.setattr(bench, "diagnose", rendered_then_waiting)
+    press(page, "diagnose")
+    page.until("document.getElementById('stage').textContent.includes('waiting')")
+    press(page, "cancel")
+    page.until("document.getElementById('saved').textContent.startsWith('Cancelled') && page.record.rendered")
+    add(page, "ghost")
+    assert page.run("document.getElementById('mistake').textContent") == ""
+
+
+def test_a_page_without_its_program_says_so(browser, bench):
+    browser.errors.clear()
+    with served(bench) as address:
+        browser.open(address)
+        browser.until("document.body.dataset.open === 'true' && page.viewer !== null")
+    browser.until("document.getElementById('mistake').textContent.includes('Start `cbox studio` again')")
+    browser.open("about:blank?")
+    browser.errors.clear()  # the browser reports the connection, too
+
+
 def test_effects_are_grouped_and_searched(page):
     count = "document.querySelectorAll('#new-effect option').length"
     everything = page.run(count)
-    assert page.run("document.querySelectorAll('#new-effect optgroup').length") > 4
+    groups = page.run("[...document.querySelectorAll('#new-effect optgroup')].map((o) => o.label.split(':')[0])")
+    assert groups == list(STAGES)
     page.run(
         "(() => {const s = document.getElementById('search'); s.value = 'glare';s.dispatchEvent(new Event('input'))})()"
     )

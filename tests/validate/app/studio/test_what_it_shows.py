@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.validation.compare import band_centres
-from helpers.studio import add, chi2, finished, present, press, record_of, step
+from helpers.pages.studio import add, chi2, finished, present, press, record_of, step
 
 
 def test_the_pattern_of_an_effect_that_is_not_added(client, bench):

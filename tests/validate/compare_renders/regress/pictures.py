@@ -6,9 +6,9 @@ from functools import cache, lru_cache
 
 import numpy as np
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validation.compare_renders.regress import Side, SurfaceMap
+from cboxlab.validation.compare_renders.regress import Side, SurfaceIndices
 from cboxlab.validation.compare_renders.regress.variants import Variants, build_variants
 
 SIZE = 48
@@ -18,14 +18,14 @@ WAVELENGTHS = np.arange(420.0, 701.0, 40.0)
 @cache
 def rendered(max_bounces=None):
     """(y, x, w) radiance with little noise, and the surface map."""
-    image = render(
+    image = render_image(
         RenderJob(
             cornell_box(), cornell_camera(SIZE), WAVELENGTHS, samples=64, batches=2, seed=5, max_bounces=max_bounces
         )
     )
     mean, _ = image.project(np.eye(WAVELENGTHS.size))
     surface = image.surface.astype(int)
-    return mean, SurfaceMap(surface, image.surface_names, surface == -1)
+    return mean, SurfaceIndices(surface, image.surface_names, surface == -1)
 
 
 class RememberedVariants(Variants):
@@ -67,7 +67,7 @@ def noisy(seed, picture=None, noise=0.04, batches=4, tails=0.0, fireflies=0.0, w
     batch_noise = 0.15 * rng.standard_normal((*shape, clean.shape[2]))
     values = clean * (1 + noise * np.sqrt(batches) * (common[..., None] + batch_noise))
     hit = rng.random(clean.shape[:2]) < fireflies
-    values = values + np.where(hit, rng.standard_cauchy(hit.shape), 0.0)[..., None] * clean.mean()
+    values = values + np.where(hit, np.abs(rng.standard_cauchy(hit.shape)), 0.0)[..., None] * clean.mean()
     mean = values.mean(axis=0).astype(np.float32).astype(float)
     variance = values.var(axis=0, ddof=1) / batches
     side = Side(f"picture {seed}", WAVELENGTHS, mean, variance, batches - 1.0, surfaces)

@@ -8,7 +8,7 @@ from cboxlab.rendering.files.colour_pictures import COLOUR_SPACES, as_xyz_pictur
 from cboxlab.rendering.files.cube_checks import as_cube
 from cboxlab.validation.compare_renders import compare_stacks, read_stack
 from cboxlab.validation.compare_renders.regress import regress_sides, side_of
-from helpers.rgbe import write_rgbe
+from helpers.files.rgbe import write_rgbe
 
 SIZE = 40
 WAVELENGTHS = np.arange(380.0, 731.0, 10.0)

@@ -15,7 +15,7 @@ from cboxlab.rendering.files import (
     write_cube,
 )
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
@@ -23,7 +23,7 @@ from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.compare_renders.regress import NamedChange, assert_same_light, change_text
 from cboxlab.validation.compare_renders.regress.inputs import regress_inputs
 from cboxlab.validation.synthetic import perturbed_camera
-from helpers.rgbe import write_rgbe
+from helpers.files.rgbe import write_rgbe
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 
 
@@ -66,7 +66,7 @@ def test_the_camera_that_the_cubes_state_is_used(tmp_path):
     """The published box through a camera moved by pixels: recognised with the cubes' camera, not with its own."""
     moved = perturbed_camera(SIZE, 3)
     for name, depth in (("whole", None), ("cut", 3)):
-        image = render(RenderJob(cornell_box(), moved, WAVELENGTHS, 128, 4, seed=len(name), max_bounces=depth))
+        image = render_image(RenderJob(cornell_box(), moved, WAVELENGTHS, 128, 4, seed=len(name), max_bounces=depth))
         cube = labelled_cube(image)
         write_cube(tmp_path / f"bare-{name}.nc", cube)
         write_cube(tmp_path / f"{name}.nc", cube.assign_attrs(camera=camera_attribute(moved)))

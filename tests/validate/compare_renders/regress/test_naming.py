@@ -8,11 +8,11 @@ from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import apply_checked, names_in
 from cboxlab.rendering.files import COLOUR_SPACES, primaries_matrix
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.validation.compare_renders.regress import (
-    SurfaceMap,
+    SurfaceIndices,
     regress_pictures,
     regress_sides,
     side_of,
@@ -98,7 +98,9 @@ def test_wavelengths_with_wrong_labels_are_reported():
 
 def test_bin_edges_taken_for_points_are_reported():
     """Rendered at wavelengths 20 nm lower than its labels say."""
-    image = render(RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7))
+    image = render_image(
+        RenderJob(cornell_box(), cornell_camera(SIZE), WAVELENGTHS - 20, samples=64, batches=2, seed=7)
+    )
     picture, _ = image.project(np.eye(WAVELENGTHS.size))
     _, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
     first = named_changes(names, variants())[0]
@@ -125,7 +127,7 @@ def test_glossy_white_paint_is_named_gloss():
     glossy = {**box.materials, "white": replace(box.materials["white"], bsdf=bsdf)}
     sides = []
     for seed, scene in enumerate((box, replace(box, materials=glossy))):
-        image = render(RenderJob(scene, cornell_camera(SIZE), WAVELENGTHS, 48, 4, seed=seed), integrator="path")
+        image = render_image(RenderJob(scene, cornell_camera(SIZE), WAVELENGTHS, 48, 4, seed=seed), integrator="path")
         sides.append(side_of([labelled_cube(image)], [f"seed {seed}"]))
     _, names = regress_sides(*sides)
     first = named_changes(names, variants())[0]
@@ -139,7 +141,7 @@ def small_and_noisy():
     """Two sides of 32 x 32 pixels, and variants for them."""
     camera = cornell_camera(32)
     sides = [
-        side_of([labelled_cube(render(RenderJob(cornell_box(), camera, WAVELENGTHS, 16, 8, seed=seed)))], ["it"])
+        side_of([labelled_cube(render_image(RenderJob(cornell_box(), camera, WAVELENGTHS, 16, 8, seed=seed)))], ["it"])
         for seed in (5, 6)
     ]
     return *sides, remembered_variants(camera, sides[0])
@@ -159,15 +161,16 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors, small_a
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 
 
-def test_a_darker_border_is_the_likeliest_name():
-    """Noise does not exclude a cause of another shape in so few pixels, so the name may be less likely than none."""
+def test_a_darker_border_is_named():
+    """Without a scene the name is as certain as the border's own pixels make it."""
     picture = rendered()[0].copy()
     picture[:, 0] *= 0.7
     outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
     assert not outcome.same
-    likeliest = next(change for change in named_changes(names, None) if change.change != "unknown")
-    assert (likeliest.change, likeliest.fits) == ("border", True)
-    assert likeliest.parameters["left_factor"] == pytest.approx(0.7, abs=0.05)
+    first = named_changes(names, None)[0]
+    assert (first.change, first.fits) == ("border", True)
+    assert first.probability > 0.6
+    assert first.parameters["left_factor"] == pytest.approx(0.7, abs=0.05)
 
 
 def test_a_coat_is_sized():
@@ -186,7 +189,7 @@ def test_half_a_pixel_is_named_shift():
     """Rendered again through a moved camera: no pixel is interpolated."""
     camera = cornell_camera(SIZE)
     half = replace(camera, principal_point_px=camera.principal_point_px + np.array([0.5, 0.0]))
-    image = render(RenderJob(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6))
+    image = render_image(RenderJob(cornell_box(), half, WAVELENGTHS, samples=64, batches=2, seed=6))
     first = first_name(image.project(np.eye(WAVELENGTHS.size))[0], noise=0.02)
     assert first.change == "shift"
     assert first.parameters == {"dx_px": pytest.approx(0.5, abs=0.1), "dy_px": pytest.approx(0.0, abs=0.1)}
@@ -195,7 +198,7 @@ def test_half_a_pixel_is_named_shift():
 def through(camera, seed):
     """One side, rendered through a camera of 96 x 96 pixels."""
     return side_of(
-        [labelled_cube(render(RenderJob(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed)))], [f"seed {seed}"]
+        [labelled_cube(render_image(RenderJob(cornell_box(), camera, WAVELENGTHS, 64, 4, seed=seed)))], [f"seed {seed}"]
     )
 
 
@@ -279,7 +282,7 @@ def test_a_picture_without_the_inside_of_a_surface_is_still_explained():
 
     def corner(side):
         index = side.surfaces.index[:6, :6]
-        small = SurfaceMap(index, side.surfaces.names, np.zeros(index.shape, bool))
+        small = SurfaceIndices(index, side.surfaces.names, np.zeros(index.shape, bool))
         return replace(side, radiance=side.radiance[:6, :6], variance=side.variance[:6, :6], surfaces=small)
 
     sides = corner(noisy(1, noise=0.02)), corner(noisy(2, 1.3 * rendered()[0], noise=0.02))

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.rendering.files import write_cube
 from cboxlab.validation.app.commands.cli import main
-from helpers.other_suite import run_suite
+from helpers.programs.other_suite import run_suite
 from pictures import noisy, rendered
 
 TEST = """

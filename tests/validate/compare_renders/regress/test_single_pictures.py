@@ -11,7 +11,7 @@ from cboxlab.validation.compare_renders.regress.patterns import (
     reused_numbers,
     slow_change,
 )
-from helpers.other_suite import run_suite
+from helpers.programs.other_suite import run_suite
 from scipy.ndimage import gaussian_filter, median_filter, shift, uniform_filter
 
 SIZE = 48

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.rendering.image import RenderJob
-from cboxlab.rendering.integrators import render
+from cboxlab.rendering.integrators import render_image
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare_renders.regress import read_side, regress_sides, side_of
+from cboxlab.validation.compare_renders.regress import read_side, regress_pictures, regress_sides, side_of
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 from scipy.ndimage import binary_dilation, convolve1d
 
@@ -107,7 +107,7 @@ def test_the_even_change_has_the_smaller_error_where_noise_is_uneven():
 
 def test_another_pixel_filter_is_seen():
     """A tent filter two pixels wide in place of a box of one, from a picture of half the pixel size."""
-    fine = render(RenderJob(cornell_box(), cornell_camera(2 * SIZE), WAVELENGTHS, samples=32, batches=2, seed=8))
+    fine = render_image(RenderJob(cornell_box(), cornell_camera(2 * SIZE), WAVELENGTHS, samples=32, batches=2, seed=8))
     picture = fine.project(np.eye(WAVELENGTHS.size))[0]
     box, tent = (
         convolve1d(convolve1d(picture, kernel, 0, mode="nearest"), kernel, 1, mode="nearest")[1::2, 1::2]
@@ -206,6 +206,39 @@ def test_what_cannot_be_compared_is_an_input_error(tmp_path):
     small = side_of([cube(noisy(0)).isel(x=slice(0, 20))], ["small.nc"])
     with pytest.raises(InputError, match="20 x 48"):
         verdict(noisy(0), small)
+
+
+def changed(number, value):
+    """A side in memory with some values replaced."""
+    radiance = noisy(0).radiance.copy()
+    radiance[3 : 3 + number, 4, 0] = value
+    return replace(noisy(0), radiance=radiance)
+
+
+@pytest.mark.parametrize(
+    ("side", "message"),
+    [
+        (lambda: changed(1, np.nan), "without a finite value: 1, the first at x 4, y 3"),
+        (lambda: changed(5, np.inf), "without a finite value: 5, .* y 3 to 7"),
+        (lambda: replace(noisy(0), radiance=-noisy(0).radiance), "values below 0"),
+        (lambda: replace(noisy(0), radiance=noisy(0).radiance[:0]), "rows, columns and 8 planes"),
+        (lambda: replace(noisy(0), radiance=noisy(0).radiance[..., 0]), "rows, columns and 8 planes"),
+        (lambda: replace(noisy(0), radiance=1e90 * noisy(0).radiance), "a largest value of"),
+        (lambda: replace(noisy(0), variance=np.nan * noisy(0).radiance), "variance: .*finite"),
+        (lambda: replace(noisy(0), variance=noisy(0).variance[:9]), "variance: .*shape"),
+    ],
+)
+def test_sides_in_memory_that_are_not_sound_are_input_errors(side, message):
+    for sides in ((side(), noisy(1)), (noisy(1), side())):
+        with pytest.raises(InputError, match=message):
+            regress_pictures(*sides)
+        with pytest.raises(InputError, match=message):
+            regress_sides(*sides)
+
+
+def test_few_pixels_of_negative_radiance_are_noted():
+    outcome, _ = regress_sides(noisy(1), changed(3, -0.5 * noisy(0).radiance.mean()))
+    assert any("pixels of negative radiance: 3" in note for note in outcome.notes)
 
 
 def test_the_record_has_the_keys_of_the_contract_and_finite_numbers():

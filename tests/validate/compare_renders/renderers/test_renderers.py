@@ -17,7 +17,7 @@ from cboxlab.validation.compare_renders.renderers import (
     reference_cube,
     run_renderer,
 )
-from helpers.boxes import box_with_lamp, camera_inside, quad, square
+from helpers.scenes.boxes import box_with_lamp, camera_inside, quad, square
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 

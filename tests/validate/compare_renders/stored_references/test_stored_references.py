@@ -10,18 +10,18 @@ import pytest
 import xarray as xr
 from cboxlab.rendering.files import write_cube
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare_renders.regress import Side, SurfaceMap
+from cboxlab.validation.compare_renders.regress import Side, SurfaceIndices
 from cboxlab.validation.compare_renders.stored_references import (
     measured_reference,
     read_reference,
     require_same_light,
     write_reference,
 )
-from helpers.other_suite import run_suite
+from helpers.programs.other_suite import run_suite
 
 BANDS, SIZE, SEEDS = np.array([450.0, 550.0, 650.0]), 32, 200
 CLEAN = np.linspace(1, 2, SIZE)[:, None, None] * np.array([1.0, 2.0, 3.0]) * np.ones((SIZE, SIZE, 1))
-SURFACES = SurfaceMap(
+SURFACES = SurfaceIndices(
     (np.arange(SIZE)[:, None] // 16 + np.zeros(SIZE, int)), ("back", "floor"), np.zeros((SIZE, SIZE), bool)
 )
 

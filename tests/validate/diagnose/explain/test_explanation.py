@@ -10,8 +10,7 @@ from cboxlab.utils.progress import Cancelled, ProgressReporter
 from cboxlab.validation.diagnose.explain import NONE, competition, explain
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, explanation_sentence
-from helpers.manual_commands import described
-from helpers.small_excess import (
+from helpers.captures.small_excess import (
     BANDS,
     COAT,
     COLUMNS,
@@ -25,6 +24,7 @@ from helpers.small_excess import (
     VIEW,
     small_excess,
 )
+from helpers.programs.manual_commands import described
 from scipy.ndimage import gaussian_filter, shift
 
 NOISE = np.random.default_rng(11)
@@ -149,6 +149,13 @@ def test_an_explanation_is_given_in_words_and_in_json():
     assert "object" in sentence and "about pixel (34, 36)" in sentence
     assert set(record) == described("docs/reference/files.md", "explanation")
     assert explanation_record(None)["family"] == NONE
+
+
+def test_a_family_that_is_not_likely_enough_is_not_named_and_its_change_stays():
+    explanation = explain(small_excess(CAUSES["object"]))
+    doubtful = replace(explanation, odds={**explanation.odds, "object": 0.4})
+    assert (doubtful.named_if_likely().family, doubtful.named_if_likely().field) == (NONE, None)
+    np.testing.assert_array_equal(doubtful.named_if_likely().change, explanation.change)
 
 
 def test_noise_is_given_no_family():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.explain import best_rival_form, lead_of_forms
-from helpers.small_excess import FLOOR, SIGNAL, small_excess
+from helpers.captures.small_excess import FLOOR, SIGNAL, small_excess
 from scipy.ndimage import correlate
 
 #: Chi2 that one number must gain.

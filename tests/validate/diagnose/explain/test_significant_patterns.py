@@ -9,7 +9,7 @@ from cboxlab.validation.diagnose.explain import explain, explain_masked_families
 from cboxlab.validation.diagnose.families.blur import blur_equations, uneven_blurs
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.unexplained import explanation_to_report, is_significant_pattern
-from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 from scipy.ndimage import shift
 
 DRAW = np.random.default_rng(5)

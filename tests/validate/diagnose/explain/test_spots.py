@@ -8,7 +8,7 @@ from cboxlab.validation.diagnose.explain import explain
 from cboxlab.validation.diagnose.explain.prior_odds import spot_log_odds
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.diagnose.field_fit import FitInput, hot_spot, hot_spot_of_one_band
-from helpers.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
+from helpers.captures.small_excess import BANDS, COLUMNS, FLOOR, ROWS, SIGNAL, SIZE, small_excess
 
 
 def _spot(x, y, radius):

@@ -15,8 +15,8 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.explain import explain, explain_masked_families
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, explanation_sections, explanation_sentence
+from helpers.captures.small_excess import COLUMNS, SIGNAL, SIZE, small_excess
 from helpers.places import ROOT
-from helpers.small_excess import COLUMNS, SIGNAL, SIZE, small_excess
 
 GUIDE = ROOT / "docs" / "how-to" / "write-an-explanation-family.md"
 

@@ -10,7 +10,7 @@ from cboxlab.rendering.fitted_fields.fitted_field import field_of_record
 from cboxlab.validation.diagnose.explain import advice, appearance, explain, registration
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, laboratory_sentences
-from helpers.small_excess import BANDS, COLUMNS, EMISSION, EXPOSURE_S, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.captures.small_excess import BANDS, COLUMNS, EMISSION, EXPOSURE_S, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 
 DRAW = np.random.default_rng(8)
 

@@ -12,7 +12,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.diagnose.explain import explain, explain_masked_families
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.diagnose.field_fit import Family, MaskedPattern
-from helpers.small_excess import COLUMNS, SIGNAL, small_excess
+from helpers.captures.small_excess import COLUMNS, SIGNAL, small_excess
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import hot_spot, hot_spot_of_one_band
-from helpers.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
+from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
 from scipy.ndimage import gaussian_filter
 
 #: A smooth excess over noise, of peak 1 after the smoothing by 1.5 px.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import field, lamp_dn
 from cboxlab.validation.diagnose.field_fit.surface_maps import _cosines, smooth_surface_maps
-from helpers.small_excess import SIGNAL, small_excess
+from helpers.captures.small_excess import SIGNAL, small_excess
 
 STEP = 1e-3
 PATCH_LIGHT, LIGHT = np.array([0.3, 0.1, 0.5, 0.4]), 0.6

@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 from cboxlab.validation.report.viewer import picture_data, viewer_fragment
-from helpers.browser import open_browser
 from helpers.fakes.box import FakeBox
+from helpers.pages.browser import open_browser
 from matplotlib.path import Path as Outline
 
 BOX = FakeBox(size=48)

@@ -11,8 +11,8 @@ from cboxlab.validation.compare import srgb_preview
 from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.viewer import changed_data, encoded, picture_data, viewer_fragment
 from cboxlab.validation.report.viewer.light import pixel_spectra
-from helpers.browser import open_browser
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
+from helpers.pages.browser import open_browser
 
 BOX = FakeBox(size=48)
 #: The bands' wavelengths out of order, so that sorting shows.

@@ -11,6 +11,7 @@ const page = {
   catalogue: [],
   pending: [], // moves that wait for the answer to the previous one
   asking: false,
+  shownRevision: 0, // number of the state that the page shows
   revision: 0, // number of the study's state; a step names the one that it was made on
   tab: Math.random().toString(36).slice(2), // name of this tab in the events of its steps
   requests: 0, // number of answers that the page waits for
@@ -18,6 +19,9 @@ const page = {
   shown: null, // the present pictures: {rendered, sigma}
   opened: {}, // chi-square of each capture when it was opened; empty in a page that is loaded later
 };
+
+/** What the page says when the server has ended. */
+const NO_ANSWER = "The program does not answer. Start `cbox studio` again. Unsaved work is offered there under Open.";
 
 async function request(path, body) {
   const options = body === undefined ? {} : {
@@ -28,7 +32,7 @@ async function request(path, body) {
   try {
     answer = await fetch("api/" + path, options);
   } catch {
-    throw new Error("The program does not answer. Start `cbox studio` again.");
+    throw new Error(NO_ANSWER);
   } finally {
     busy(-1);
   }
@@ -92,6 +96,13 @@ function showGlance() {
   const source = page.viewer.layer("residual");
   [$("mini").width, $("mini").height] = [source.width, source.height];
   $("mini").getContext("2d").drawImage(source, 0, 0);
+  const pattern = page.viewer.picture.maps.find((map) => map.id.startsWith(PATTERN));
+  for (const id of ["mini-pattern", "glance-pattern"]) $(id).hidden = !pattern;
+  if (pattern) {
+    const drawn = page.viewer.layer(page.viewer.state.b.startsWith(PATTERN) ? page.viewer.state.b : pattern.id);
+    [$("mini-pattern").width, $("mini-pattern").height] = [drawn.width, drawn.height];
+    $("mini-pattern").getContext("2d").drawImage(drawn, 0, 0);
+  }
   $("glance-chi2").textContent = $("chi2").textContent;
 }
 
@@ -156,8 +167,12 @@ async function showPattern() {
   $("pattern").textContent = "Hide its pattern";
   const more = maps.length > 1 ? ` ${maps.length} numbers: choose another pattern in the list B.` : "";
   const faint = maps.every((map) => map.values.every((v) => !(Math.abs(v) > 0.5))) ? " It changes nothing by half a standard deviation." : "";
-  $("pattern-words").textContent = `In the middle: change of the rendering by ${maps[0].name}, in standard deviations of the ` +
-    `difference. Compare it with the difference on the right.${more}${faint}`;
+  const isCamera = page.catalogue.some((each) => each.id === effect && each.stage.startsWith("camera"));
+  const fitted = isCamera && page.record.refit ? " Camera and lamp are fitted and take up most of it: untick that below to see it bare." : "";
+  $("pattern-words").textContent = `Picture B: change of the rendering by ${maps[0].name}, in standard deviations of the ` +
+    `difference. Compare it with the difference, picture C.${more}${faint}${fitted}`;
+  document.body.dataset.pattern = "true";
+  showGlance();
 }
 
 async function hidePattern() {
@@ -165,9 +180,11 @@ async function hidePattern() {
   $("pattern").setAttribute("aria-pressed", "false");
   $("pattern").textContent = "Show its pattern";
   $("pattern-words").textContent = "";
+  delete document.body.dataset.pattern;
   if (!page.viewer) return;
   page.viewer.set(withoutPattern(page.viewer.state));
   await page.viewer.update({ maps: [] });
+  showGlance();
 }
 
 /** The state of a viewer that has no pattern. */
@@ -182,7 +199,7 @@ function show(record) {
   const same = page.record && record.open && page.record.open &&
     JSON.stringify(page.record.effects.map((e) => e.id)) === JSON.stringify(record.effects.map((e) => e.id));
   page.record = record;
-  page.revision = record.revision;
+  page.revision = page.shownRevision = record.revision;
   document.body.dataset.open = record.open;
   if (!record.open) {
     $("title").textContent = "Open a capture to begin";
@@ -271,19 +288,19 @@ function showDiagnosis(found) {
     const isEffect = page.catalogue.some((effect) => effect.id === entry.id);
     const add = make("button", { "aria-label": "Add " + entry.id }, "Add");
     add.addEventListener("click", () => attempt(() => step("add", { effect: entry.id, values: entry.values })));
-    const text = `${entry.id}: ${entry.text}; χ² ${numberText(entry.chi2_per_dof && +entry.chi2_per_dof.toPrecision(3))}, ` +
-      `probability ${(100 * entry.probability).toFixed(1)} % `;
+    const explains = entry.explained === null ? "" : `explains ${(100 * entry.explained).toFixed(1)} % of the excess, `;
+    const text = `${entry.id}: ${entry.text}; ${explains}probability ${(100 * entry.probability).toFixed(1)} % `;
     return make("li", {}, isEffect ? [text, add] : [text]);
   });
   const known = found.selected.some((id) => id !== "unknown");
   $("diagnosis").replaceChildren(make("h3", {}, "Diagnosis"),
     ...found.sentences.map((sentence) => make("p", {}, sentence)), ...(known ? [adopt] : []),
-    make("p", { class: "soft" }, "Each effect fitted alone, best first:"), make("ol", {}, ranking));
+    make("p", { class: "soft" }, "Each effect fitted alone, the most probable first. Errors of the rendering count as noise here:"), make("ol", {}, ranking));
 }
 
 /** While a computation runs, only Cancel is enabled. */
 function enable(on) {
-  const within = "#side button, #side select, #side input, header button, .panel button";
+  const within = "#side button, #side select, #side input, #tools button, #tools select, .panel button";
   for (const element of document.querySelectorAll(within)) element.disabled = !on;
   const record = page.record;
   for (const id of ["show-open", "open-it"]) $(id).disabled = Boolean(page.job);
@@ -335,9 +352,9 @@ async function reload() {
 /** The effects that contain the search text, grouped by where they act. */
 function showCatalogue() {
   const text = $("search").value.trim().toLowerCase(), chosen = $("new-effect").value;
-  const fitting = page.catalogue.filter((e) => `${e.id} ${e.stage} ${e.summary}`.toLowerCase().includes(text));
+  const fitting = page.catalogue.filter((e) => `${e.id} ${e.stage} ${e.title} ${e.summary}`.toLowerCase().includes(text));
   const groups = [...new Set(fitting.map((e) => e.stage))].map((stage) => make("optgroup", { label: stage },
-    fitting.filter((e) => e.stage === stage).map((e) => make("option", { value: e.id }, e.id))));
+    fitting.filter((e) => e.stage === stage).map((e) => make("option", { value: e.id }, `${e.id}: ${e.title}`))));
   $("new-effect").replaceChildren(...groups);
   if (fitting.some((e) => e.id === chosen)) $("new-effect").value = chosen;
   showSummary();
@@ -360,7 +377,9 @@ function curve(moves) {
 
 function showSummary() {
   const effect = page.catalogue.find((one) => one.id === $("new-effect").value);
-  $("new-summary").textContent = effect ? `${effect.summary} To confirm: ${effect.confirm}` : "";
+  $("new-summary").textContent = effect ? effect.summary : "No effect has these letters.";
+  $("new-confirm").textContent = effect ? `To confirm it: ${effect.confirm}` : "";
+  if (!page.job) for (const id of ["add", "pattern"]) $(id).disabled = !effect;
 }
 
 function openPanel(id, on) {
@@ -373,13 +392,28 @@ async function fillInputs() {
   const options = (names) => names.map((name) => make("option", { value: name }));
   $("captures").replaceChildren(...options([...found.captures, ...found.studies]));
   $("models").replaceChildren(...options(found.models));
-  $("unsaved").hidden = found.unsaved.length === 0;
-  $("unsaved-list").replaceChildren(...found.unsaved.map((name) => {
-    const button = make("button", { type: "button" }, "Continue");
-    button.addEventListener("click", () => job("open", { capture: name }));
-    return make("li", {}, [`${name.split("/").pop()} `, button]);
+  const button = (text, label, step) => {
+    const made = make("button", { type: "button", "aria-label": label }, text);
+    made.addEventListener("click", step);
+    return made;
+  };
+  const unsaved = found.unsaved.filter(({ path }) => path !== page.record.unsaved); // the open study is no other one
+  $("unsaved").hidden = unsaved.length === 0;
+  $("unsaved-list").replaceChildren(...unsaved.map(({ path, name, changed }) => {
+    const when = new Date(1000 * changed).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
+    const text = `${name}, ${when}`;
+    return make("li", {}, [text, button("Continue", `Continue ${text}`, () => job("open", { capture: path })),
+      button("Discard", `Discard ${text}`, () => attempt(async () => { await request("discard", { study: path }); await fillInputs(); }))]);
   }));
+  const near = [...found.captures.map((path) => [path, "capture"]), ...found.studies.map((path) => [path, "study"])];
+  $("found").hidden = near.length === 0;
+  $("found-list").replaceChildren(...near.slice(0, LISTED).map(([path, kind]) => make("li", {}, [`${path}, ${kind}`,
+    button("Open", `Open ${path}`, () => job("open", { capture: path, model: kind === "capture" ? $("open-model").value : "" }))])),
+    ...(near.length > LISTED ? [make("li", {}, `and ${near.length - LISTED} more: type the name above`)] : []));
 }
+
+/** Captures and studies that Open lists as buttons; the fields above complete the names of all. */
+const LISTED = 12;
 
 const job = (name, body = {}) => attempt(async () => { await request("job/" + name, body); });
 
@@ -435,6 +469,14 @@ addEventListener("keydown", (event) => {
   $(button).click();
 });
 
+/** Show the end of a computation that was stopped or failed; it may have rendered the picture before. */
+async function ended({ error, background }) {
+  const state = await (await request("state")).json();
+  if (state.revision !== page.shownRevision && !state.job) await reload();
+  if (error !== "cancelled") $("mistake").textContent = error;
+  else if (!background && page.record.open) $("saved").textContent = "Cancelled. The effects are unchanged.";
+}
+
 const events = new EventSource("api/events");
 events.onmessage = (message) => {
   const event = JSON.parse(message.data);
@@ -446,8 +488,7 @@ events.onmessage = (message) => {
   if (event.event === "end") {
     showJob(null);
     if (!page.record) return void reload();
-    if (event.error && event.error !== "cancelled") $("mistake").textContent = event.error;
-    else if (event.error && !event.background && page.record.open) $("saved").textContent = "Cancelled. The study is unchanged.";
+    if (event.error) ended(event);
     return;
   }
   if (event.event === "changed") {
@@ -461,9 +502,14 @@ events.onmessage = (message) => {
     });
   }
 };
+new ResizeObserver(([{ target }]) => document.body.style.setProperty("--head", `${target.offsetHeight}px`))
+  .observe(document.querySelector("header"));
 addEventListener("beforeunload", (event) => {
   if (page.record && page.record.open && !page.record.saved) event.preventDefault();
 });
 addEventListener("pageshow", (event) => { if (event.persisted) attempt(reload); }); // back and forward
-let opened = false;
-events.onopen = () => { if (!opened) { opened = true; attempt(reload); } };
+events.onopen = () => attempt(reload); // also after the server was away
+events.onerror = () => {
+  showJob(null);
+  $("mistake").textContent = NO_ANSWER;
+};

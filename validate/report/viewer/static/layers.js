@@ -30,7 +30,7 @@ const fixedLayers = (picture) => [
 function layersOf(picture) {
   const own = (picture.maps || []).map((map) => ({
     id: map.id, name: map.name, kind: "difference", end: "sigma", unit: map.unit || "σ",
-    perBand: map.perBand, values: map.values,
+    perBand: map.perBand, values: map.values, red: map.red || "brighter with the effect",
   }));
   return [...fixedLayers(picture), ...own];
 }

@@ -37,7 +37,7 @@
  *   light               null or {names, share: (k, y, x)}
  *   spectrum            null or {wavelength_nm, basis: (k, w), coefficients: (k, y, x), rank, unit}
  *   filters             null or {wavelength_nm, curves: (band, w), largest 1}
- *   maps                [{id, name, unit, perBand, values: (band, y, x) or (y, x)}] further layers, in sigma
+ *   maps                [{id, name, unit, perBand, values: (band, y, x) or (y, x), red}] further layers, in sigma; red: meaning of values above 0
  * An array is a typed array, a list, or encoded: see arrays.js.
  */
 class CBoxViewer {
@@ -381,10 +381,10 @@ class CBoxViewer {
   /** Name and unit of a layer's scale. */
   _scaleText(id) {
     const { scale, values } = this._paintedLayer(id);
-    const { name, kind } = this._layer(id);
+    const { name, kind, red = "the photograph is brighter" } = this._layer(id);
     if (!scale) return "";
     const unit = ["", "σ"].includes(scale.unit) ? name : `${name}, ${scale.unit}`;
-    const named = kind === "difference" ? `${unit}; red: the photograph is brighter` : unit;
+    const named = kind === "difference" ? `${unit}; red: ${red}` : unit;
     return values.some((v) => Number.isNaN(v)) ? `${named}; hatched: left out` : named;
   }
 

@@ -10,11 +10,11 @@ __all__ = ["quick_calibration"]
 
 
 def quick_calibration(folder):
-    """``calibrate`` without colour, linearity, sensor study and patches; its suspicions are complete."""
+    """``calibrate_capture`` without colour, linearity, sensor study and patches; its suspicions are complete."""
     module = import_module("cboxlab.calibration.result.calibrate")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "study_colour", lambda *_: SimpleNamespace(reason=""))
         patch.setattr(module, "measure_linearity", lambda *_: None)
         patch.setattr(module, "study_sensor", lambda *_: SimpleNamespace(verdicts=()))
         patch.setattr(module, "measure_patches", lambda *_: None)
-        return module.calibrate(load_capture(folder))
+        return module.calibrate_capture(load_capture(folder))

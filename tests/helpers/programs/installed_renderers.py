@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cboxlab.rendering.export import renderer_catalogue
 
-PACKAGE = Path(__file__).parents[1] / "render" / "export" / "own_package"
+PACKAGE = Path(__file__).parents[2] / "render" / "export" / "own_package"
 
 
 @contextmanager

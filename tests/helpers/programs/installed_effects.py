@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cboxlab.rendering.effects import catalogue
 
-PACKAGE = Path(__file__).parents[1] / "render" / "effects" / "own_package"
+PACKAGE = Path(__file__).parents[2] / "render" / "effects" / "own_package"
 
 
 @contextmanager

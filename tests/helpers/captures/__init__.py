@@ -1,0 +1,1 @@
+"""Small captures and their calibrations, and residuals without any capture."""

@@ -1,0 +1,1 @@
+"""Files of pictures, frames and spectra, as other programs write them."""

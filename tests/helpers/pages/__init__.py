@@ -1,0 +1,1 @@
+"""Browser, server and steps for tests of pages."""

@@ -1,0 +1,1 @@
+"""Commands, installed packages, and suites of other programs."""

@@ -1,0 +1,1 @@
+"""Small boxes and scene files, recipes of data sets, rays."""
