@@ -1,4 +1,4 @@
-"""Triangles without area, by the length of their longest edge."""
+"""Triangles without area, each by its longest edge."""
 
 import numpy as np
 import pytest
