@@ -19,7 +19,6 @@ from .base_flaws import Flaw
 from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
-    NONE,
     Explanation,
     Signs,
     explain,
@@ -232,8 +231,8 @@ def diagnose_validation(
     progress.stage("explaining what remains")
     answer = _explained(first, answer, judged.flaws, prepared.calibration.capture, progress)
     flaws, flaws_cost, explanation = judged.flaws, judged.flaws_cost, answer.explanation
-    if explanation is not None and explanation.family != NONE and not flaws.small:
-        # their fit contained part of that cause
+    if explanation is not None and not flaws.small:
+        # their fit contained part of that cause, which is in the change also where its family is not named
         flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
     path = _path(validation, start, answer)
     progress.part(1.0)

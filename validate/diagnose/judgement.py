@@ -101,9 +101,14 @@ class Verdict:
     holds: bool
 
     @property
+    def needed(self) -> bool:
+        """Whether flaws alone explain the picture clearly less well."""
+        return self.evidence > _MIN_EVIDENCE
+
+    @property
     def holds_next_to_flaws(self) -> bool:
         """Whether evidence, certainty and stability suffice, before samples held out are asked."""
-        if not (self.evidence > _MIN_EVIDENCE and self.certainty > _MIN_CERTAINTY):
+        if not (self.needed and self.certainty > _MIN_CERTAINTY):
             return False
         sigma = self.stability / self.certainty
         return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))
