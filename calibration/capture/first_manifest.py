@@ -263,8 +263,8 @@ def _in_order_taken(blocks: Sequence[str]) -> list[str]:
     starts = {k: tomllib.loads(blocks[k])["band"][0].get("start_s") for k in bands}
     ordered = list(blocks)
     if None not in starts.values():
-        for index, k in zip(bands, sorted(bands, key=lambda k: float(starts[k])), strict=True):
-            ordered[index] = blocks[k]
+        for k, later in zip(bands, sorted(bands, key=lambda k: float(starts[k])), strict=True):
+            ordered[k] = blocks[later]
     return ordered
 
 

@@ -75,11 +75,11 @@ def pattern_of(parameter: Parameter, change_at: Callable[[float], NDArray[np.flo
         if not size > 0 or 1 / _CLOSE < size / _VISIBLE_SIGMA < _CLOSE:
             break
         factor = (_VISIBLE_SIGMA / size) ** (1 / power)
-        wanted = float(np.clip(steps * factor, _FIRST_STEPS * _LEAST, _FIRST_STEPS * _MOST))
-        if wanted == steps:
+        next_steps = float(np.clip(steps * factor, _FIRST_STEPS * _LEAST, _FIRST_STEPS * _MOST))
+        if next_steps == steps:
             break
         before = np.log([steps, size])
-        steps = wanted
+        steps = next_steps
         pattern, size = measured(steps)
         if size > 0:
             power = float(np.clip((np.log(size) - before[1]) / (np.log(steps) - before[0]), 0.5, 4.0))
