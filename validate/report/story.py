@@ -224,8 +224,8 @@ def _limits(diagnosis: Diagnosis) -> ReportTable:
         rows,
         "The most easily found first: those with the smallest χ². The limits hold to first order for captures like "
         "this one, and for the form of each effect that shows most easily. Errors of the rendering hide small smooth "
-        "changes: for these the size is the limit. An effect "
-        "missing from this table cannot be found, or only by the survey of camera and lamp.",
+        "changes: for these the size is the limit. An effect missing from this table cannot be found, or only by the "
+        "survey of camera and lamp.",
     )
 
 
