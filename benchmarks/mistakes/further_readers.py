@@ -81,7 +81,7 @@ def frames() -> Pairs:
 
 def tables() -> Pairs:
     """Spectra of every instrument, and tables of text."""
-    from cboxlab.rendering.dataset.recipe import load_recipe
+    from cboxlab.rendering.dataset import load_recipe
     from cboxlab.rendering.export.neutral import read_camera
     from cboxlab.rendering.fitted_fields import load_effect_file
     from cboxlab.scenes.shapes import file_mesh

@@ -2,7 +2,8 @@
 
 from .drawing import Box, draw_box, part_of
 from .light_parts import REFLECTIONS, LightParts, light_parts
-from .recipe import TRUTHS, CameraTable, Recipe, SensorTable, load_recipe
+from .recipe import TRUTHS, CameraTable, Recipe, SensorTable
+from .recipe_file import load_recipe
 from .shared_rays import joined_scene, sharing_rays, split_image
 from .visible_points import VisiblePoints, shadow_fraction, visible_points
 
