@@ -2,11 +2,14 @@
 
     python benchmarks/speed/large_pictures.py                          # 24 megapixels: some minutes, 3 GB of disk
     python benchmarks/speed/large_pictures.py --whole 2 --diagnose
+    python benchmarks/speed/large_pictures.py --diagnose --hide veiling-glare --keep FOLDER
 
-The frames of the bundled capture of 128 x 128 px are magnified and get new noise: seven bands with two repeats, darks,
-flats and references. The program chooses window and blocks. With ``--whole`` a smaller capture is calibrated too, its
-single pixels as they are: the way before frames were reduced. What the former takes for each megapixel is the smaller.
-Exit code 1 if a command fails, or if calibration takes more than 60 CPU seconds or 3 GB, or diagnosis more than 120.
+A picture of 304 x 304 px is rendered. Each of its pixels becomes a block of equal light on the sensor: seven bands with
+two repeats, darks, flats and references. The capture states window and binning, so that a block in use is a pixel of
+the picture, and the model of the box is right. With ``--hide`` it contains one effect. With ``--whole`` a smaller
+capture is calibrated too, its single pixels as they are: the way before frames were reduced. What the former takes for
+each megapixel is the smaller. Exit code 1 if a command fails, or if calibration takes more than 60 CPU seconds or 3 GB,
+or diagnosis more than 120.
 """
 
 from __future__ import annotations
@@ -20,74 +23,116 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import tifffile
 import tomli_w
 from cboxlab.calibration.capture import Capture, load_capture
-from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.image import RenderJob
+from cboxlab.rendering.integrators.precision import render_to_precision
+from cboxlab.rendering.model.model_file import load_model
+from cboxlab.rendering.synthetic.capture_writer import write_photographs
+from cboxlab.rendering.synthetic.photographer import CaptureSettings, Frame
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_light, photographed_scene
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 _CBOX = str(Path(sys.executable).with_name("cbox"))
-#: Standard deviations of the blur that removes the noise of small frames, of the scene and of uniform fields, px.
-_BLUR_PX = {"band": 0.7, "flat": 6.0, "reference": 6.0}
+#: Pixels a side of the picture: about 256 across the box, as the program chooses in large frames.
+_PICTURE_PX = 304
+#: Pixels a side of the picture whose magnification is calibrated without blocks.
+_WHOLE_PX = 64
+#: Relative error of the picture, median over pixels: below that of any prediction.
+_PICTURE_ERROR = 0.0007
+#: Effects that may be hidden, with their numbers: about a percent of the light.
+_HIDDEN = {"veiling-glare": {"fraction": 0.01}, "defocus": {"sigma_px": 0.5}, "vignetting": {"edge_loss": 0.03}}
+#: Seed of camera and noise.
+_SEED = 3
 #: Bounds of a capture of 24 megapixels: CPU seconds of calibration and of diagnosis, and memory, GB.
 _CALIBRATION_S, _DIAGNOSIS_S, _LARGEST_GB = 60.0, 120.0, 3.0
 
+#: Expected light (y, x) above dark in DN, by kind and filter of a frame.
+Lights = dict[tuple[str, str | None], NDArray[np.float64]]
 
-def expected_frames(small: Capture) -> Iterator[tuple[tuple[str, ...], NDArray[np.float64], float]]:
+
+def write_small(folder: Path, side_px: int, hidden: str | None) -> Lights:
+    """A capture of the published box at ``side_px``, and the light of its frames without noise."""
+    model, camera, settings = load_model("cornell-box"), perturbed_camera(side_px, _SEED), CaptureSettings()
+    effects = () if hidden is None else (AppliedEffect(catalogue()[hidden], _HIDDEN[hidden]),)
+    scene, lights = photographed_scene(model), Lights()
+    image = render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=_SEED), _PICTURE_ERROR)
+    signals, field, hooks = photographed_light(image, effects, scene, camera, settings)
+
+    def light(frame: Frame, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        lights[frame.kind, frame.filter] = hooks.light(frame, signal)
+        return lights[frame.kind, frame.filter]
+
+    write_photographs(
+        folder,
+        signals,
+        field,
+        image.sees_lamp,
+        camera=camera,
+        scene=scene,
+        settings=settings,
+        seed=_SEED,
+        hooks=replace(hooks, light=light),
+    )
+    return lights
+
+
+def expected_frames(small: Capture, lights: Lights) -> Iterator[tuple[tuple[str, ...], NDArray[np.float64], float]]:
     """Frames of each table, their expected light (y, x) in DN without noise, and their dark level in DN."""
     dark = {table.exposure_s: float(np.median(small.frames(table))) for table in small.manifest.darks}
     for table in small.manifest.darks:
         yield table.frames, np.zeros(small.shape), dark[table.exposure_s]
-    tables = {"band": small.manifest.band, "flat": small.manifest.flats, "reference": small.manifest.reference}
-    for kind, rows in tables.items():
+    for band in small.manifest.band:
+        yield band.frames, lights["band", band.id], dark[band.exposure_s]
+    for kind, rows in (("flat", small.manifest.flats), ("reference", small.manifest.reference)):
         for table in rows:
-            level = dark[table.exposure_s]
-            light = gaussian_filter(small.frames(table).mean(axis=0) - level, _BLUR_PX[kind])
-            yield table.frames, np.maximum(light, 0.0), level
+            yield table.frames, lights[kind, table.band], dark[table.exposure_s]
 
 
-def write_magnified(folder: Path, times: int, *, binning: int | None = None) -> None:
-    """A capture of the same light with ``times`` as many rows and columns.
+def write_magnified(folder: Path, side_px: int, times: int, *, binning: int, hidden: str | None = None) -> None:
+    """A capture of a picture of ``side_px`` with ``times`` as many rows and columns.
 
     A pixel is smaller, and lamp and sphere are brighter by as much: it has the counts of the pixel it lies in.
     """
-    small = load_capture(DEMO_CAPTURE)
+    lights = write_small(folder / "small", side_px, hidden)
+    small = load_capture(folder / "small")
     camera, generator = small.manifest.camera, np.random.default_rng(0)
     gain, read, largest = camera.gain_e_per_dn or 1.0, camera.read_noise_e or 0.0, small.full_scale_dn
     (folder / "frames").mkdir(parents=True)
-    for names, light, level in expected_frames(small):
+    for names, light, level in expected_frames(small, lights):
         for name in names:
             frame = np.empty(tuple(times * side for side in small.shape), np.uint16)
-            for row, line in enumerate(light):  # a row of small pixels at a time
+            for row, line in enumerate(np.maximum(light, 0.0)):  # a row of blocks at a time
                 mean = np.repeat(line, times).astype(np.float32)
                 noise = generator.standard_normal((times, mean.size), np.float32)
                 counts = mean + level + np.sqrt(mean / gain + (read / gain) ** 2) * noise
                 frame[row * times : (row + 1) * times] = np.clip(np.rint(counts), 0, largest)
             tifffile.imwrite(folder / name, frame, photometric="minisblack", metadata=None)
     _write_tables(folder, times)
-    with (DEMO_CAPTURE / "capture.toml").open("rb") as file:
-        manifest = tomllib.load(file)
-    keys = manifest["camera"]
-    keys |= {"width_px": times * camera.width_px, "height_px": times * camera.height_px}
+    manifest = tomllib.loads((folder / "small" / "capture.toml").read_text(encoding="utf-8"))
+    keys, width, height = manifest["camera"], times * camera.width_px, times * camera.height_px
+    keys |= {"width_px": width, "height_px": height, "window_px": [0, 0, width, height], "binning": binning}
     keys["pixel_pitch_um"] = keys["pixel_pitch_um"] / times
-    if binning is not None:
-        keys["binning"] = binning
     manifest["geometry"]["point_sigma_px"] = times * manifest["geometry"].get("point_sigma_px", 0.15)
     (folder / "capture.toml").write_text(tomli_w.dumps(manifest), encoding="utf-8")
+    shutil.rmtree(folder / "small")
 
 
 def _write_tables(folder: Path, times: int) -> None:
     """Spectra with brighter lamp and sphere, and points in the larger picture."""
-    shutil.copytree(DEMO_CAPTURE / "spectra", folder / "spectra")
+    shutil.copytree(folder / "small" / "spectra", folder / "spectra")
     for name in ("lamp.csv", "sphere.csv"):
         header, *rows = csv.reader((folder / "spectra" / name).open(encoding="utf-8"))
         brighter = [[nm, *(f"{times**2 * float(value):.9g}" for value in values)] for nm, *values in rows]
         _write_csv(folder / "spectra" / name, [header, *brighter])
-    header, *rows = csv.reader((DEMO_CAPTURE / "points.csv").open(encoding="utf-8"))
+    header, *rows = csv.reader((folder / "small" / "points.csv").open(encoding="utf-8"))
     moved = [[*row[:4], *(f"{(float(value) + 0.5) * times - 0.5:.3f}" for value in row[4:])] for row in rows]
     _write_csv(folder / "points.csv", [header, *moved])
 
@@ -106,27 +151,33 @@ def measured(title: str, *arguments: str) -> tuple[float, float, bool]:
     return cpu, memory, process.returncode in (0, 1)
 
 
-def magnification(megapixels: float) -> int:
+def magnification(megapixels: float, side_px: int) -> int:
     """Factor of rows and columns that gives a number of megapixels."""
-    return max(1, round(float(np.sqrt(1e6 * megapixels / np.prod(load_capture(DEMO_CAPTURE).shape)))))
+    return max(1, round(float(np.sqrt(1e6 * megapixels)) / side_px))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--megapixels", type=float, default=24.0)
+    parser.add_argument("--cells", type=int, default=_PICTURE_PX, help="blocks a side that are in use")
     parser.add_argument("--whole", type=float, help="megapixels of a capture whose single pixels are calibrated")
+    parser.add_argument("--hide", choices=sorted(_HIDDEN), help="effect that the capture contains")
     parser.add_argument("--diagnose", action="store_true", help="diagnose the large capture too")
+    parser.add_argument("--keep", type=Path, help="folder in which the large capture stays, and is used again")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         work, passed = Path(name), True
         if options.whole is not None:
-            write_magnified(work / "whole", magnification(options.whole), binning=1)
+            write_magnified(work / "whole", _WHOLE_PX, magnification(options.whole, _WHOLE_PX), binning=1)
             arguments = ("calibrate", f"{work}/whole", "--out", f"{work}/calibration")
             passed &= measured(f"calibrate, {options.whole:g} megapixels, single pixels", *arguments)[2]
-        write_magnified(work / "large", magnification(options.megapixels))
+        large = options.keep or work / "large"
+        if not (large / "capture.toml").exists():
+            times = magnification(options.megapixels, options.cells)
+            write_magnified(large, options.cells, times, binning=times, hidden=options.hide)
         for command, bound in (("calibrate", _CALIBRATION_S), ("diagnose", _CALIBRATION_S + _DIAGNOSIS_S)):
             if command == "calibrate" or options.diagnose:
-                arguments = (command, f"{work}/large", "--out", f"{work}/{command}")
+                arguments = (command, str(large), "--out", f"{work}/{command}")
                 cpu, memory, ended = measured(f"{command}, {options.megapixels:g} megapixels, reduced", *arguments)
                 passed &= ended and cpu < bound and memory < _LARGEST_GB
     return int(not passed)

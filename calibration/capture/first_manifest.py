@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -253,7 +254,18 @@ def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEnt
             lines = blocks[k].split("\n")
             if not any(written.startswith(f"{entry.key} =") for written in lines):
                 blocks[k] = "\n".join([*(each for each in lines if not each.startswith(f"# {entry.key} =")), line])
-    return "\n\n".join(blocks) + "\n\n" + _FURTHER
+    return "\n\n".join(_in_order_taken(blocks)) + "\n\n" + _FURTHER
+
+
+def _in_order_taken(blocks: Sequence[str]) -> list[str]:
+    """Tables of a manifest with the bands in the order of their start times, where all have one."""
+    bands = [k for k, block in enumerate(blocks) if block.startswith("[[band]]\n")]
+    starts = {k: tomllib.loads(blocks[k])["band"][0].get("start_s") for k in bands}
+    ordered = list(blocks)
+    if None not in starts.values():
+        for k, later in zip(bands, sorted(bands, key=lambda k: float(starts[k])), strict=True):
+            ordered[k] = blocks[later]
+    return ordered
 
 
 def _as_toml(entry: ManifestEntry, example: str) -> str:

@@ -25,7 +25,7 @@ __all__ = [
     "MissingPackageError",
     "as_counts",
     "frame_header",
-    "frame_readers_by_id",
+    "frame_reader_catalogue",
     "mosaic_pattern",
     "read_pictures",
     "read_values",
@@ -43,7 +43,7 @@ _HEADERS_KEPT = 4096
 
 
 @lru_cache(maxsize=1)
-def frame_readers_by_id() -> dict[str, FrameReader]:
+def frame_reader_catalogue() -> dict[str, FrameReader]:
     """All readers, those of other packages included.
 
     Returns
@@ -77,10 +77,10 @@ def suffixes() -> tuple[str, ...]:
     tuple
         In small letters with the dot, those of TIFF first.
     """
-    first = frame_readers_by_id()["tiff"].suffixes
+    first = frame_reader_catalogue()["tiff"].suffixes
     return (
         *first,
-        *(ending for reader in frame_readers_by_id().values() for ending in reader.suffixes if ending not in first),
+        *(ending for reader in frame_reader_catalogue().values() for ending in reader.suffixes if ending not in first),
     )
 
 
@@ -99,14 +99,17 @@ def reader_of(path: Path) -> FrameReader | None:
     """
     name = path.name.lower()
     fitting = [
-        (len(end), reader) for reader in frame_readers_by_id().values() for end in reader.suffixes if name.endswith(end)
+        (len(end), reader)
+        for reader in frame_reader_catalogue().values()
+        for end in reader.suffixes
+        if name.endswith(end)
     ]
     return max(fitting, key=lambda pair: pair[0])[1] if fitting else None
 
 
 def _usable_reader(path: Path) -> FrameReader:
     """The reader for a file whose package is installed. Other endings are those of TIFF frames."""
-    reader = reader_of(path) or frame_readers_by_id()["tiff"]
+    reader = reader_of(path) or frame_reader_catalogue()["tiff"]
     require_regular_file(path, f"a {reader.name} frame")
     if reader.needs is not None and find_spec(reader.needs) is None:
         requirement = f"a file that needs the package {reader.needs} to be read"

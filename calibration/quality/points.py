@@ -147,7 +147,8 @@ def _check_surfaces(points: SurveyedPoints, scene: Scene, name: str) -> Iterator
         return
     shares = {how: off_share(change(points.points_mm)) for how, change in UNITS_AND_AXES.items()}
     how = min(shares, key=shares.__getitem__)
-    guess = how if shares[how] < EXPLAINED_SHARE * as_stated else "not in the scene's axes, in mm"
+    unexplained = "not in the scene's axes, in mm, or the box is not the one that capture.toml states (scene)"
+    guess = how if shares[how] < EXPLAINED_SHARE * as_stated else unexplained
     yield Suspicion(
         f"the points are {guess}",
         f"{name}: x_mm, y_mm, z_mm",

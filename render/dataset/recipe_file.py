@@ -1,4 +1,4 @@
-"""Reading of a recipe, and faults of its names, sources and sums."""
+"""Recipe of a file, with its names, sources and sums checked."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ __all__ = [
     "is_plain_table",
     "read_instrument_file",
     "recognised_reader",
-    "spectrum_readers_by_id",
+    "spectrum_reader_catalogue",
 ]
 
 #: Largest file of an instrument, bytes: a CxF3 file of 2000 samples takes one megabyte.
@@ -34,7 +34,7 @@ _PLAIN = re.compile(r'\s*"?\s*wavelength_nm\s*"?\s*(,|\n|$)')
 
 
 @lru_cache(maxsize=1)
-def spectrum_readers_by_id() -> dict[str, SpectrumReader]:
+def spectrum_reader_catalogue() -> dict[str, SpectrumReader]:
     """All readers.
 
     Returns
@@ -87,11 +87,11 @@ def recognised_reader(source: InstrumentText) -> SpectrumReader:
     InputError
         If several readers recognise it.
     """
-    fitting = [reader for reader in spectrum_readers_by_id().values() if reader.recognises(source)]
+    fitting = [reader for reader in spectrum_reader_catalogue().values() if reader.recognises(source)]
     if len(fitting) > 1:
         fault = f"the marks of {' and of '.join(reader.name for reader in fitting)}"
         raise InputError(source.path, fault, "the marks of one format", "Export the spectrum again.")
-    return fitting[0] if fitting else spectrum_readers_by_id()[_FALLBACK]
+    return fitting[0] if fitting else spectrum_reader_catalogue()[_FALLBACK]
 
 
 def read_instrument_file(path: Path) -> InstrumentFile:

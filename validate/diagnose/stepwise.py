@@ -324,7 +324,7 @@ def limits_of(
     best: dict[str, tuple[Signature, Limit]] = {}
     for unit_signature, limit in sorted(with_limits, key=lambda pair: pair[1].chi2_per_sample):
         best.setdefault(limit.effect, (unit_signature, limit))
-    rough, limits = first.predictor.rough(), []
+    rough, limits = first.predictor.screening(), []
     resampled = rough.resampled()
 
     def detection_limit(unit_signature: Signature) -> Limit | None:
@@ -378,7 +378,7 @@ def signatures_of(
     scene = linearised.predictor.scene
     bands = linearised.predictor.sensing.curves.bands
     possible = hypotheses(bands, scene, after_stage(settings, model_effects, "settings"))
-    signatures, rough = [], linearised.predictor.rough()
+    signatures, rough = [], linearised.predictor.screening()
     for index, hypothesis in enumerate(possible):
         steps = signature(rough, model_effects, linearised.rendered.used, hypothesis)
         if steps is not None:

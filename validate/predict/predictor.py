@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -61,6 +62,9 @@ _SCREENING_SAMPLES = 64
 
 #: Rays of each pixel for a draft where geometry has moved: three times as fast, twice the noise.
 _DRAFT_SAMPLES = 64
+
+#: Pixels above which screening traces its own rays, ``_DRAFT_SAMPLES`` a pixel: a larger picture has as many in all.
+_SMALL_PICTURE = 2**15
 
 #: Standard deviation, px, of the smoothing of changes where geometry moves. 1.0 reduces the mean square error for a
 #: block moved by 1 mm to a sixth; 2.0 would blur the edges of shadows.
@@ -115,6 +119,11 @@ class _Traced:
         self.transports: _Store[PatchTransport] = _Store(_NUM_TRANSPORTS)
         self.faces: _Store[NDArray[np.int64]] = _Store(_NUM_FACE_MAPS)
 
+    @cached_property
+    def drafted(self) -> _Traced:
+        """Results of fewer rays, for screening in large pictures."""
+        return _Traced()
+
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
@@ -159,7 +168,7 @@ class Predictor:
         return other
 
     def rough(self) -> Predictor:
-        """The same with fewer rays per pixel, for screening.
+        """The same with fewer rays per pixel where patches do not describe the light.
 
         Returns
         -------
@@ -167,6 +176,21 @@ class Predictor:
             It shares the transports of this one.
         """
         return self._sharing("_traced", samples=_SCREENING_SAMPLES)  # patches do not depend on the samples
+
+    def screening(self) -> Predictor:
+        """The same with fewer rays per pixel, for screening.
+
+        Returns
+        -------
+        Predictor
+            As of `rough`. In a large picture its transports have fewer rays, too: all such predictors of this one share
+            them.
+        """
+        if self.camera.width_px * self.camera.height_px <= _SMALL_PICTURE:
+            return self.rough()
+        drafted = self.draft()
+        object.__setattr__(drafted, "_traced", self._traced.drafted)
+        return drafted
 
     def draft(self) -> Predictor:
         """The same with fewer rays per pixel, for moved geometry also.

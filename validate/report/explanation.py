@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
-from ..diagnose.explain import NONE, Explanation, advice, appearance
+from ..diagnose.explain import NONE, SOUND, Explanation, advice, appearance
 from .blocks import Cell, ReportSection, ReportTable, number, significant
 from .plots import map_row, residual_scale
 
@@ -16,6 +16,12 @@ __all__ = ["explanation_record", "explanation_sections", "explanation_sentence",
 
 #: Most bands shown as maps: those with the strongest change.
 _MAX_MAPS = 4
+
+#: Most causes that are listed where none is likelier than not.
+_MAX_LIKELY = 3
+
+#: Smallest probability of a cause that is listed: rarer ones are no help in the laboratory.
+_MIN_LIKELY = 0.1
 
 
 def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
@@ -97,7 +103,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     """
     family = explanation.family_record
     if family is None:
-        return f"No family of fields explains what remains{_believed(explanation)}."
+        return _undecided(explanation) or f"No family of fields explains what remains{_believed(explanation)}."
     where = f" on {explanation.surface}" if explanation.surface else ""
     if explanation.centre_px is not None:
         where += f" about pixel ({explanation.centre_px[0]:.0f}, {explanation.centre_px[1]:.0f})"
@@ -113,6 +119,21 @@ def explanation_sentence(explanation: Explanation) -> str:
     if explanation.told_apart:
         return f"{text} The next family is {other.family}, with {100 * other.share:.0f} %."
     return f"{text} This capture cannot distinguish it from {other.family} ({100 * other.share:.0f} %)."
+
+
+def _undecided(explanation: Explanation) -> str:
+    """Families that are likely together, with none likelier than not; empty without them."""
+    ranked = sorted(explanation.odds.items(), key=lambda outcome: -outcome[1])
+    likely = [(name, value) for name, value in ranked[:_MAX_LIKELY] if value >= _MIN_LIKELY]
+    if not likely or likely[0][0] in (NONE, SOUND):
+        return ""
+    names = {NONE: "none of the families", SOUND: "flaws of the picture"}
+    parts = [f"{names.get(name, name)} ({value:.2f})" for name, value in likely]
+    listed = " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    return (
+        "Families of fields explain what remains, but this capture does not distinguish them: none is likelier than "
+        f"not. The likeliest (probability) are {listed}."
+    )
 
 
 def _believed(explanation: Explanation) -> str:

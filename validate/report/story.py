@@ -217,14 +217,15 @@ def _limits(diagnosis: Diagnosis) -> ReportTable:
             significant(limit.chi2_per_sample),
             "errors of the rendering" if limit.beside_errors else "size",
         )
-        for limit in diagnosis.limits
+        for limit in sorted(diagnosis.limits, key=lambda limit: limit.chi2_per_sample)
     ]
     return ReportTable(
         ("effect", "found nine times in ten from", "χ² per pixel and band", "limited by"),
         rows,
-        "The limits hold to first order for captures like this one, and for the form of each effect that shows most "
-        "easily. Errors of the rendering hide small smooth changes: for these the size is the limit. An effect "
-        "missing from this table cannot be found, or only by the survey of camera and lamp.",
+        "The most easily found first: those with the smallest χ². The limits hold to first order for captures like "
+        "this one, and for the form of each effect that shows most easily. Errors of the rendering hide small smooth "
+        "changes: for these the size is the limit. An effect missing from this table cannot be found, or only by the "
+        "survey of camera and lamp.",
     )
 
 
@@ -327,7 +328,12 @@ def _before_and_after(diagnosis: Diagnosis) -> ReportTable:
             number(100 * last.luminance.rms_noise, 2),
         ),
     ]
-    return ReportTable(("figure", "model as given", "with the effects found", "noise alone"), rows)
+    caption = (
+        "Noise alone is that of the model with the effects found. It is taken as independent between bands. The "
+        "rendering's noise is alike in all bands and shifts colours less, so that a colour difference may lie a little "
+        "below noise alone."
+    )
+    return ReportTable(("figure", "model as given", "with the effects found", "noise alone"), rows, caption)
 
 
 def _ranking(diagnosis: Diagnosis) -> ReportTable:
@@ -341,14 +347,21 @@ def _ranking(diagnosis: Diagnosis) -> ReportTable:
         )
         for r in diagnosis.ranking[:_NUM_RANKED]
     ]
-    return ReportTable(
-        ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"),
-        rows,
+    caption = (
         "Camera and lamp are refitted with each effect. The parameters of an effect found are of the final model. "
-        "Errors of the rendering count as noise here, so that none of "
-        "them is taken for an effect; the true effect may explain a little more than 100 %. The probability of an "
-        "effect found is that it is the cause, and not one of its alternatives. Each of several effects has its "
-        "probability. The probability of 'unknown' is that the cause is not in the catalogue.",
+        "Errors of the rendering count as noise here, so that none of them is taken for an effect; the true effect may "
+        "explain a little more than 100 %. "
+    )
+    if diagnosis.adequate:
+        caption += "What the probabilities lack to 100 % is the probability that the model lacks nothing. "
+    else:
+        caption += (
+            "The probability of an effect found is that it is the cause, and not one of its alternatives. Each of "
+            "several effects has its probability. "
+        )
+    caption += "The probability of 'unknown' is that the cause is not in the catalogue."
+    return ReportTable(
+        ("effect tried alone", "parameters", "explains of the excess, %", "probability, %"), rows, caption
     )
 
 

@@ -260,10 +260,10 @@ def mine(**changes):
 def plugged(monkeypatch):
     def plug(reader):
         monkeypatch.setattr(other_packages, "entry_points", lambda group: [Entry(reader)])
-        frame_readers.frame_readers_by_id.cache_clear()
+        frame_readers.frame_reader_catalogue.cache_clear()
 
     yield plug
-    frame_readers.frame_readers_by_id.cache_clear()
+    frame_readers.frame_reader_catalogue.cache_clear()
 
 
 def test_a_reader_of_another_package(tmp_path, plugged):
@@ -281,7 +281,7 @@ def test_a_reader_of_another_package(tmp_path, plugged):
 def test_a_reader_that_does_not_fit_is_refused(plugged, reader, phrases):
     plugged(reader)
     with pytest.raises(InputError, match=f"cboxlab.frames.*{phrases}"):
-        frame_readers.frame_readers_by_id()
+        frame_readers.frame_reader_catalogue()
 
 
 def test_a_reader_whose_pictures_do_not_fit_its_header(tmp_path, plugged):
@@ -324,9 +324,9 @@ def test_a_reader_that_misbehaves_is_named_in_one_line(tmp_path, plugged, way):
 def test_a_reader_with_a_wrong_field_is_refused(plugged, fields):
     plugged(mine(**fields))
     with pytest.raises(InputError, match=rf"cboxlab\.frames.*wrong .*{next(iter(fields))}"):
-        frame_readers.frame_readers_by_id()
+        frame_readers.frame_reader_catalogue()
 
 
 def test_the_readers_are_the_files_of_the_folder():
-    assert list(frame_readers.frame_readers_by_id()) == ["exr", "fits", "hdr", "raw", "tiff"]
+    assert list(frame_readers.frame_reader_catalogue()) == ["exr", "fits", "hdr", "raw", "tiff"]
     assert importlib.metadata.entry_points(group="cboxlab.frames") is not None

@@ -11,7 +11,7 @@ from cboxlab.scenes.spectrum_readers import (
     InstrumentText,
     read_instrument_file,
     recognised_reader,
-    spectrum_readers_by_id,
+    spectrum_reader_catalogue,
 )
 from cboxlab.utils.errors import InputError
 from helpers.files.instrument_texts import INSTRUMENTS
@@ -52,7 +52,7 @@ def test_the_ending_and_windows_lines_change_nothing(tmp_path, key):
 
 
 def test_every_format_has_a_file_here():
-    assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(spectrum_readers_by_id())
+    assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(spectrum_reader_catalogue())
 
 
 def test_further_spectra_of_a_file():

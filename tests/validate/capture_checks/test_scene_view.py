@@ -8,9 +8,12 @@ from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from cboxlab.validation.capture_checks import scene_view
 
 
-def test_the_lamps_signal_is_the_integral_over_its_band(monkeypatch):
-    """A box-shaped curve of 100 nm and light of 3 per nm, times the constant and the optics' factor."""
-    curve = np.where((WAVELENGTH_NM > 500) & (WAVELENGTH_NM <= 600), 0.5, 0.0)
+@pytest.mark.parametrize(
+    ("low", "high", "tolerance"), [(500, 600, 0.03), (WAVELENGTH_NM[0] - 1, WAVELENGTH_NM[-1], 1e-9)]
+)
+def test_the_lamps_signal_is_the_integral_over_its_band(monkeypatch, low, high, tolerance):
+    """A box-shaped curve and light of 3 per nm, times the constant and the optics' factor; also to the grid's ends."""
+    curve = np.where((WAVELENGTH_NM > low) & (WAVELENGTH_NM <= high), 0.5, 0.0)
     monkeypatch.setattr(scene_view, "response_curve", lambda *_: curve)
     monkeypatch.setattr(scene_view, "optical_factor", lambda *_: 0.25)
     light = SimpleNamespace(at=lambda wavelength_nm: np.full(len(wavelength_nm), 3.0))
@@ -18,4 +21,5 @@ def test_the_lamps_signal_is_the_integral_over_its_band(monkeypatch):
     capture = SimpleNamespace(manifest=manifest, light=lambda spectrum: light)
     signals = scene_view.lamp_signals(capture, SimpleNamespace(constant=8.0), None)
     assert signals == pytest.approx([8 * 0.25 * 3 * 0.5 * INTEGRAL_GRID.weights[curve > 0].sum()])
-    assert signals == pytest.approx([300.0], rel=0.03)
+    width_nm = high - max(low, WAVELENGTH_NM[0])
+    assert signals == pytest.approx([3.0 * width_nm], rel=tolerance)

@@ -39,7 +39,10 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
 
 
 def test_a_photograph_of_hardly_any_noise_takes_bounded_time(monkeypatch):
-    """The pilot has 300 times the noise of the target; a lower target takes more rays than the usual one."""
+    """The pilot has 300 times the noise of the target; a lower target takes more rays than the usual one.
+
+    A target within reach takes up to the limit, one out of reach half of it.
+    """
     calls = []
 
     def picture(samples, first_batch, batches, progress):
@@ -51,8 +54,10 @@ def test_a_photograph_of_hardly_any_noise_takes_bounded_time(monkeypatch):
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
     for noise in (0.3, 0.1):
         rendering.render_to_noise(*common, noise=noise, convergence=0.7, pilot=100.0)
-    assert 2**14 <= calls[0] <= 2**15
-    assert 2**15 < calls[1] <= 2**15 * 3 ** (1 / 0.7)
+    rendering.render_to_noise(*common, noise=0.3, convergence=0.7, pilot=0.3 * 60**0.7)
+    assert 2**13 <= calls[0] <= 2**14
+    assert 2**14 < calls[1] <= 2**14 * 3 ** (1 / 0.7)
+    assert 2**14 < calls[2] <= 2**15
 
 
 def test_a_pilot_of_enough_samples_is_completed_by_the_batches_that_a_longer_picture_has(monkeypatch):

@@ -1,9 +1,12 @@
 """Correlations of fitted numbers against the inverse of the complete information, camera and lamp included."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cboxlab
 import numpy as np
+import pytest
+from cboxlab.rendering.effects import apply_checked
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose import nuisance_priors
 from cboxlab.validation.report import correlation_section
@@ -48,3 +51,30 @@ def test_a_strong_correlation_has_one_plain_sentence():
     assert matrix.sentences == (f"a x and b y (r = +0.95): {HARDLY_DISTINGUISHED}.",)
     section = correlation_section(matrix.names, matrix.values, matrix.sentences)
     assert section.blocks[0].rows[1][-1] == "–" and section.paragraphs == matrix.sentences
+
+
+@pytest.mark.parametrize("fraction", [0.2, 0.5])
+def test_a_number_at_its_upper_bound_has_the_sign_that_it_has_below(monkeypatch, fraction):
+    """Signals that are linear in both numbers; the step from the bound is downwards, and stays within the bounds."""
+    columns, sigma = np.array([[1.0, 2.0, 0.5], [1.0, 1.0, 2.0]]), 0.01
+    effects = tuple(
+        replace(apply_checked(name, {key: value}, "test"), sigma={key: sigma})
+        for name, key, value in (("veiling-glare", "fraction", fraction), ("lamp-power", "scale", 1.0))
+    )
+
+    def linear(base, effects, draft):
+        values = np.array([effects[0].values["fraction"], effects[1].values["scale"]])
+        assert values[0] <= 0.5
+        fit = SimpleNamespace(missed=lambda camera: SimpleNamespace(vector=np.zeros(1)))
+        rendered = SimpleNamespace(fit=fit)
+        return SimpleNamespace(signal=values @ columns, sigma=np.ones(3), rendered=rendered, effects=effects)
+
+    prepared = SimpleNamespace(expected_camera=lambda effects: None, lamp_sigma=1.0)
+    base = SimpleNamespace(
+        validation=SimpleNamespace(prepared=prepared), rendered=SimpleNamespace(used=np.ones(3, bool))
+    )
+    monkeypatch.setattr("cboxlab.validation.study.correlations.predict", linear)
+    monkeypatch.setattr("cboxlab.validation.study.correlations.nuisance_priors", lambda camera, sigma: np.zeros((1, 1)))
+    covariance = np.linalg.inv(columns @ columns.T)
+    expected = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert np.isclose(fitted_correlations([base], effects).values[0, 1], expected, rtol=1e-9)

@@ -34,8 +34,8 @@ __all__ = ["capture"]
 #: Largest number of effects drawn until one can have the requested strength.
 _MAX_DRAWS = 8
 
-#: Chi-square per sample by the error of the rendering from which on a note is printed.
-_LARGEST_EXCESS = 0.05
+#: Chi-square per sample by the error of the rendering from which a note is printed, in standard deviations of chance.
+_LARGEST_EXCESS_SIGMA = 2.0
 
 
 def capture(
@@ -120,11 +120,13 @@ def capture(
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)
         digest = seal(temporary, truth.effects, generator) if hide else ""
-    if excess > _LARGEST_EXCESS:
-        enough = error * np.sqrt(_LARGEST_EXCESS / excess)
+    samples = len(settings.filters) * true_camera.width_px * true_camera.height_px
+    visible = _LARGEST_EXCESS_SIGMA * float(np.sqrt(2 / samples))
+    if excess > visible:
+        enough = error * np.sqrt(visible / excess)
         say(
             f"• The error of the rendering is the same in every frame. It adds up to {excess:.2g} to chi-square per "
-            f"sample, which no model explains. With --noise {enough:.2g} it adds {_LARGEST_EXCESS:g}."
+            f"sample, which no model explains. With --noise {enough:.2g} it adds {visible:.2g}, as much as noise may."
         )
     secret = {"sha256": digest} if hide else {"seed": number}
     give_json(json, {"capture": out, "size_px": true_camera.width_px, "sealed": hide, **secret})

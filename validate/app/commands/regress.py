@@ -63,7 +63,6 @@ def regress(
 
     The exit code is 0 for the same light, 1 for different light, and 2 for bad input.
     """
-    from ...api import write_manifest
     from ...compare_renders.regress import SIDES, github_lines, input_files, regress_inputs, write_junit
 
     declared = declared_pair(declare, SIDES)
@@ -76,9 +75,12 @@ def regress(
     give_json(json, outcome.to_dict())
     if junit is not None:
         write_junit(junit, outcome)
-    inputs = [path for text in (baseline, candidate, *filter(None, [model])) for path in input_files(text)]
-    for path in (json, junit):
-        if path is not None and path != STANDARD_OUTPUT:
+    written = [path for path in (json, junit) if path is not None and path != STANDARD_OUTPUT]
+    if written:
+        from ...api import write_manifest  # slow to import
+
+        inputs = [path for text in (baseline, candidate, *filter(None, [model])) for path in input_files(text)]
+        for path in written:
             write_manifest(path, [path], [*inputs, *([] if camera is None else [camera])])
     print_result(outcome.lines(), outcome.tables())
     if os.environ.get("GITHUB_ACTIONS"):

@@ -52,6 +52,14 @@ class Fit:
     cells_chi2: float
     #: The same of single pixels.
     pixels_chi2: float = 0.0
+    #: (c,) residuals of cells in standard deviations, in single precision; None for a change that is not finite.
+    residual: NDArray[np.float32] | None = None
+    #: (c, k) numbers of the templates in cells; None with ``residual``.
+    columns: NDArray[np.float32] | None = None
+    #: Count of the numbers that the change acts on.
+    touched: int = 0
+    #: Huber's sum of their squares without the change.
+    touched_chi2: float = 0.0
 
     @property
     def chi2(self) -> float:
@@ -135,24 +143,51 @@ class Evidence:
             Amplitudes and chi-square.
         """
         goal = self.target if fixed is None else self.target - self.features(fixed)
-        if not templates:
-            return self._fit(np.zeros(0), goal) if np.isfinite(goal).all() else Fit(np.zeros(0), np.inf)
-        columns = np.stack([self.features(template) for template in templates], axis=1)
-        if not np.isfinite(columns).all():  # a change that overflows
-            return Fit(np.zeros(columns.shape[1]), np.inf)
+        columns = np.zeros((goal.size, len(templates)))
+        for number, template in enumerate(templates):
+            columns[:, number] = self.features(template)
+        if not (np.isfinite(goal).all() and np.isfinite(columns).all()):  # a change that overflows
+            return Fit(np.zeros(len(templates)), np.inf)
+        fit, residual = self._fitted(columns, goal)
+        touched = np.abs(self.target - residual) > 0
+        return replace(fit, touched=int(touched.sum()), touched_chi2=huber(self.target[touched]))
+
+    def explained_by(self, further: NDArray[np.float64], fit: Fit) -> float:
+        """Chi-square of a fit's cells that further changes explain.
+
+        The fit's own templates are fitted again on both sides of the comparison.
+
+        Parameters
+        ----------
+        further
+            (n, k) numbers of the further changes, of free amplitudes.
+        fit
+            The fit.
+
+        Returns
+        -------
+        float
+            The chi-square; 0 for a fit that is not finite.
+        """
+        if fit.residual is None or fit.columns is None:
+            return 0.0
+        cells = fit.residual.size
+        narrow, residual = fit.columns.astype(float), fit.residual.astype(float)
+        wide = np.concatenate([narrow, further[:cells]], axis=1)
+        return self._fitted(narrow, residual)[0].cells_chi2 - self._fitted(wide, residual)[0].cells_chi2
+
+    def _fitted(self, columns: NDArray[np.float64], goal: NDArray[np.float64]) -> tuple[Fit, NDArray[np.float64]]:
+        """Amplitudes of columns (n, k) by iterated weighted least squares, and the residual (n,)."""
         amplitudes: NDArray[np.float64] = np.zeros(columns.shape[1])
-        for step in range(_STEPS):
+        for step in range(_STEPS if columns.shape[1] else 0):
             size = np.abs(goal - columns @ amplitudes)
             weight = np.ones(size.size) if step == 0 else np.minimum(1.0, _HUBER_SIGMAS / np.maximum(size, 1e-12))
             root = np.sqrt(weight)
             amplitudes = np.asarray(np.linalg.lstsq(columns * root[:, None], goal * root, rcond=1e-9)[0], float)
-        return self._fit(amplitudes, goal - columns @ amplitudes)
-
-    def _fit(self, amplitudes: NDArray[np.float64], residual: NDArray[np.float64]) -> Fit:
-        """Fit with residuals (n,)."""
-        cells = self.level.size
+        residual, cells = goal - columns @ amplitudes, self.level.size
         pixels = np.clip(residual[cells:], -_MAX_PIXEL_SIGMAS, _MAX_PIXEL_SIGMAS)
-        return Fit(amplitudes, huber(residual[:cells]), huber(pixels))
+        residual_in_cells, columns_in_cells = residual[:cells].astype(np.float32), columns[:cells].astype(np.float32)
+        return Fit(amplitudes, huber(residual[:cells]), huber(pixels), residual_in_cells, columns_in_cells), residual
 
 
 def huber(residual: NDArray[np.float64]) -> float:

@@ -6,18 +6,22 @@ makes all less certain. `unknown` stands for an explanation of most of the diffe
 functions over the picture or over surfaces describe it; they compete with the names, and name nothing.
 
 The goodness of fit then rules the probability of every name. An explanation that leaves more than noise and the known
-error of computed shapes is wrong or incomplete, however bad its competitors are.
+error of computed shapes is wrong or incomplete, however bad its competitors are. Two tests say so: the sum of all that
+is left, and what further changes explain of it. The latter are light after each number of reflections, each surface
+and slow changes over the picture. A weight that is right for the sum of all light may leave them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 from cboxlab.utils.progress import NO_PROGRESS, Progress
+from numpy.typing import NDArray
 
 from .causes import Pictures, causes
-from .evidence import Evidence, build_evidence
+from .evidence import Evidence, Fit, build_evidence
 from .explanations import FittedChange, from_pictures
 from .outcome import UNKNOWN, NamedChange
 from .patterns import FIXED_TEXTURE, fine_structure, textures, tile_steps
@@ -39,8 +43,19 @@ _FEW_PARAMETERS = 2
 _ENOUGH = 0.97
 #: Least probability of an explanation that is listed.
 _MIN_PROBABILITY = 1e-4
+#: Most reflections whose light is a further change by itself; the rest is one more.
+_MOST_REFLECTIONS = 6
+#: Fewest cells for each further change, from which a fit with all of them says something.
+_CELLS_PER_CHANGE = 4
+#: Part of ``_SHAPE_ERROR`` and its like that further changes may explain of a name without free amplitudes; each
+#: amplitude takes up some of the error. It is 0 to 0.25 for single reflections and depths.
+_FURTHER_PART = 0.5
+#: Part of the change's chi-square that they may explain of a coat, whose roughness and lobe have steps: 0.03 measured.
+_FURTHER_COAT = 0.035
 #: Standard deviations of chi-square above its mean that noise explains.
 _NOISE_SIGMAS = 2.5
+#: Least chi-square per number that noise leaves: generous floors of pixels at edges make it less than 1.
+_LEAST_NOISE = 0.25
 #: Relative error of the noise of cells: chi-square of right names is 0.8 to 1.1 per cell with stated errors.
 _NOISE_ERROR = 0.25
 #: Part of a change's chi-square that the error of computed shapes leaves in cells: a tenth of the change itself.
@@ -101,8 +116,12 @@ def named_changes(
         unknown.append(FittedChange(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
     if scatter is not None:
         unknown[0] = FittedChange(UNKNOWN, {"description": scatter}, unknown[0].fit, 0)
-    most = 1.0 if variants is not None else _clear(evidence)
-    return _weighed(evidence, explanations, unknown, _SCATTERED_CAP if scatter else most)
+    further = _further_changes(comparison, evidence, variants)
+
+    def most(explanation: FittedChange) -> float:
+        return _SCATTERED_CAP if scatter else 1.0 if variants is not None else _clear(evidence, explanation.fit)
+
+    return _weighed(evidence, explanations, unknown, most, further)
 
 
 def _pictures(comparison: RegressionData, evidence: Evidence, variants: Variants | None) -> Pictures:
@@ -134,6 +153,28 @@ def _of_causes(evidence: Evidence, pictures: Pictures, costly: bool) -> Iterator
                 values = {key: value for key, value in parameters.items() if key != "effect"}
                 free = len(trial.templates) + trial.selected
                 yield FittedChange(name, values, fit, free, (cause.shape_error, cause.edge_error))
+
+
+def _further_changes(comparison: RegressionData, evidence: Evidence, variants: Variants | None) -> NDArray[np.float64]:
+    """(n, k) numbers of changes that a name must not leave.
+
+    k is 0 where there are too few cells.
+    """
+    grouped = evidence.grouped()
+    base = grouped.baseline
+    rows, columns = (np.linspace(-1, 1, size) for size in base.shape[:2])
+    y, x = np.meshgrid(rows, columns, indexing="ij")
+    slow = [np.ones_like(x), x, y, x * x, x * y, y * y]
+    surfaces = [mask.astype(float) for mask in comparison.strata.surfaces.values()]
+    changes = [grouped.features(base * shape[..., None]) for shape in (*slow, *surfaces)]
+    if variants is not None:
+        until = [variants.light.change(max_bounces=n).picture() for n in range(_MOST_REFLECTIONS + 1)]
+        for before, after in pairwise([*until, variants.picture]):
+            ratio = variants.ratio(variants.picture + np.maximum(after - before, 0))
+            changes.append(evidence.features(evidence.baseline * (ratio - 1)))
+    further = np.stack(changes, axis=1)
+    enough = further.shape[1] * _CELLS_PER_CHANGE <= evidence.level.size and bool(np.isfinite(further).all())
+    return further if enough else further[:, :0]
 
 
 def pattern_alone(description: str) -> NamedChange:
@@ -184,13 +225,19 @@ def _excess(evidence: Evidence) -> tuple[float, float]:
     return none, max(none - evidence.numbers - _NOISE_SIGMAS * np.sqrt(2 * evidence.numbers), 0.0)
 
 
-def _clear(evidence: Evidence) -> float:
-    """Largest probability of names where the scene is unknown.
+def _clear(evidence: Evidence, fit: Fit) -> float:
+    """Largest probability of a name where the scene is unknown.
 
-    Paths, paints and lamps cannot be tried then. One of another shape has to be distinguishable from the name by noise.
+    Paths, paints and lamps cannot be tried then. One of another shape has to be distinguishable from the name by noise,
+    in the part of the picture that the name acts on. Where that is the smaller part, the other part shows the noise.
     """
-    excess = _excess(evidence)[1]
-    clear = (1 - _UNKNOWN_PART) * excess / (_NOISE_SIGMAS * np.sqrt(2 * evidence.numbers))
+    others = evidence.numbers - fit.touched
+    level = 1.0
+    if others > fit.touched:
+        level = float(np.clip((evidence.fit([]).chi2 - fit.touched_chi2) / others, _LEAST_NOISE, 1.0))
+    count = max(fit.touched, 1)
+    noise = _NOISE_SIGMAS * level * np.sqrt(2 * count)
+    clear = (1 - _UNKNOWN_PART) * max(fit.touched_chi2 - level * count - noise, 0.0) / noise
     return float((0.5 + clear**2) / (1 + clear**2))
 
 
@@ -200,10 +247,11 @@ def _target(evidence: Evidence) -> float:
     return max(none - _ENOUGH * excess, 0.0) if excess else 0.0
 
 
-def _misfit(evidence: Evidence, explanation: FittedChange) -> float:
+def _misfit(evidence: Evidence, explanation: FittedChange, further: NDArray[np.float64]) -> float:
     """Remainder of a fit over that of noise and of the error of shapes; at most 1 where it fits.
 
-    Cells and single pixels are tested separately, since generous floors of many pixels at edges would hide cells.
+    Cells and single pixels are tested separately, since generous floors of many pixels at edges would hide cells. What
+    further changes (n, k) explain of the cells is tested by itself.
     """
     none, fit = evidence.fit([]), explanation.fit
     in_cells, in_pixels = _SHAPE_ERROR, _EDGE_ERROR
@@ -214,25 +262,33 @@ def _misfit(evidence: Evidence, explanation: FittedChange) -> float:
     elif explanation.change == "wavelengths":
         in_cells = _SHAPE_ERROR_SPECTRUM
     cells = evidence.level.size
-    pixels = evidence.numbers - cells
+    pixels, slow = evidence.numbers - cells, further.shape[1]
+    explained = evidence.explained_by(further, fit) if slow else 0.0
+    in_slow = _FURTHER_COAT if explanation.change == "gloss" else _FURTHER_PART * in_cells / (1 + fit.amplitudes.size)
     parts = [
-        (cells, none.cells_chi2, fit.cells_chi2, in_cells),
-        (pixels, none.pixels_chi2, fit.pixels_chi2, in_pixels),
+        (cells, max(none.cells_chi2 - cells, 0.0), fit.cells_chi2, in_cells),
+        (pixels, max(none.pixels_chi2 - pixels, 0.0), fit.pixels_chi2, in_pixels),
+        (slow, max(none.cells_chi2 - cells, 0.0), explained, in_slow),
     ]
     ratios = [0.0]
-    for count, before, after, error in parts:
-        allowed = _NOISE_ERROR * count + _NOISE_SIGMAS * np.sqrt(2 * count) + error * max(before - count, 0.0)
+    for count, change, after, error in parts:
+        allowed = _NOISE_ERROR * count + _NOISE_SIGMAS * np.sqrt(2 * count) + error * change
         if count:
             ratios.append((after - count) / allowed)
     return float(max(ratios))
 
 
 def _weighed(
-    evidence: Evidence, explanations: list[FittedChange], unknown: list[FittedChange], most: float
+    evidence: Evidence,
+    explanations: list[FittedChange],
+    unknown: list[FittedChange],
+    most: Callable[[FittedChange], float],
+    further: NDArray[np.float64],
 ) -> tuple[NamedChange, ...]:
     """Explanations with probabilities.
 
-    unknown : descriptions of an unknown cause, "nothing" the first. most : largest probability of all names.
+    unknown : descriptions of an unknown cause, "nothing" the first. most : largest probability of a name.
+    further : (n, k) numbers of changes that a name must not leave.
     """
     none, excess = _excess(evidence)
     cost = np.log(evidence.numbers)
@@ -250,20 +306,21 @@ def _weighed(
         same = [i for i, e in enumerate(explanations) if e.change == change]
         best[change] = max(same, key=lambda i: score[i]), float(weight[same].sum())
     first = max(best, key=lambda change: score[best[change][0]])
-    cap = most / (1 + _misfit(evidence, explanations[best[first][0]]) ** _CAP_EXPONENT)
+    foremost = explanations[best[first][0]]
+    cap = most(foremost) / (1 + _misfit(evidence, foremost, further) ** _CAP_EXPONENT)
     total = sum(share for _, share in best.values())
     factor = min(1.0, cap / total) if total else 1.0
     changes = []
     for change, (index, share) in best.items():
         if factor * share >= _MIN_PROBABILITY or change == first:
             explanation = explanations[index]
-            fits = _misfit(evidence, explanation) <= 1
+            fits = _misfit(evidence, explanation, further) <= 1
             remainder = explanation.chi2 / evidence.numbers
             changes.append(NamedChange(change, explanation.parameters, factor * share, remainder, fits))
     share = 1 - factor * total
     if share >= _MIN_PROBABILITY:
         described = candidates[len(explanations) + int(np.argmax(score[len(explanations) : -1]))]
-        fits = _misfit(evidence, described) <= 1
+        fits = _misfit(evidence, described, further) <= 1
         remainder = (described.chi2 if fits else unknown_chi2) / evidence.numbers
         changes.append(NamedChange(UNKNOWN, described.parameters if fits else {}, share, remainder, fits))
     return tuple(sorted(changes, key=lambda n: -n.probability))

@@ -29,6 +29,8 @@ _EDGE_CONTRAST = 0.05
 _SLOPE_PX = 0.1
 #: Accuracy with which a picture is moved, px: a smaller magnification or turn is none.
 _ACCURACY_PX = 0.05
+#: Part of what a displacement and free borders explain that borders alone may explain: nothing has moved otherwise.
+_MOST_BY_BORDERS = 0.5
 #: Widest border that a change of the view may bring into the picture, px.
 _MAX_BORDER_PX = 16
 
@@ -174,7 +176,8 @@ def _fitted(
 ) -> tuple[NDArray[np.float64], Fit]:
     """Amplitudes of fields of displacement (2, y, x) px, and the fit that they leave.
 
-    The fit goes from the best start along the slopes of the moved picture (Gauss and Newton).
+    The fit goes from the best start along the slopes of the moved picture (Gauss and Newton). Its chi-square is
+    infinite where free borders explain as much without a displacement.
     """
     base, fields_px = evidence.baseline, np.array(fields)
     every = max(1, min(base.shape[:2]) // _COARSE_PX)  # starts are compared on coarse pixels
@@ -208,6 +211,9 @@ def _fitted(
         if np.abs(step).max() < _ACCURACY_PX / 10:
             break
         sizes = sizes + np.clip(step, -1, 1)
+    unchanged, bordered = evidence.fit([]).chi2, evidence.fit(borders).chi2
+    if unchanged - bordered > _MOST_BY_BORDERS * (unchanged - fit.chi2):
+        fit = Fit(fit.amplitudes, np.inf)
     return best, fit
 
 

@@ -63,6 +63,29 @@ _WITHOUT_FAMILY = {
     ),
 }
 
+#: The same where counts are only missing, or only too many: dirt brings no light, and a reflex takes none.
+_OF_ONE_SIGN = {
+    ("on_surfaces", "missing"): Advice(
+        "",
+        "on surfaces of the box",
+        ("a surface that was painted or dirtied", "a thing that shades the box", "a lamp with a dark side"),
+        "Photograph again from another place: what stays on its surface is in the box.",
+    ),
+    ("in_places", "missing"): Advice(
+        "",
+        "in a few places",
+        ("a stain or a dark thing in the box", "a thing in front of it", "dirt on the sensor or a filter"),
+        "Turn the camera a little and photograph again: what keeps its pixel is in the camera.",
+    ),
+    ("in_places", "too many"): Advice(
+        "",
+        "in a few places",
+        ("light from another source", "a reflex of the lamp", "a bright thing in the box or near the camera"),
+        "Photograph with the box's lamp off, with the same exposure: what stays is other light. Then turn the camera "
+        "a little and photograph again: what keeps its pixel is in the camera.",
+    ),
+}
+
 #: Advice where no kind of pattern explains enough.
 _SCATTERED = Advice(
     "",
@@ -92,7 +115,16 @@ def advice(explanation: Explanation) -> Advice:
                 return entry
     shares = {name: getattr(explanation.registration, name) for name in _WITHOUT_FAMILY}
     largest = max(shares, key=lambda name: shares[name])
-    return _WITHOUT_FAMILY[largest] if shares[largest] >= _MIN_SHARE else _SCATTERED
+    if shares[largest] < _MIN_SHARE:
+        return _SCATTERED
+    return _OF_ONE_SIGN.get((largest, _sign(explanation.registration)), _WITHOUT_FAMILY[largest])
+
+
+def _sign(registration: Registration) -> str:
+    """Sign of a residual: counts that are missing, too many, or both."""
+    if registration.missing > 1 - _ONE_SIGN:
+        return "missing"
+    return "too many" if registration.missing < _ONE_SIGN else "both"
 
 
 def appearance(registration: Registration) -> str:
@@ -108,11 +140,9 @@ def appearance(registration: Registration) -> str:
     str
         A clause, as "counts are missing, in proportion to the signal".
     """
-    sign = "counts are missing in some places and too many in others"
-    if registration.missing > 1 - _ONE_SIGN:
-        sign = "counts are missing"
-    elif registration.missing < _ONE_SIGN:
-        sign = "there are counts too many"
+    sign = {"missing": "counts are missing", "too many": "there are counts too many"}.get(
+        _sign(registration), "counts are missing in some places and too many in others"
+    )
     scalings = {
         "in proportion to the signal": registration.by_signal,
         "alike in all bands, whatever the signal": registration.by_count,

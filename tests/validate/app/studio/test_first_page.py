@@ -40,6 +40,7 @@ def test_frames_become_a_capture(tmp_path):
         assert "bit_depth" in page.run(faults)
         assert page.run("document.querySelector('input[data-key=bit_depth]').getAttribute('aria-invalid')") == "true"
         enter("bit_depth", "twelve")
+        assert page.run("document.querySelector('input[data-key=bit_depth]').getAttribute('aria-invalid')") == "true"
         assert "a number, such as 12" in page.run("document.getElementById('mistake').innerText")
         enter("bit_depth", "12")
         assert "bit_depth" not in page.run(faults)
@@ -56,12 +57,15 @@ def test_frames_become_a_capture(tmp_path):
         enter("exposure_s", "0.6", "f450")
         page.run("[...document.querySelectorAll('button.small')].find((b) => !b.hidden).click()")
         page.until("document.body.dataset.busy === 'false'")
-        assert page.run(faults) == "nothing"
+        assert page.run("document.getElementById('wrong').innerText") == "Nothing is wrong"
         for band, exposure in (("f450", "2.5"), ("f550", "0.6")):
             enter("exposure_s", exposure, band)
-        assert page.run(faults) == "nothing"
+        assert page.run("document.getElementById('wrong').innerText") == "Nothing is wrong"
         enter("f_number", "8")
+        enter("focal_length_mm", "35,0")
+        assert "focal_length_mm = 35.0" in page.run("document.getElementById('text').textContent")
         enter("start_s", "7.5", "f550")
+        enter("start_s", "60", "f450")
         enter("scene", "cornell-box")
         text = page.run("document.getElementById('text').textContent")
         page.run("document.getElementById('write').click()")
@@ -81,7 +85,7 @@ def test_frames_become_a_capture(tmp_path):
         "f550": (1, 0.6),
     }
     assert all(band.f_number == 8 for band in manifest.band)
-    assert [band.id for band in manifest.band if band.start_s == 7.5] == ["f550"]
+    assert [(band.id, band.start_s) for band in manifest.band] == [("f550", 7.5), ("f450", 60.0)]  # in the order taken
     # without entries the file is that of the command
     with served(bench) as address, open_browser() as page:
         page.open(f"{address}first.html?folder=plain")

@@ -83,6 +83,15 @@ def test_causes_that_need_no_scene_are_named(tmp_path, change, name, spoilt):
     assert (outcome.changes[0].change, outcome.changes[0].fits) == (name, True), outcome.changes
 
 
+def test_a_border_is_certain_where_its_own_pixels_show_it(tmp_path):
+    """Pixels that it leaves alone do not make it less certain: the rest of the picture has no part in it."""
+    inside = np.pad(np.ones((SIZE - 2, SIZE - 2)), 1, constant_values=0.7)
+    outcome = pair(tmp_path, noisy(2) * inside[..., None])
+    assert not outcome.same
+    assert (outcome.changes[0].change, outcome.changes[0].fits) == ("border", True), outcome.changes
+    assert outcome.changes[0].probability > 0.9
+
+
 def test_a_local_change_is_seen_and_has_no_name(tmp_path):
     shade = 1 - 0.3 * np.exp(-((ROWS - 20) ** 2 + (COLUMNS - 45) ** 2) / 60)
     outcome = pair(tmp_path, noisy(2) * shade[..., None])

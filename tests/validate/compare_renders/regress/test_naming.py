@@ -161,15 +161,16 @@ def test_a_dim_lamp_in_a_small_noisy_picture_is_no_surprise(with_errors, small_a
     assert probability.get("unknown", 0.0) + probability.get("ambient-cache", 0.0) < 0.1
 
 
-def test_a_darker_border_is_the_likeliest_name():
-    """Noise does not exclude a cause of another shape in so few pixels, so the name may be less likely than none."""
+def test_a_darker_border_is_named():
+    """Without a scene the name is as certain as the border's own pixels make it."""
     picture = rendered()[0].copy()
     picture[:, 0] *= 0.7
     outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, picture, noise=0.02))
     assert not outcome.same
-    likeliest = next(change for change in named_changes(names, None) if change.change != "unknown")
-    assert (likeliest.change, likeliest.fits) == ("border", True)
-    assert likeliest.parameters["left_factor"] == pytest.approx(0.7, abs=0.05)
+    first = named_changes(names, None)[0]
+    assert (first.change, first.fits) == ("border", True)
+    assert first.probability > 0.6
+    assert first.parameters["left_factor"] == pytest.approx(0.7, abs=0.05)
 
 
 def test_a_coat_is_sized():

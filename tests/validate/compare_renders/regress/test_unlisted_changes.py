@@ -4,6 +4,7 @@ Pictures are computed from the program's own light of the published box, by orde
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,10 +20,15 @@ from pictures import SIZE, noisy, rendered, variants
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 
+@cache
+def light_until(reflections):
+    """(c, y, x) light after up to a number of reflections."""
+    return variants().light.change(max_bounces=reflections).picture()
+
+
 def order(reflections):
     """(c, y, x) light after a number of reflections."""
-    last, before = (variants().light.change(max_bounces=k).picture() for k in (reflections, reflections - 1))
-    return last - before
+    return light_until(reflections) - light_until(reflections - 1)
 
 
 def with_more(light):
@@ -78,12 +84,15 @@ UNLISTED = {
     "a fine checkerboard": lambda: checkerboard(2, 0.2),
     "a quarter of the picture": lambda: quadrant(0.1),
     "a ripple": lambda: times(1 + 0.1 * np.sin(7 * coordinates()[0] + 3 * coordinates()[1])),
+    "two reflections of wrong weights": lambda: with_more(0.15 * order(1) + 0.2 * order(3)),
+    "a roulette that pays back twice": lambda: with_more(sum((1.25 ** (n - 3) - 1) * order(n) for n in range(4, 9))),
     "squared direct light": lambda: squared_direct(0.3),
 }
 
 LISTED = {
     "cos^4 fall-off": ("fall-off", lambda: fall_off(4)),
     "the second reflection counted twice": ("counted-light", lambda: with_more(order(2))),
+    "all later light weighted": ("counted-light", lambda: with_more(0.2 * (variants().picture - light_until(2)))),
     "no shadow of the blocks": ("no-shadow", without_shadows),
 }
 
@@ -143,7 +152,8 @@ def test_a_cause_of_a_file_is_tried(tmp_path, monkeypatch):
 
 
 def test_a_change_of_the_list_fits_and_is_named():
-    outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, rendered(3)[0], noise=0.02))
+    cut = with_more(light_until(3) - variants().picture)
+    outcome, names = regress_sides(noisy(1, noise=0.02), noisy(2, cut, noise=0.02))
     outcome = replace(outcome, changes=named_changes(names, variants()))
     assert outcome.fits and outcome.changes[0].probability > 0.99
     assert name_line(outcome).startswith("named path-depth")

@@ -3,7 +3,7 @@
 
 const $ = (id) => document.getElementById(id);
 
-const page = { entries: new Map(), asking: 0, working: 0 };
+const page = { entries: new Map(), offers: [], asking: 0, working: 0 };
 
 async function ask(name) {
   const entries = [...page.entries.values()];
@@ -35,8 +35,9 @@ function fieldOf({ where, key, example, why }, number) {
   const name = `${where} ${key}`;
   input.value = page.entries.has(name) ? page.entries.get(name).value : "";
   input.addEventListener("change", () => {
+    if (Number.isFinite(Number(example))) input.value = input.value.trim().replace(/^(-?\d+),(\d+)$/, "$1.$2");
     page.entries.set(name, { where, key, value: input.value });
-    offer();
+    for (const offer of page.offers) offer();
     attempt(check);
   });
   const table = where.split(" ")[0];
@@ -48,12 +49,13 @@ function fieldOf({ where, key, example, why }, number) {
     repeat.hidden = !input.value || !count;
     repeat.textContent = `The same in ${count} empty ${count === 1 ? "field" : "fields"} of ${table}`;
   };
+  page.offers.push(offer);
   repeat.addEventListener("click", () => {
     for (const other of alike()) {
       other.value = input.value;
       page.entries.set(other.dataset.name, { where: other.dataset.where, key, value: input.value });
     }
-    repeat.hidden = true;
+    for (const each of page.offers) each();
     attempt(check);
   });
   return make("div", { class: "field" }, [make("label", {}, [make("span", {}, `${name}, such as ${example}: ${why}`), input]), repeat]);
@@ -62,9 +64,18 @@ function fieldOf({ where, key, example, why }, number) {
 /** Faults and text with the entries so far; an entry that is no value is marked. */
 async function check() {
   const number = ++page.asking;
-  const found = await ask("draft");
+  let found;
+  try {
+    found = await ask("draft");
+  } catch (error) {
+    const [place] = error.message.split(": found");
+    for (const input of document.querySelectorAll("input[data-key]"))
+      if (place.endsWith(input.dataset.key) && page.entries.has(input.dataset.name)) input.setAttribute("aria-invalid", "true");
+    throw error;
+  }
   if (number !== page.asking) return;
-  $("faults").replaceChildren(...(found.faults.length ? found.faults : ["nothing"]).map((text) => make("li", {}, text)));
+  $("wrong").textContent = found.faults.length ? `Still wrong: ${found.faults.length}` : "Nothing is wrong";
+  $("faults").replaceChildren(...found.faults.map((text) => make("li", {}, text)));
   $("text").textContent = found.text;
   for (const input of document.querySelectorAll("input[data-key]"))
     input.setAttribute("aria-invalid", String(Boolean(input.value) && found.faults.some((text) => text.split(":")[0].includes(input.dataset.key))));
@@ -73,13 +84,14 @@ async function check() {
 
 const look = () => attempt(async () => {
   page.entries.clear();
+  page.offers = [];
   const found = await check();
   const fields = (list) => list.map((key) => fieldOf(key, found.missing.indexOf(key)));
   $("required").replaceChildren(...fields(found.missing.filter((key) => key.key && key.required)));
   $("optional").replaceChildren(...fields(found.missing.filter((key) => key.key && !key.required)));
   $("notes").replaceChildren(...found.missing.filter((key) => !key.key).map((key) => make("li", {}, `${key.where}: ${key.why}`)));
   $("recognised").replaceChildren(...found.recognised.map(({ kind, name, frames }) =>
-    make("li", {}, make("span", {}, `${kind} ${name}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`))));
+    make("li", {}, make("span", {}, `${[kind, name].filter(Boolean).join(" ")}: ${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}`))));
   $("left-out").replaceChildren(...(found.left_out.length ? found.left_out.map(({ file, why }) => `${file}: ${why}`) : ["nothing"])
     .map((text) => make("li", {}, text)));
   $("work").hidden = false;

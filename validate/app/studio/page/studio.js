@@ -167,8 +167,10 @@ async function showPattern() {
   $("pattern").textContent = "Hide its pattern";
   const more = maps.length > 1 ? ` ${maps.length} numbers: choose another pattern in the list B.` : "";
   const faint = maps.every((map) => map.values.every((v) => !(Math.abs(v) > 0.5))) ? " It changes nothing by half a standard deviation." : "";
+  const isCamera = page.catalogue.some((each) => each.id === effect && each.stage.startsWith("camera"));
+  const fitted = isCamera && page.record.refit ? " Camera and lamp are fitted and take up most of it: untick that below to see it bare." : "";
   $("pattern-words").textContent = `Picture B: change of the rendering by ${maps[0].name}, in standard deviations of the ` +
-    `difference. Compare it with the difference, picture C.${more}${faint}`;
+    `difference. Compare it with the difference, picture C.${more}${faint}${fitted}`;
   document.body.dataset.pattern = "true";
   showGlance();
 }

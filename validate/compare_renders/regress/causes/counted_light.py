@@ -46,5 +46,4 @@ CAUSE = Cause(
     "Light after a number of reflections has a factor: a shadow ray left out or counted twice, a wrong weight.",
     _trials,
     needs_scene=True,
-    shape_error=0.02,
 )

@@ -1,0 +1,23 @@
+"""Words for the laboratory: everyday causes have the sign of what remains."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from types import SimpleNamespace
+
+import pytest
+from cboxlab.validation.diagnose.explain import Registration, advice, appearance
+
+
+def without_family(**shares):
+    values = {field.name: 0.0 for field in fields(Registration)}
+    return SimpleNamespace(family_record=None, registration=Registration(**{**values, **shares}))
+
+
+@pytest.mark.parametrize("where", ["in_places", "on_surfaces"])
+def test_dirt_brings_no_light_and_a_reflex_takes_none(where):
+    many, missing = (without_family(**{where: 0.7}, missing=part, by_signal=1.0) for part in (0.05, 0.95))
+    assert "too many" in appearance(many.registration)
+    assert "missing" in appearance(missing.registration)
+    assert not any("dirt on" in cause or "shades" in cause for cause in advice(many).causes)
+    assert not any("reflex" in cause or "light from" in cause for cause in advice(missing).causes)
