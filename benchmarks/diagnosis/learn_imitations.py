@@ -19,6 +19,7 @@ from dataclasses import asdict, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -28,17 +29,24 @@ import numpy as np
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import expected_signal, stages_between
 from cboxlab.rendering.effects import AppliedEffect, catalogue
-from cboxlab.utils.errors import InputError
-from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.diagnose.alternatives import heldout_bands, heldout_pixels, is_edge_artefact
-from cboxlab.validation.diagnose.evidence import beyond_tolerance, least_gain, penalised, square
+from cboxlab.validation.diagnose.evidence import (
+    beyond_tolerance,
+    least_gain,
+    penalised,
+    price_of,
+    shape_error_of,
+    square,
+)
+from cboxlab.validation.diagnose.explain import lead_of_forms
 from cboxlab.validation.diagnose.explain.imitation import FEATURES, Signs
 from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
-from cboxlab.validation.diagnose.linearised_fit import linearised_fit
+from cboxlab.validation.diagnose.linearised_fit import LinearisedFit, linearised_fit
 from cboxlab.validation.diagnose.search import Candidate, columns_of, screen
 from cboxlab.validation.diagnose.stepwise import signatures_of
+from cboxlab.validation.diagnose.unexplained import residual_data_of
 from cboxlab.validation.predict import sensing
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.strengths import at_strength
@@ -82,12 +90,11 @@ class Laboratory:
         self.seed = seed
         self.camera, self.settings = bases.laboratory_of(seed, SIZE_PX)
         self.image = bases.image_of("none", 0, seed, SIZE_PX)
-        with temporary_folder() as folder:
-            scene = bases.SCENE
-            bases.photograph_image(
-                folder / "capture", self.image, (), scene, scene, self.camera, settings=self.settings, seed=seed
-            )
-            self.validation = validate_capture(load_capture(folder / "capture"), bases.MODEL)
+        # tables and frames of the capture are read when they are needed
+        self._temporary = TemporaryDirectory()
+        folder, scene = Path(self._temporary.name) / "capture", bases.SCENE
+        bases.photograph_image(folder, self.image, (), scene, scene, self.camera, settings=self.settings, seed=seed)
+        self.validation = validate_capture(load_capture(folder), bases.MODEL)
         self.fit = linearised_fit(self.validation.prepared, self.validation.rendered, ())
         self.signatures = [s for s in signatures_of(self.fit, (), bases.MODEL.render, NO_PROGRESS) if not s.by_priors]
         self.problem = self.fit.problem(())
@@ -141,7 +148,7 @@ def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
     fit = replace(laboratory.fit, model=model)
     singles = [(screen(laboratory.problem, s, residual), s) for s in laboratory.signatures]
     first = min((candidate for candidate, _ in singles), key=penalised)
-    row = _row(fit, first, np.asarray(first.predicted, float), residual)
+    row = _row(laboratory, fit, first, np.asarray(first.predicted, float), residual)
     if row is None:
         candidate = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
         if candidate is not None:
@@ -150,11 +157,14 @@ def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
                 (p.to_coordinate(candidate.numbers[p.name]) - p.null_coordinate) / step
                 for p, step in zip(signature.hypothesis.free, signature.steps, strict=True)
             ]
-            row = _row(fit, candidate, columns_of(laboratory.problem, signature) @ (steps or [1.0]), residual)
+            change = columns_of(laboratory.problem, signature) @ (steps or [1.0])
+            row = _row(laboratory, fit, candidate, change, residual)
     return row
 
 
-def _row(fit: Any, candidate: Candidate, change: Signal, residual: Signal) -> dict[str, Any] | None:
+def _row(
+    laboratory: Laboratory, fit: LinearisedFit, candidate: Candidate, change: Signal, residual: Signal
+) -> dict[str, Any] | None:
     """What an effect of this change shows; None where it would not be selected."""
     model, rest = fit.model, residual - change
     heldout = min(heldout_pixels(model, residual, change), np.nan_to_num(heldout_bands(model, residual, change), nan=1))
@@ -165,7 +175,13 @@ def _row(fit: Any, candidate: Candidate, change: Signal, residual: Signal) -> di
     verdict = verdict_of(candidate, residual, rest, flaws)
     if not verdict.holds or is_edge_artefact(model, residual, change):
         return None
-    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout))
+    capture = laboratory.validation.prepared.calibration.capture
+    counting = replace(fit, model=model.with_shared_errors(flaws.errors_in(fit)))
+    averaging = laboratory.problem.noise_averaging_gain(candidate.applied)
+    data = residual_data_of(counting, residual, capture)
+    price, shape_error = price_of(len(candidate.numbers)), shape_error_of(candidate.hypothesis.effect.stage)
+    lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error)
+    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout), lead)
     return {"effect": verdict.effect, "signs": asdict(signs)}
 
 
@@ -184,10 +200,7 @@ def simulate(results: Path, laboratories: int, rounds: int) -> None:
                 flaw = str(draw.choice(list(FLAWS)))
                 if (name, seed) in finished:
                     continue
-                try:
-                    effect = cause(name, laboratory, draw)
-                except InputError:
-                    continue
+                effect = cause(name, laboratory, draw)
                 if effect is None:
                     continue
                 with_flaw, _ = bases.flaw_of(flaw, laboratory.seed, SIZE_PX, 100 + seed % 2)
@@ -263,6 +276,8 @@ def main() -> None:
     if options.rounds:
         simulate(options.results, options.laboratories, options.rounds)
     samples = samples_of(rows_of(options.results))
+    if len({imitates for *_, imitates in samples}) < 2:
+        parser.exit(1, f"{options.results}: {len(samples)} answers, not of both kinds; simulate more (--rounds)\n")
     report(samples)
     weights = fit_weights(np.array([f for _, f, _ in samples]), np.array([i for *_, i in samples]))
     table = {

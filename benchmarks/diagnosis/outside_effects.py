@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from cboxlab.rendering.chain import BandCurves
 from cboxlab.rendering.chain.light import Light
 from cboxlab.rendering.effects import Effect, Parameter
 from cboxlab.scenes.scene import Scene, Surface
@@ -12,7 +13,7 @@ from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
-__all__ = ["KEPT_BACK", "OUTSIDE"]
+__all__ = ["KEPT_BACK", "NEIGHBOURS", "OUTSIDE"]
 
 
 def _position(light: Light) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -166,6 +167,105 @@ def _second_lamp(scene: Scene, amount: float, row: float, column: float) -> Scen
     return replace(scene, further_lamps=(*scene.further_lamps, replace(lamp, surface=surface, radiance=radiance)))
 
 
+def _leak_at(curves: BandCurves, band: int, amount: float, centre_nm: float, width_nm: float) -> BandCurves:
+    """Curves with one filter that passes a second, wide range, on flats and reference too."""
+    beyond = np.exp(-0.5 * ((curves.wavelength_nm - centre_nm) / width_nm) ** 2)
+    transmittance = curves.transmittance.copy()
+    transmittance[:, band] += amount * transmittance[:, band].max() * beyond
+    return replace(curves, transmittance=transmittance)
+
+
+def _far_leak(curves: BandCurves, amount: float, row: float, column: float) -> BandCurves:
+    """One of the two bluest filters is not blocked beyond 660 nm."""
+    return _leak_at(curves, int(2 * row), amount, 690 + 20 * column, 25)
+
+
+def _blue_leak(curves: BandCurves, amount: float, row: float, column: float) -> BandCurves:
+    """One of the two reddest filters has its second order in the blue."""
+    return _leak_at(curves, len(curves.bands) - 1 - int(2 * row), amount, 410 + 40 * column, 15)
+
+
+def _wrong_table(curves: BandCurves, amount: float, row: float, column: float) -> BandCurves:
+    """One filter's pass band lies up to 20 nm off its table."""
+    transmittance, band = curves.transmittance.copy(), 1 + int(row * (len(curves.bands) - 2))
+    off = 20 * amount * np.sign(column - 0.5)
+    for at_angle in transmittance:
+        at_angle[band] = np.interp(curves.wavelength_nm - off, curves.wavelength_nm, at_angle[band])
+    return replace(curves, transmittance=transmittance)
+
+
+def _next_filter(light: Light, amount: float, row: float, column: float) -> Light:
+    """The wheel stopped a little early in one frame of the scene: a part of the light came through its neighbour."""
+    signal, band = light.signal.copy(), int(row * (len(light.signal) - 1))
+    signal[band] = (1 - amount) * signal[band] + amount * signal[band + 1]
+    return light.with_signal(signal)
+
+
+def _along(image: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of an image at several shifts (k, 2), px."""
+    from scipy.ndimage import shift
+
+    return np.mean([shift(image, step, order=3, mode="nearest") for step in steps], axis=0)
+
+
+def _direction(row: float) -> NDArray[np.float64]:
+    return np.array([np.sin(np.pi * row), np.cos(np.pi * row)])
+
+
+def _shaken_frame(light: Light, amount: float, row: float, column: float) -> Light:
+    """Somebody touched the table during one band."""
+    signal, band = light.signal.copy(), int(column * len(light.signal))
+    signal[band] = _along(signal[band], np.outer(np.linspace(-3, 3, 7) * amount, _direction(row)))
+    return light.with_signal(signal)
+
+
+def _vibration(light: Light, amount: float, row: float, column: float) -> Light:
+    """A pump near the table: the camera swings along one line, longest at both ends."""
+    swing = 3 * amount * np.cos(np.pi * (np.arange(8) + 0.5) / 8)
+    return light.with_signal(np.array([_along(image, np.outer(swing, _direction(row))) for image in light.signal]))
+
+
+def _sag(light: Light, amount: float, row: float, column: float) -> Light:
+    """The tripod sinks while dark bands are exposed, which takes longer: down the picture, from rest to its end."""
+    levels = np.median(light.signal, axis=(1, 2))
+    long = levels.min() / levels
+    swing = [np.outer(np.linspace(0, 4 * amount * part, 6), [1.0, 0.2 * column]) for part in long]
+    return light.with_signal(
+        np.array([_along(i, s - s.mean(axis=0)) for i, s in zip(light.signal, swing, strict=True)])
+    )
+
+
+def _double_exposure(light: Light, amount: float, row: float, column: float) -> Light:
+    """The shutter opened a second time when the camera stood three pixels aside."""
+    step = 3 * _direction(row)
+    second = np.array([_along(image, step[None]) for image in light.signal])
+    return light.with_signal((1 - amount) * light.signal + amount * second)
+
+
+def _focus_drift(light: Light, amount: float, row: float, column: float) -> Light:
+    """The lens warms up and loses its focus from band to band."""
+    from scipy.ndimage import gaussian_filter
+
+    widths = np.linspace(0, 2 * amount, len(light.signal)) + 1e-6
+    return light.with_signal(
+        np.array([gaussian_filter(i, w, mode="nearest") for i, w in zip(light.signal, widths, strict=True)])
+    )
+
+
+def _lines(light: Light, amount: float, row: float, column: float) -> Light:
+    """The lens draws points as short lines along rows, or along columns."""
+    from scipy.ndimage import gaussian_filter1d
+
+    axis = 1 + round(row)
+    return light.with_signal(gaussian_filter1d(light.signal, 2 * amount + 1e-6, axis=axis, mode="nearest"))
+
+
+def _window(light: Light, amount: float, row: float, column: float) -> Light:
+    """A pane before the lens mirrors the picture, left for right."""
+    mirrored = np.roll(light.signal[:, :, ::-1], round(8 * (column - 0.5)), axis=2)
+    return light.with_signal((1 - amount) * light.signal + amount * mirrored)
+
+
 def _effect(name: str, stage: str, apply: object) -> Effect:
     numbers = (
         Parameter("amount", null=0.0, low=0.0, high=1.0, step=1e-3),
@@ -201,5 +301,23 @@ KEPT_BACK = {
         ("shiny-plate", "optics", _shiny_plate),
         ("band-fringes", "optics", _band_fringes),
         ("second-lamp", "scene", _second_lamp),
+    )
+}
+
+#: Causes close to effects of the catalogue: other leaks, other blurs, double exposures. No constant was set with them.
+NEIGHBOURS = {
+    name: _effect(name, stage, apply)
+    for name, stage, apply in (
+        ("far-leak", "filter", _far_leak),
+        ("blue-leak", "filter", _blue_leak),
+        ("wrong-table", "filter", _wrong_table),
+        ("next-filter", "optics", _next_filter),
+        ("shaken-frame", "optics", _shaken_frame),
+        ("vibration", "optics", _vibration),
+        ("sag", "optics", _sag),
+        ("double-exposure", "optics", _double_exposure),
+        ("focus-drift", "optics", _focus_drift),
+        ("lines", "optics", _lines),
+        ("window", "optics", _window),
     )
 }

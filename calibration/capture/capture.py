@@ -73,6 +73,8 @@ class Capture(FrozenMappings):
     reduction: Reduction | None = None
     #: Reduced frames that were read; copies of the capture share them.
     reduced_frames: ReducedFrames = field(default_factory=ReducedFrames, repr=False)
+    #: Scene with which the capture is compared in place of the stated one; None for the latter.
+    compared_scene: Scene | None = field(default=None, repr=False)
 
     @property
     def band_ids(self) -> tuple[str, ...]:
@@ -371,10 +373,13 @@ class Capture(FrozenMappings):
 
     @cached_property
     def scene(self) -> Scene | None:
-        """Scene that the manifest states, read once.
+        """Scene of the capture, read once.
 
-        None if the manifest states no scene, or the scene cannot be loaded.
+        It is the one that the manifest states, unless the capture is compared with another. None if the manifest
+        states no scene, or the scene cannot be loaded.
         """
+        if self.compared_scene is not None:
+            return self.compared_scene
         try:
             return None if self.scene_reference is None else load_scene(self.scene_reference)
         except (InputError, OSError):

@@ -259,12 +259,12 @@ def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEnt
 
 def _in_order_taken(blocks: Sequence[str]) -> list[str]:
     """Tables of a manifest with the bands in the order of their start times, where all have one."""
-    places = [k for k, block in enumerate(blocks) if block.startswith("[[band]]\n")]
-    starts = {k: tomllib.loads(blocks[k])["band"][0].get("start_s") for k in places}
+    bands = [k for k, block in enumerate(blocks) if block.startswith("[[band]]\n")]
+    starts = {k: tomllib.loads(blocks[k])["band"][0].get("start_s") for k in bands}
     ordered = list(blocks)
     if None not in starts.values():
-        for place, k in zip(places, sorted(places, key=lambda k: float(starts[k])), strict=True):
-            ordered[place] = blocks[k]
+        for k, later in zip(bands, sorted(bands, key=lambda k: float(starts[k])), strict=True):
+            ordered[k] = blocks[later]
     return ordered
 
 

@@ -192,7 +192,7 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     InputError
         If the capture lacks data that a comparison with a rendering needs.
     """
-    calibration = with_scene_checks(calibrate_capture(capture))
+    calibration = with_scene_checks(calibrate_capture(_compared_with(capture, model.scene)))
     manifest = capture.folder / "capture.toml"
     lamp, manifest_is_absolute = capture.manifest.lamp, capture.manifest.is_absolute
     camera_fit, responses, weights = calibration.camera_fit, calibration.responses, calibration.weights
@@ -224,6 +224,13 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
         scene,
         free_scale=starting_scale(calibration),
     )
+
+
+def _compared_with(capture: Capture, scene: Scene) -> Capture:
+    """A capture whose checks see a user's scene in place of the stated one."""
+    reference, origin = capture.scene_reference, scene.origin
+    same = origin is not None and (origin.packaged or origin.reference == reference)
+    return capture if reference is None or same else replace(capture, compared_scene=scene)
 
 
 def with_model(prepared: CalibratedCapture, model: Model) -> CalibratedCapture:

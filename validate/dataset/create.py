@@ -65,7 +65,7 @@ class DatasetRun:
     picture_seconds: float
     #: Processor time in which pictures were rendered with their truths, over all processes, s.
     rendering_processor_seconds: float
-    #: Processor time of this process and of those that it started, s; it lacks workers on other machines.
+    #: Processor time of this process and of those that it started, or of the pictures on a scheduler's workers, s.
     processor_seconds: float
     #: Pictures that failed a check, with their faults.
     failed: tuple[tuple[str, str], ...]
@@ -220,7 +220,7 @@ def create_dataset(
     tasks = tasks_of(recipe, path, layout)
     numbers = [n for task in tasks for n in task.boxes if n < recipe.boxes]
     pending = {(n, name) for n in numbers for name in names if layout.record(n, name) is None}
-    done, seconds, rendering_s = total - len(pending), 0.0, 0.0
+    done, seconds, rendering_s, others_s = total - len(pending), 0.0, 0.0, 0.0
     progress.stage("rendering pictures")
     progress.part(done / total)
 
@@ -232,6 +232,7 @@ def create_dataset(
             done += 1
             seconds += record["seconds"]
             rendering_s += record["rendering_processor_seconds"]
+            others_s += record["other_processor_seconds"]
         progress.part(done / total)
     progress.stage("index and quality sheet")
     everything = [layout.record(n, name) for n in range(recipe.boxes) for name in names]
@@ -241,6 +242,7 @@ def create_dataset(
     write_card(layout, recipe, sound)
     write_croissant(layout, recipe, sound)
     write_sheet(layout, recipe, records)
+    elsewhere_s = rendering_s + others_s if workers.scheduler is not None else 0.0
     failed = tuple((f"{r['box']:06d}/{r['camera']}", "; ".join(r["faults"])) for r in records if r["faults"])
     return DatasetRun(
         dataset=open_dataset(target),
@@ -249,7 +251,7 @@ def create_dataset(
         seconds=time.monotonic() - begun,
         picture_seconds=seconds,
         rendering_processor_seconds=rendering_s,
-        processor_seconds=_processor_s() - begun_cpu,
+        processor_seconds=_processor_s() - begun_cpu + elsewhere_s,
         failed=failed,
     )
 

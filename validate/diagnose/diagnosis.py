@@ -14,12 +14,19 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from .alternatives import LikelyCause, SelectedEffect, groups, holds_with_remainder, likeliest_causes
+from .alternatives import (
+    LikelyCause,
+    SelectedEffect,
+    groups,
+    holds_with_remainder,
+    likeliest_causes,
+    with_alternatives,
+)
 from .base_flaws import Flaw
 from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
-    NONE,
+    LIKELY,
     Explanation,
     Signs,
     explain,
@@ -47,12 +54,12 @@ from .linearised_fit import (
     residual_with_rendered,
 )
 from .ranking import UNKNOWN, Ranked, ranking
-from .search import Candidate, scale_notes, without_imitated
-from .several_captures import FurtherFit, refitted_to_all, same_camera
-from .stepwise import Selection, refitted, selection, signatures_of, tolerated_changes
-from .unexplained import explanation_to_report, family_beats_effects, residual_data_of
+from .search import Candidate, Signature, scale_notes, without_imitated
+from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
+from .stepwise import Selection, selection, signatures_of, tolerated_changes
+from .unexplained import explanation_to_report, family_beats_effects, leads_of_forms, residual_data_of
 
-__all__ = ["UNKNOWN", "Diagnosis", "FurtherCaptureResult", "Ranked", "Step", "diagnose_validation"]
+__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
 
 #: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
 #: excess of a remainder (`evidence`).
@@ -73,22 +80,6 @@ class Step(FrozenMappings):
     prior_pull: float
     #: Photograph against this model, camera and lamp fitted.
     comparison: Comparison
-
-
-@dataclass(frozen=True)
-class FurtherCaptureResult:
-    """Result for a further capture of the box."""
-
-    #: Name of its folder.
-    capture: str
-    #: Whether it states the same sensor, lens and filters.
-    same_camera: bool
-    #: Chi2 per sample of the model as given.
-    chi2_per_dof: float
-    #: Chi2 per sample with the selected effects.
-    final_chi2_per_dof: float
-    #: Whether nothing remains that the effects do not explain.
-    adequate: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +177,10 @@ class _Judged:
     flaws_cost: float
     #: Identifiers of effects that are no candidates, see `without_imitated`.
     imitated: tuple[str, ...]
+    #: By effect, the lead of the best form of an unlisted cause, see `leads_of_forms`.
+    leads: Mapping[str, float] = field(default_factory=dict)
+    #: Largest probability of an imitation among effects that left for it; 0 for none.
+    unlisted: float = 0.0
 
 
 def diagnose_validation(
@@ -220,7 +215,7 @@ def diagnose_validation(
     judged = _search(validation, first, progress)
     by_size, search, effects, assessed = judged.by_size, judged.search, judged.effects, judged.assessed
     linearised = search.linearised
-    further_fits = [_further_fit(validation, other, effects) for other in further]
+    further_fits = [further_fit(validation, other, effects) for other in further]
     if effects and further_fits:
         as_judged = [replace(fit, linearised=search.judging(fit.linearised)) for fit in further_fits]
         assessed = refitted_to_all(prepared, search.judging(linearised), assessed, as_judged)
@@ -230,10 +225,10 @@ def diagnose_validation(
     answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
     answer = replace(answer, imitations=_imitations(judged, assessed))
     progress.stage("explaining what remains")
-    answer = _explained(first, answer, judged.flaws, prepared.calibration.capture, progress)
+    answer = _explained(first, answer, judged, prepared.calibration.capture, progress)
     flaws, flaws_cost, explanation = judged.flaws, judged.flaws_cost, answer.explanation
-    if explanation is not None and explanation.family != NONE and not flaws.small:
-        # their fit contained part of that cause
+    if explanation is not None and not flaws.small:
+        # their fit contained part of that cause, which is in the change also where its family is not named
         flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
     path = _path(validation, start, answer)
     progress.part(1.0)
@@ -264,20 +259,20 @@ def diagnose_validation(
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
         further=tuple(
-            _further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
+            further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
     )
 
 
-def _explained(
-    first: LinearisedFit, answer: _Answer, flaws: BaseFlaws, capture: Capture, progress: Progress
-) -> _Answer:
+def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: Capture, progress: Progress) -> _Answer:
     """An answer with the explanation of what its effects leave, or of the excess as a whole.
 
     Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
     given. What small flaws of the base explain is taken off beforehand, unless something remains then, since their fit
-    contains part of such a cause. first : the picture without effects.
+    contains part of such a cause. Next to effects, "unknown" is added where an unlisted cause is likelier than not.
+    first : the picture without effects.
     """
+    flaws, unlisted = judged.flaws, judged.unlisted
     start, model, residual, effects = first.model, answer.linearised.model, answer.residual, answer.effects
     rendered = residual_with_rendered(answer.linearised, effects)
     change = model.whiten_used(flaws.change_dn) if flaws.small else np.zeros_like(residual)
@@ -293,20 +288,23 @@ def _explained(
         remains, residual = False, residual - change
         start = replace(start, residual=start.residual - start.whiten_used(flaws.change_dn))
     by_effects = start.chi2 - square(residual)
-    explanation = explanation_to_report((best, *explain_masked_families(excess)), model, residual, by_effects, remains)
+    explanation = explanation_to_report(
+        (best, *explain_masked_families(excess)), model, residual, by_effects, remains or unlisted > 0
+    )
     selected = tuple(c.hypothesis.effect.id for c in effects)
     by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]
     imitations = dict(answer.imitations)
-    unknown = max(imitations.values(), default=LEAST_PROBABILITY)
+    unknown = max(unlisted, *imitations.values(), LEAST_PROBABILITY)
     if explanation is not None:
         explained = explained_part(start, residual)
         # an imitation of another cause explains a part of it
         remaining = best.cause_probability * (1 - max(explained, 0.0))
         imitations |= {name: max(imitations[name], remaining) for name in by_picture}
-        unknown = max(unknown, remaining)
+        unknown = max(unknown, best.cause_probability)
         # no effect imitates single pixels
         hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
-        selected = (*selected, UNKNOWN) if hold else (UNKNOWN,)
+        next_to_effects = (UNKNOWN,) if unknown > LIKELY else ()
+        selected = (*selected, *next_to_effects) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if by_picture and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
         alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
@@ -324,7 +322,7 @@ def _explained(
         explanation = explanation.named_if_likely()
     if selected == (UNKNOWN,):
         if explanation is not None:
-            unknown = explanation.cause_probability
+            unknown = max(unlisted, explanation.cause_probability)
         return _Answer(first, [], [], first.model.residual, selected, explanation, unknown)
     return replace(answer, selected=selected, explanation=explanation, unknown=unknown, imitations=imitations)
 
@@ -343,8 +341,32 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
             if name in verdicts:
                 gain = verdicts[name].gain
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            imitations[name] = imitation_probability(Signs(gain, judged.flaws.imitable_chi2, heldout))
+            signs = Signs(gain, judged.flaws.imitable_chi2, heldout, judged.leads[name])
+            imitations[name] = imitation_probability(signs)
     return imitations
+
+
+def _likelier_than_imitations(
+    judged: _Judged, errors: Sequence[NDArray[np.floating]], signatures: Sequence[Signature], capture: Capture
+) -> _Judged:
+    """The same without effects that are likelier an imitation of an unlisted cause.
+
+    errors : (n,) over sigma each, flaws of the base next to the effects.
+    """
+    search, linearised = judged.search, judged.search.linearised
+    judged = replace(judged, leads=leads_of_forms(linearised, judged.effects, errors, capture))
+    doubtful = {name: p for name, p in _imitations(judged, judged.assessed).items() if p > LIKELY}
+    if not doubtful:
+        return judged
+    rest = [c for c in judged.effects if c.hypothesis.effect.id not in doubtful]
+    likely = refitted_together(linearised, rest) if rest else []
+    return replace(
+        judged,
+        effects=likely,
+        assessed=with_alternatives(search.judging(linearised), likely, signatures),
+        verdicts=tuple(replace(v, holds=v.holds and v.effect not in doubtful) for v in judged.verdicts),
+        unlisted=max(doubtful.values()),
+    )
 
 
 def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[Step, ...]:
@@ -368,8 +390,9 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
-    flaws = fitted_flaws.base_flaws
+    flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors_in(search.linearised)
     del fitted_flaws  # its columns take much of the memory
+    capture = validation.prepared.calibration.capture
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
     doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
     if doubtful or something_remains(search.linearised.model, residual, rendered):
@@ -378,10 +401,12 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
-        search = replace(by_size, linearised=again.linearised)
-        return _Judged(
+        search, errors = replace(by_size, linearised=again.linearised), again.flaws.errors_in(again.linearised)
+        judged = _Judged(
             by_size, search, again.selected, again.assessed, again.flaws.base_flaws, verdicts, cost, imitated
         )
+        del again
+        return _likelier_than_imitations(judged, errors, signatures, capture)
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
@@ -389,31 +414,11 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         if search.selected:
             fitted_flaws, small_verdicts = verdicts_with_flaws(search.linearised, search.selected)
             flaws, verdicts = fitted_flaws.base_flaws, tuple(small_verdicts)
+            errors = fitted_flaws.errors_in(search.linearised)
             if flaws.imitated and not all(verdict.holds for verdict in verdicts):
                 search = replace(search, selected=[], assessed=[])
-    return _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
-
-
-def _further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:
-    """Another capture's picture, rendered and linearised with the first one's effects."""
-    plain = linearised_fit(other.prepared, other.rendered, other.model.effects)
-    linearised = refitted(other, plain, effects) if effects else plain
-    captures = (v.prepared.calibration.capture for v in (validation, other))
-    return FurtherFit(other.prepared, linearised, same_camera(*captures))
-
-
-def _further_result(other: Validation, fit: FurtherFit, effects: Sequence[Candidate]) -> FurtherCaptureResult:
-    """Comparison of a further capture with the model as given and with the selected effects."""
-    linearised = fit.linearised
-    before, residual = linearised.model.residual, residual_with(linearised, effects)
-    rendered = residual_with_rendered(linearised, effects)
-    return FurtherCaptureResult(
-        capture=other.prepared.calibration.capture.folder.name,
-        same_camera=fit.camera_shared,
-        chi2_per_dof=square(before) / linearised.model.count,
-        final_chi2_per_dof=square(residual) / linearised.model.count,
-        adequate=not something_remains(linearised.model, residual, rendered),
-    )
+    judged = _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
+    return _likelier_than_imitations(judged, errors, signatures, capture)
 
 
 def _least(gains: Sequence[float]) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.rendering.chain import Stage, stages_between
 from cboxlab.utils.distributions import chi2_quantile
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ __all__ = [
     "penalised",
     "price_of",
     "prior_pull",
+    "shape_error_of",
     "something_remains",
     "square",
     "tolerance_notes",
@@ -236,6 +238,22 @@ def gain_of_shape_errors(residual: NDArray, exact: NDArray, start: NDArray) -> f
     """
     approximate, computed = square(exact) - square(residual), square(start) - square(exact)
     return max(SHAPE_ERROR * approximate, 0.0) + max(_EXACT_SHAPE_ERROR * computed, 0.0)
+
+
+def shape_error_of(stage: Stage) -> float:
+    """Share of its chi2 that an effect of a wrong shape leaves, by its stage.
+
+    Parameters
+    ----------
+    stage
+        Stage at which the effect acts.
+
+    Returns
+    -------
+    float
+        A hundredth where light is traced, a thousandth for what is computed exactly.
+    """
+    return SHAPE_ERROR if stage in stages_between("scene", "transport") else _EXACT_SHAPE_ERROR
 
 
 def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, by_shapes: float) -> bool:

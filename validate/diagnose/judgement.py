@@ -101,9 +101,14 @@ class Verdict:
     holds: bool
 
     @property
+    def needed(self) -> bool:
+        """Whether flaws alone explain the picture clearly less well."""
+        return self.evidence > _MIN_EVIDENCE
+
+    @property
     def holds_next_to_flaws(self) -> bool:
         """Whether evidence, certainty and stability suffice, before samples held out are asked."""
-        if not (self.evidence > _MIN_EVIDENCE and self.certainty > _MIN_CERTAINTY):
+        if not (self.needed and self.certainty > _MIN_CERTAINTY):
             return False
         sigma = self.stability / self.certainty
         return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))
@@ -141,6 +146,21 @@ class FlawsWithEffects:
         """Whether flaws of the sizes expected explain it, also where they were not fitted."""
         size = sum(flaw.chi2_per_dof for flaw in self.flaws)
         return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
+
+    def errors_in(self, linearised: LinearisedFit) -> list[NDArray[np.floating]]:
+        """The flaws as errors that many samples share.
+
+        Parameters
+        ----------
+        linearised
+            The capture's linearised fit, without errors in its covariance.
+
+        Returns
+        -------
+        list of NDArray
+            (n,) over sigma each, one standard deviation.
+        """
+        return self.model.errors_of(linearised.model, self.fitted)
 
     @property
     def base_flaws(self) -> BaseFlaws:

@@ -107,10 +107,12 @@ def _ranked(candidate: Candidate, offset: float, count: int, probability: float)
 
 
 def _shares(candidates: Sequence[Candidate], chi2_without: float, dispersion: float) -> list[float]:
-    """Probabilities from differences of chi2, each number at its price.
+    """Probabilities from differences of chi2, each number at its price; none without candidates.
 
     The errors of the effects' shapes may make a part of the differences, which widens them.
     """
+    if not candidates:
+        return []
     chi2 = np.array([penalised(c) for c in candidates])
     weights = np.exp(-0.5 * (chi2 - chi2.min()) / (dispersion + SHAPE_ERROR * max(chi2_without - chi2.min(), 0.0)))
     return [float(w) for w in weights / weights.sum()]

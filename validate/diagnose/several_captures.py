@@ -19,15 +19,25 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from ..compare import CalibratedCapture
+from ..compare import CalibratedCapture, Validation
 from .alternatives import SelectedEffect
-from .evidence import INDISTINGUISHABLE_CHI2, penalised, square
+from .evidence import INDISTINGUISHABLE_CHI2, penalised, something_remains, square
 from .fitting import fit
 from .linear_model import LinearModel
-from .linearised_fit import LinearisedFit, residual_with
+from .linearised_fit import LinearisedFit, linearised_fit, residual_with, residual_with_rendered
 from .search import Candidate, FitProblem, Problem
+from .stepwise import refitted
 
-__all__ = ["FurtherFit", "JointFit", "JointProblem", "refitted_to_all", "same_camera"]
+__all__ = [
+    "FurtherCaptureResult",
+    "FurtherFit",
+    "JointFit",
+    "JointProblem",
+    "further_fit",
+    "further_result",
+    "refitted_to_all",
+    "same_camera",
+]
 
 #: Stages whose effects belong to the box and its light, whatever photographs it.
 _OF_THE_BOX = stages_between("scene", "transport")
@@ -257,6 +267,22 @@ def same_camera(capture: Capture, other: Capture) -> bool:
     return camera_of(capture) == camera_of(other)
 
 
+@dataclass(frozen=True)
+class FurtherCaptureResult:
+    """Result for a further capture of the box."""
+
+    #: Name of its folder.
+    capture: str
+    #: Whether it states the same sensor, lens and filters.
+    same_camera: bool
+    #: Chi2 per sample of the model as given.
+    chi2_per_dof: float
+    #: Chi2 per sample with the selected effects.
+    final_chi2_per_dof: float
+    #: Whether nothing remains that the effects do not explain.
+    adequate: bool
+
+
 @dataclass(frozen=True, eq=False)
 class FurtherFit:
     """A further capture, its picture linearised with the effects selected in the first one."""
@@ -348,3 +374,55 @@ def _separate_chi2(linearised: LinearisedFit, others: Sequence[Candidate], candi
     without = _chi2_without(linearised, others)
     fitted = fit(linearised.problem(others), candidate, residual_with(linearised, others))
     return min(without, fitted.chi2 + INDISTINGUISHABLE_CHI2 * len(candidate.hypothesis.free))
+
+
+def further_fit(validation: Validation, other: Validation, effects: Sequence[Candidate]) -> FurtherFit:
+    """Another capture's picture, rendered and linearised with the first one's effects.
+
+    Parameters
+    ----------
+    validation
+        Validation of the first capture.
+    other
+        Validation of the further one.
+    effects
+        Effects selected in the first.
+
+    Returns
+    -------
+    FurtherFit
+        The further capture's linearised fit.
+    """
+    plain = linearised_fit(other.prepared, other.rendered, other.model.effects)
+    linearised = refitted(other, plain, effects) if effects else plain
+    captures = (v.prepared.calibration.capture for v in (validation, other))
+    return FurtherFit(other.prepared, linearised, same_camera(*captures))
+
+
+def further_result(other: Validation, fit: FurtherFit, effects: Sequence[Candidate]) -> FurtherCaptureResult:
+    """Comparison of a further capture with the model as given and with the selected effects.
+
+    Parameters
+    ----------
+    other
+        Validation of the further capture.
+    fit
+        Its linearised fit.
+    effects
+        The selected effects.
+
+    Returns
+    -------
+    FurtherCaptureResult
+        Its chi2 before and after.
+    """
+    linearised = fit.linearised
+    before, residual = linearised.model.residual, residual_with(linearised, effects)
+    rendered = residual_with_rendered(linearised, effects)
+    return FurtherCaptureResult(
+        capture=other.prepared.calibration.capture.folder.name,
+        same_camera=fit.camera_shared,
+        chi2_per_dof=square(before) / linearised.model.count,
+        final_chi2_per_dof=square(residual) / linearised.model.count,
+        adequate=not something_remains(linearised.model, residual, rendered),
+    )

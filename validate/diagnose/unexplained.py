@@ -17,14 +17,28 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from .evidence import INDISTINGUISHABLE_CHI2, MIN_GAIN_PER_SAMPLE, SHAPE_ERROR, least_gain_of, price_of, square
-from .explain import MIN_HELDOUT_GAIN, NONE, Explanation
+from .evidence import (
+    INDISTINGUISHABLE_CHI2,
+    MIN_GAIN_PER_SAMPLE,
+    SHAPE_ERROR,
+    least_gain_of,
+    price_of,
+    shape_error_of,
+    square,
+)
+from .explain import MIN_HELDOUT_GAIN, NONE, Explanation, lead_of_forms
 from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
-from .linearised_fit import LinearisedFit
+from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
 
-__all__ = ["explanation_to_report", "family_beats_effects", "is_significant_pattern", "residual_data_of"]
+__all__ = [
+    "explanation_to_report",
+    "family_beats_effects",
+    "is_significant_pattern",
+    "leads_of_forms",
+    "residual_data_of",
+]
 
 #: False-alarm probability of an explanation by noise alone, all families and their forms together: bound by evidence,
 #: not measured.
@@ -108,6 +122,45 @@ def family_beats_effects(
         )
     margin = max(SHAPE_ERROR * by_effects, MIN_GAIN_PER_SAMPLE * model.count)
     return of_effects - of_family - complexity > margin
+
+
+def leads_of_forms(
+    linearised: LinearisedFit, selected: Sequence[Candidate], errors: Sequence[NDArray[np.floating]], capture: Capture
+) -> dict[str, float]:
+    """Lead of the best form of an unlisted cause over each effect.
+
+    Flaws of the base are errors of both. What errors of the effect's shape may lack is forgiven.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit, without errors in its covariance.
+    selected
+        Effects fitted together.
+    errors
+        (n,) over sigma each, flaws of the base next to them, see `FlawModel.errors_of`.
+    capture
+        The capture.
+
+    Returns
+    -------
+    dict
+        By effect, 2 ln of the evidence of the form over that of the effect; none for effects that priors judge.
+    """
+    counting = replace(linearised, model=linearised.model.with_shared_errors(errors))
+    together = residual_with(linearised, selected)
+    leads = dict[str, float]()
+    for index, candidate in enumerate(selected):
+        if candidate.by_priors:
+            continue
+        others = [other for i, other in enumerate(selected) if i != index]
+        others = refitted_together(linearised, others) if others else []
+        data = residual_data_of(counting, residual_with(linearised, others), capture)
+        averaging = linearised.problem(others).noise_averaging_gain(candidate.applied)
+        effect = candidate.hypothesis.effect
+        price, shape_error = price_of(len(candidate.numbers)), shape_error_of(effect.stage)
+        leads[effect.id] = lead_of_forms(data, together[: data.count], price, averaging, shape_error)
+    return leads
 
 
 def is_significant_pattern(

@@ -241,6 +241,8 @@ def _reason_of_refusal(verdict: Verdict) -> str:
         )
     if verdict.certainty <= 0:
         return f"{verdict.effect} is not reported: with the flaws in the fit, nothing remains of it."
+    if not verdict.needed:
+        return f"{verdict.effect} is not reported: the flaws explain the difference about as well without it."
     return (
         f"{verdict.effect} is not reported: the flaws may imitate it. With the flaws in the fit, its size is "
         f"{100 * verdict.stability:.0f} % of the size without them ({verdict.certainty:.1f} standard deviations)."

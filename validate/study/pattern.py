@@ -18,11 +18,17 @@ _FIRST_STEPS = 4
 #: the difference.
 _VISIBLE_SIGMA = 3.0
 
-#: Largest factor on the first steps: the change is then still nearly proportional to them.
+#: Largest factor on the first steps, so that no number goes far beyond sizes that matter.
 _MOST = 64.0
 
 #: Smallest factor on the first steps, for numbers of coarse steps.
 _LEAST = 1 / 16
+
+#: Most changes of the size: blur grows with the square of its number, which the second change takes into account.
+_ROUNDS = 3
+
+#: Factor within which a size is visible enough.
+_CLOSE = 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +65,22 @@ def pattern_of(parameter: Parameter, change_at: Callable[[float], NDArray[np.flo
     def at(steps: float) -> float:
         return parameter.from_coordinate(parameter.null_coordinate + steps * parameter.coordinate_step)
 
-    first = change_at(at(_FIRST_STEPS))
-    size = float(np.nanpercentile(np.abs(first), 99))
-    if not size > 0:
-        return Pattern(parameter, at(_FIRST_STEPS), first)
-    steps = _FIRST_STEPS * float(np.clip(_VISIBLE_SIGMA / size, _LEAST, _MOST))
-    return Pattern(parameter, at(steps), change_at(at(steps)))
+    def measured(steps: float) -> tuple[Pattern, float]:
+        change = change_at(at(steps))
+        return Pattern(parameter, at(steps), change), float(np.nanpercentile(np.abs(change), 99))
+
+    steps, power = float(_FIRST_STEPS), 1.0
+    pattern, size = measured(steps)
+    for _ in range(_ROUNDS):
+        if not size > 0 or 1 / _CLOSE < size / _VISIBLE_SIGMA < _CLOSE:
+            break
+        factor = (_VISIBLE_SIGMA / size) ** (1 / power)
+        next_steps = float(np.clip(steps * factor, _FIRST_STEPS * _LEAST, _FIRST_STEPS * _MOST))
+        if next_steps == steps:
+            break
+        before = np.log([steps, size])
+        steps = next_steps
+        pattern, size = measured(steps)
+        if size > 0:
+            power = float(np.clip((np.log(size) - before[1]) / (np.log(steps) - before[0]), 0.5, 4.0))
+    return pattern

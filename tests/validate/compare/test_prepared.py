@@ -1,9 +1,13 @@
-"""Signal whose noise counts where the model lacks light."""
+"""Signal whose noise counts where the model lacks light; scene that the checks of a capture see."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-from cboxlab.validation.compare.prepared import CalibratedCapture
+from cboxlab.calibration.capture import load_capture
+from cboxlab.scenes import cornell_box
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
+from cboxlab.validation.compare.prepared import CalibratedCapture, _compared_with
 
 
 def test_noise_is_the_photographs_where_it_is_twice_the_model():
@@ -14,3 +18,12 @@ def test_noise_is_the_photographs_where_it_is_twice_the_model():
     capture = SimpleNamespace(usable=usable, measured=measured)
     signal = CalibratedCapture.noise_reference_signal(capture, model)
     np.testing.assert_array_equal(signal, [[[100.0, 51, 100, 0.1, 1, 130, 70]]])
+
+
+def test_checks_see_the_scene_of_a_users_model_and_else_the_one_that_the_capture_states():
+    capture, published = load_capture(DEMO_CAPTURE), cornell_box()
+    users_box = replace(published, name="own-box")
+    assert _compared_with(capture, published) is capture
+    assert _compared_with(capture, users_box).scene is users_box
+    silent = replace(capture, manifest=capture.manifest.model_copy(update={"scene": None}))
+    assert _compared_with(silent, users_box) is silent

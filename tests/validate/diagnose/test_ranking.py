@@ -57,6 +57,15 @@ def test_without_any_effect_all_of_them_share_what_an_unknown_cause_leaves(unkno
     assert sum(probability.values()) == pytest.approx(1.0)
 
 
+def test_where_errors_hide_every_effect_the_others_have_no_probability():
+    """A small picture behind a mosaic: no effect is large enough to be tried where the render's errors are counted."""
+    start, by_size = SimpleNamespace(chi2=2000.0, count=1000), [_candidate("haze", 1990.0)]
+    search = SimpleNamespace(singles=[], first=start)
+    entries = {entry.effect: entry for entry in ranking(by_size, search, [], start, 0.1, {}, ())}
+    assert entries["haze"].probability == 0.0
+    assert (entries[UNKNOWN].probability, entries[UNKNOWN].chi2_per_dof) == (0.1, 2.0)
+
+
 def test_where_nothing_is_missing_effects_share_little():
     probability = _probabilities([], 0.02, ())
     assert sum(probability.values()) == pytest.approx(1 - _NOTHING_MISSING)

@@ -10,16 +10,18 @@ from cboxlab.validation.report.diagnosis import flaw_sentences
 
 def test_an_effect_that_is_not_named_has_its_true_reason():
     unconfirmed = Verdict("lamp-offset", 0.2, 86.0, 10.0, 0.86, False)
-    imitation = Verdict("gloss", 0.2, 8.0, 2.0, 0.3, False)
+    imitation = Verdict("gloss", 0.2, 40.0, 6.0, 0.3, False)
+    needless = Verdict("smear", 0.06, 20.0, 5.9, 1.01, False)
     reversed_ = Verdict("haze", 0.2, 8.0, -2.3, -15.5, False)
     without_gain = Verdict("ghost", -0.1, 8.0, 2.0, 0.3, False)
     accepted = Verdict("defocus", 0.2, 86.0, 10.0, 0.86, True)
     diagnosis = SimpleNamespace(
         flaws=(Flaw("pixels", 0.1, 1.0, 0.8),),
         flaws_cost=1.0,
-        verdicts=(unconfirmed, imitation, reversed_, without_gain, accepted),
+        verdicts=(unconfirmed, imitation, needless, reversed_, without_gain, accepted),
     )
-    _, first, second, third = flaw_sentences(diagnosis)
+    _, first, second, third, fourth = flaw_sentences(diagnosis)
     assert first.startswith("lamp-offset is not reported: pixels or bands that the fit left out")
     assert second.startswith("gloss is not reported: the flaws may imitate it. With the flaws in the fit, its size is")
-    assert third == "haze is not reported: with the flaws in the fit, nothing remains of it."
+    assert third == "smear is not reported: the flaws explain the difference about as well without it."
+    assert fourth == "haze is not reported: with the flaws in the fit, nothing remains of it."

@@ -96,7 +96,7 @@ def test_the_finding_stands_before_any_picture(pages):
 def test_pictures_are_there(pages):
     """The headline's, one residual map per band, colour, luminance and XYZ maps decode at the capture's size."""
     uris = re.findall(r'src="data:image/png;base64,([^"]+)"', pages["noise"])
-    assert len(uris) == 1 + len(BANDS) + 2 + 1 + 3
+    assert len(uris) == 1 + len(BANDS) + len(COLOUR_DIFFERENCES) + 1 + 3
     for uri in uris:
         assert Image.open(io.BytesIO(base64.b64decode(uri))).size == (BOX.size, BOX.size)
     assert pages["noise"].count("<svg") == 6  # two each of residuals, scatter, weights

@@ -49,6 +49,15 @@ def test_a_pattern_is_shown_where_its_hundredth_changes_by_three_sigma():
     np.testing.assert_allclose(pattern.change_sigma, 400 * pattern.value * shape)
 
 
+@pytest.mark.parametrize("power", [1, 2, 3])
+def test_a_pattern_is_as_strong_whatever_the_power_of_its_number(power):
+    """Blur grows with the square of its width: the value is that of three standard deviations all the same."""
+    shape = np.linspace(0, 1, 700).reshape(7, 10, 10)
+    pattern = pattern_of(FRACTION, lambda v: 40 * (v / 0.01) ** power * shape)
+    assert np.percentile(np.abs(pattern.change_sigma), 99) == pytest.approx(3.0, rel=0.2)
+    assert pattern.value == pytest.approx(0.01 * (3 / 40 / np.percentile(shape, 99)) ** (1 / power), rel=0.2)
+
+
 def test_a_pattern_of_nothing_and_one_without_null_value():
     assert not pattern_of(FRACTION, lambda v: np.zeros((1, 2, 2))).change_sigma.any()
     bounces = Parameter("bounces", low=0.0, starts=(np.inf,), example=1.0)

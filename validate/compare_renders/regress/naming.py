@@ -264,7 +264,8 @@ def _misfit(evidence: Evidence, explanation: FittedChange, further: NDArray[np.f
     cells = evidence.level.size
     pixels, slow = evidence.numbers - cells, further.shape[1]
     explained = evidence.explained_by(further, fit) if slow else 0.0
-    in_slow = _FURTHER_COAT if explanation.change == "gloss" else _FURTHER_PART * in_cells / (1 + fit.amplitudes.size)
+    amplitudes = 0 if explanation.change in _MOVED else fit.amplitudes.size  # those of moved pictures are their borders
+    in_slow = _FURTHER_COAT if explanation.change == "gloss" else _FURTHER_PART * in_cells / (1 + amplitudes)
     parts = [
         (cells, max(none.cells_chi2 - cells, 0.0), fit.cells_chi2, in_cells),
         (pixels, max(none.pixels_chi2 - pixels, 0.0), fit.pixels_chi2, in_pixels),

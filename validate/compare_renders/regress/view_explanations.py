@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,8 +167,9 @@ def _displaced(evidence: Evidence) -> Iterator[FittedChange]:
     }
     if max(abs(s), abs(t)) > _ACCURACY_PX:
         yield FittedChange("view", parameters, fit, 8)
-    (*_, cubic_px), fit = _fitted(evidence, [*shift, cubic], [(0, 0, c) for c in by_px])
-    if abs(cubic_px) > _ACCURACY_PX / 2:  # twice as much or more in the corners
+    (dx, dy, cubic_px), fit = _fitted(evidence, [*shift, cubic], [(0, 0, c) for c in by_px])
+    # twice as much or more in the corners; next to a larger shift it is the parallax of a moved camera
+    if abs(cubic_px) > max(_ACCURACY_PX, float(np.hypot(dx, dy))) / 2:
         yield FittedChange("distortion", {"outwards_px_at_half_width": float(cubic_px)}, fit, 7)
 
 
@@ -238,12 +240,16 @@ def _filter(evidence: Evidence) -> FittedChange:
 
 
 def _border(evidence: Evidence) -> Iterator[FittedChange]:
-    """Factors at the four sides of the picture, one to three pixels wide."""
+    """Factors at the four sides of the picture, one to three pixels wide.
+
+    Where sides meet, either their changes add up or the corner has their mean: that of a border all around.
+    """
     distances = _distances(evidence)
-    for ring in (1, 2, 3):
-        templates = [evidence.baseline * (distance < ring)[..., None] for distance in distances.values()]
-        fit = evidence.fit(templates)
-        factors = {f"{name}_factor": 1 + float(a) for name, a in zip(distances, fit.amplitudes, strict=True)}
+    for ring, shared in product((1, 2, 3), (False, True)):
+        inside = {name: distance < ring for name, distance in distances.items()}
+        sides = np.maximum(np.sum(list(inside.values()), axis=0), 1) if shared else np.ones(evidence.cell.shape)
+        fit = evidence.fit([evidence.baseline * (mask / sides)[..., None] for mask in inside.values()])
+        factors = {f"{name}_factor": 1 + float(a) for name, a in zip(inside, fit.amplitudes, strict=True)}
         yield FittedChange("border", {"width_px": ring, **factors}, fit, 5)
 
 

@@ -40,6 +40,9 @@ _MIN_WIDTH = 0.01
 #: Largest relative deviation of single pixels: a flaw is small, or it is a cause.
 _MAX_PIXEL_ERROR = 0.005
 
+#: Smallest chi2 of one standard deviation of a flaw that counts as an error: less widens no fit.
+_MIN_ERROR_CHI2 = 0.1
+
 #: Rounds of the widths' fit.
 _ROUNDS = 12
 
@@ -312,6 +315,28 @@ class FlawModel(Generic[W]):
         prior = self._prior(fitted.width)
         columns = (width * change / plain.sigma for width, change in zip(prior, self.change, strict=True))
         return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns, len(prior)))
+
+    def errors_of(self, plain: W, fitted: FittedFlaws) -> list[NDArray[np.floating]]:
+        """The flaws as errors that many samples share.
+
+        Single pixels, and flaws too small to count, are left out.
+
+        Parameters
+        ----------
+        plain
+            The model without errors in its covariance.
+        fitted
+            Fitted widths and amounts.
+
+        Returns
+        -------
+        list of NDArray
+            (n,) over sigma each, one standard deviation.
+        """
+        prior = self._prior(fitted.width)
+        counts = (self.kind != _SHARED) & (prior**2 * np.diag(self.products) > _MIN_ERROR_CHI2)
+        each = ((width * self.change[i] / plain.sigma) for i, width in enumerate(prior) if counts[i])
+        return [error.astype(np.float32) for error in each]
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a residual.

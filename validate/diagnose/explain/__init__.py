@@ -2,13 +2,15 @@
 
 from .competition import MIN_HELDOUT_GAIN, explain, explain_masked_families
 from .explanation import NONE, SOUND, Explanation, Rival
-from .imitation import LEAST_PROBABILITY, Signs, imitation_probability
+from .imitation import LEAST_PROBABILITY, LIKELY, Signs, imitation_probability
 from .laboratory import advice, appearance
 from .noise import noise_level
 from .registration import Registration, registration
+from .rival_form import best_rival_form, lead_of_forms
 
 __all__ = [
     "LEAST_PROBABILITY",
+    "LIKELY",
     "MIN_HELDOUT_GAIN",
     "NONE",
     "SOUND",
@@ -18,9 +20,11 @@ __all__ = [
     "Signs",
     "advice",
     "appearance",
+    "best_rival_form",
     "explain",
     "explain_masked_families",
     "imitation_probability",
+    "lead_of_forms",
     "noise_level",
     "registration",
 ]

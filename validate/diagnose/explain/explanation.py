@@ -69,7 +69,7 @@ class Explanation(FrozenMappings):
     told_apart: bool
     #: Best form of every family, best first, the winner included.
     rivals: tuple[Rival, ...]
-    #: (band, y, x) explained change of the signal, DN.
+    #: (band, y, x) change of the signal by the likeliest family, also where it is not named, DN.
     change: NDArray[np.float64]
     #: (band, y, x) standard deviation of the measured signal, DN; NaN where unused.
     sigma: NDArray[np.float64]
@@ -116,7 +116,8 @@ class Explanation(FrozenMappings):
         Returns
         -------
         Explanation
-            With the family "none" where its probability is below one half.
+            With the family "none" where its probability is below one half. It retains the change: flaws of the base
+            are sought next to it.
         """
         judged = len({rival.family for rival in self.rivals}) > 1 and self.family in self.odds
         if self.family == NONE or not judged or self.probability >= _LIKELY:
@@ -130,7 +131,6 @@ class Explanation(FrozenMappings):
             bands=(),
             share=0.0,
             rivals=(Rival(NONE, NO_FORM, None, 0.0, 0.0), *self.rivals),
-            change=np.zeros(self.change.shape),
             spectrum=np.zeros(len(self.all_bands)),
             heldout=0.0,
             field=None,

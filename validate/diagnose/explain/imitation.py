@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-__all__ = ["FEATURES", "LEAST_PROBABILITY", "Signs", "imitation_probability", "learnt_weights"]
+__all__ = ["FEATURES", "LEAST_PROBABILITY", "LIKELY", "Signs", "imitation_probability", "learnt_weights"]
 
 #: Names of the features, with which the table states the weights.
 FEATURES = (
@@ -39,6 +39,9 @@ _MISSED_BY_NOISE = 0.02
 #: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
 LEAST_PROBABILITY = 0.02
 
+#: Probability of an imitation above which an effect is no answer: an unlisted cause is likelier.
+LIKELY = 0.5
+
 _TABLE = Path(__file__).parent / "data" / "imitations.json"
 
 
@@ -52,6 +55,8 @@ class Signs:
     flaws: float
     #: Gain in pixels or bands held out over that where fitted, the smaller; NaN where untested.
     heldout: float
+    #: 2 ln of the evidence of the best form of an unlisted cause over that of the effect.
+    lead: float
 
     @property
     def features(self) -> NDArray[np.float64]:
@@ -77,6 +82,8 @@ def learnt_weights() -> Mapping[str, Any]:
 def imitation_probability(signs: Signs) -> float:
     """Probability that an effect imitates an unlisted cause.
 
+    It is at least that of the form by its evidence alone, against even odds.
+
     Parameters
     ----------
     signs
@@ -89,4 +96,4 @@ def imitation_probability(signs: Signs) -> float:
     """
     weights = learnt_weights()["weights"]
     utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), LEAST_PROBABILITY)
+    return max(float(expit(utility)), float(expit(signs.lead / 2)), LEAST_PROBABILITY)

@@ -274,6 +274,7 @@ FAMILY = Family(
     acts_on="image",
     generate=_generate,
     order=40,
+    exact=True,
     masked=(MaskedPattern(rank=1, generate=smears), MaskedPattern(rank=2, generate=uneven_blurs)),
     advice=_ADVICE,
 )

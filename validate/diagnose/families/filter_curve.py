@@ -103,6 +103,7 @@ FAMILY = Family(
     acts_on="lamp",
     generate=_generate,
     order=65,
+    exact=True,
     localised=False,
     advice=_ADVICE,
 )

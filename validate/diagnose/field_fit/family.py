@@ -121,6 +121,8 @@ class Family:
     additive: bool = False
     #: Whether it hides what is behind: then it may change a place by any factor.
     opaque: bool = False
+    #: Whether its forms are computed exactly and have few numbers: each then competes with every selected effect.
+    exact: bool = False
     #: 2 ln of its prior odds for the appearance of a spot, beyond those that all families have in common.
     spot_log_odds: Callable[[SpotAppearance], float] = _no_prior
     #: Patterns that are also fitted separately.

@@ -181,6 +181,25 @@ class LinearModel:
         model = replace(self, errors=errors, basis=basis, shared_errors=none, dark_errors=0)
         return replace(model, residual=model.project(whitened(self.residual)))
 
+    def with_shared_errors(self, columns: Sequence[NDArray[np.floating]]) -> LinearModel:
+        """The model with further errors that many samples share.
+
+        Parameters
+        ----------
+        columns
+            (n,) over sigma each, one standard deviation.
+
+        Returns
+        -------
+        LinearModel
+            With more columns in `shared_errors`.
+        """
+        if not columns:
+            return self
+        more = np.zeros((len(self.residual), len(columns)), np.float32)
+        more[: self.count] = np.array(columns, np.float32).T
+        return replace(self, shared_errors=np.hstack([self.shared_errors, more]))
+
     def marginalised_over(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
         """The model with further nuisances: the changes that other effects' numbers make.
 

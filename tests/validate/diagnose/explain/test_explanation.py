@@ -151,6 +151,13 @@ def test_an_explanation_is_given_in_words_and_in_json():
     assert explanation_record(None)["family"] == NONE
 
 
+def test_a_family_that_is_not_likely_enough_is_not_named_and_its_change_stays():
+    explanation = explain(small_excess(CAUSES["object"]))
+    doubtful = replace(explanation, odds={**explanation.odds, "object": 0.4})
+    assert (doubtful.named_if_likely().family, doubtful.named_if_likely().field) == (NONE, None)
+    np.testing.assert_array_equal(doubtful.named_if_likely().change, explanation.change)
+
+
 def test_noise_is_given_no_family():
     explanation = explain(small_excess(np.zeros(SIGNAL.shape)))
     assert (explanation.family, explanation.share, explanation.bands) == (NONE, 0.0, ())

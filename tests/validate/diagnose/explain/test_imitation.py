@@ -12,8 +12,8 @@ from cboxlab.validation.diagnose.explain.imitation import (
     learnt_weights,
 )
 
-#: A medium effect on a base that is off by a tenth of it.
-_CLEAR = Signs(gain=1.0, flaws=0.1, heldout=1.0)
+#: A medium effect on a base that is off by a tenth of it, far ahead of all forms of unlisted causes.
+_CLEAR = Signs(gain=1.0, flaws=0.1, heldout=1.0, lead=-1000.0)
 
 
 def test_an_effect_that_explains_far_more_than_flaws_and_holds_everywhere_is_real():
@@ -26,13 +26,18 @@ def test_an_effect_that_explains_far_more_than_flaws_and_holds_everywhere_is_rea
     [
         ("flaws", (0.1, 0.5, 2.0)),
         ("heldout", (1.0, 0.8, 0.5)),
+        ("lead", (0.0, 3.0, 10.0)),
     ],
 )
 def test_each_sign_of_an_imitation_makes_it_likelier(worse, values):
-    """Flaws that explain as much as the effect, and gains that fall short where it was not fitted."""
+    """Flaws that explain as much as the effect, gains that fall short where it was not fitted, forms that come near."""
     weak = replace(_CLEAR, gain=0.1)
     probabilities = [imitation_probability(replace(weak, **{worse: value})) for value in values]
     assert np.all(np.diff(probabilities) > 0)
+
+
+def test_a_form_with_even_odds_leaves_no_more_than_even_odds():
+    assert imitation_probability(replace(_CLEAR, lead=0.0)) >= 0.5
 
 
 def test_what_was_not_tested_counts_neither_way():

@@ -14,9 +14,11 @@ function numberText(value) {
   return typeof value === "number" ? String(+value.toPrecision(6)) : value === null ? "" : value;
 }
 
-/** Name of a parameter in words, without its unit. */
+/** Name of a parameter in words, without the unit that ends it. */
 function shortName({ name, unit }) {
-  return (unit ? name.replace("_" + unit, "") : name).replaceAll("_", " ");
+  const words = name.split("_"), last = unit ? unit.replaceAll(" ", "") : null;
+  const end = words.findIndex((_, i) => i > 0 && words.slice(i).join("") === last);
+  return words.slice(0, end < 0 ? words.length : end).join(" ");
 }
 
 /** The coordinate in which an effect grows evenly; "inf" has the coordinate 0 of an inverse square. */

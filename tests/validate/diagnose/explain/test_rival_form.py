@@ -1,0 +1,63 @@
+"""Effects against forms of unlisted causes: blurs along a line or round, leaks of a filter or light of one paint."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.explain import best_rival_form, lead_of_forms
+from helpers.captures.small_excess import FLOOR, SIGNAL, small_excess
+from scipy.ndimage import correlate
+
+#: Chi2 that one number must gain.
+PRICE = 4.6
+
+#: Exchange with all four neighbours, and with those along the rows, per unit.
+ROUND = np.array([[[0, 1, 0], [1, -4, 1], [0, 1, 0]]]) / 4
+LINE = np.array([[[0, 0, 0], [1, -2, 1], [0, 0, 0]]]) / 2
+
+#: Pictures whose floor is redder than the wall.
+COLOURED = SIGNAL * np.where(FLOOR, np.array([0.5, 0.8, 1.2, 1.8])[:, None, None], 1.0)
+
+
+def _lead(data, shape):
+    """Lead of forms over an effect of one number with this shape (band, y, x), DN, at its best amplitude."""
+    change = data.whitened(shape)
+    amplitude = np.sum(change * data.residual) / np.sum(change**2)
+    together = (data.residual - amplitude * change).ravel()
+    return lead_of_forms(data, together, price=PRICE, averaging=0.0, shape_error=0.01)
+
+
+@pytest.mark.parametrize(("kernel", "imitates"), [(ROUND, False), (LINE, True)])
+def test_a_camera_that_shook_is_no_crosstalk(kernel, imitates):
+    """Charge goes to all four neighbours alike; a shaken camera moves light along one line."""
+    data = small_excess(0.2 * correlate(SIGNAL, kernel, mode="nearest"))
+    lead = _lead(data, correlate(SIGNAL, ROUND, mode="nearest"))
+    assert lead > 0 if imitates else lead < -20
+
+
+@pytest.mark.parametrize("leaks", [False, True])
+def test_a_filter_that_leaks_is_no_paint_that_glows(leaks):
+    """A leak shows on every paint by its reflectance beyond the band; a glow on one paint alone."""
+    glow, leak = np.zeros_like(SIGNAL), np.zeros_like(SIGNAL)
+    glow[0] = np.where(FLOOR, COLOURED[2] * (1 + 0.4 * np.sin(np.arange(48) / 6)), 0)
+    leak[0] = COLOURED[3]
+    data = replace(small_excess(0.05 * (leak if leaks else glow)), signal=COLOURED)
+    lead = _lead(data, glow)
+    assert lead > 0 if leaks else lead < -20
+    if leaks:
+        assert best_rival_form(data).family.id == "filter-curve"
+
+
+def test_noise_has_no_form():
+    rival = best_rival_form(small_excess(np.zeros_like(SIGNAL)))
+    assert rival is None or rival.evidence < 10
+
+
+def test_an_effect_next_to_a_larger_leak_is_no_imitation():
+    """The leak has more evidence than crosstalk alone, but crosstalk gains as much next to it."""
+    leak = np.zeros_like(SIGNAL)
+    leak[0] = 0.3 * COLOURED[3]
+    shape = correlate(COLOURED, ROUND, mode="nearest")
+    data = replace(small_excess(leak + 0.2 * shape), signal=COLOURED)
+    assert best_rival_form(data).family.id == "filter-curve"
+    assert _lead(data, shape) < -20
