@@ -323,7 +323,7 @@ def test_a_mistake_ends_in_one_line_and_writes_nothing(capsys, tmp_path, monkeyp
         "key": ["seeds", "Did you mean 'seed'"],
         "nowhere": ["nowhere.toml", "no such file"],
         "other": ["other files"],
-        "file": ["a file", "a new or empty folder"],
+        "file": ["is no folder"],
         "begun": ["another recipe"],
         "version": ["mitsuba 0.1"],
         "sensor": ["sensor[0]", "of the sensitivity"],

@@ -15,6 +15,7 @@ const page = {
   revision: 0, // number of the study's state; a step names the one that it was made on
   tab: Math.random().toString(36).slice(2), // name of this tab in the events of its steps
   requests: 0, // number of answers that the page waits for
+  loading: 0, // number of changed states that the page loads
   earlier: null, // pictures before a change, while they are shown or can be shown again: {first, chi2, rendered, sigma}
   shown: null, // the present pictures: {rendered, sigma}
   opened: {}, // chi-square of each capture when it was opened; empty in a page that is loaded later
@@ -298,8 +299,9 @@ function showDiagnosis(found) {
     make("p", { class: "soft" }, "Each effect fitted alone, the most probable first. Errors of the rendering count as noise here:"), make("ol", {}, ranking));
 }
 
-/** While a computation runs, only Cancel is enabled. */
+/** While a computation runs, only Cancel is enabled; nothing until the page shows its result. */
 function enable(on) {
+  on = on && !page.loading;
   const within = "#side button, #side select, #side input, #tools button, #tools select, .panel button";
   for (const element of document.querySelectorAll(within)) element.disabled = !on;
   const record = page.record;
@@ -477,12 +479,21 @@ async function ended({ error, background }) {
   else if (!background && page.record.open) $("saved").textContent = "Cancelled. The effects are unchanged.";
 }
 
+/** Load a changed state; until it is shown no step is made on the one before. */
+async function following(load) {
+  page.loading += 1;
+  enable(false);
+  await attempt(load);
+  page.loading -= 1;
+  enable(!page.job);
+}
+
 const events = new EventSource("api/events");
 events.onmessage = (message) => {
   const event = JSON.parse(message.data);
   if (event.event === "progress") return showJob(event);
   if (event.event === "moved") {
-    if (event.tab !== page.tab && event.revision !== page.revision) attempt(reload);
+    if (event.tab !== page.tab && event.revision !== page.revision) following(reload);
     return;
   }
   if (event.event === "end") {
@@ -493,7 +504,7 @@ events.onmessage = (message) => {
   }
   if (event.event === "changed") {
     openPanel("open", false);
-    attempt(async () => {
+    following(async () => {
       await reload();
       if (event.saved.length) {
         openPanel("save", false);
