@@ -24,9 +24,9 @@ def test_a_library_that_does_not_work_is_passed_over(release, first):
         + """
 import numpy as np
 from cboxlab.rendering.device import variant
-from cboxlab.rendering.integrators import RenderJob, render
+from cboxlab.rendering.integrators import RenderJob, render_image
 from cboxlab.scenes import cornell_box, cornell_camera
-image = render(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2))
+image = render_image(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2))
 assert image.project(np.eye(4))[0].mean() > 0
 print("compiled" if variant.compiled() else "stock")
 """

@@ -22,11 +22,11 @@ assert after == before, set(after.items()) ^ set(before.items())
 
 RENDER = """
 import numpy as np
-from cboxlab.rendering.integrators import RenderJob, render
+from cboxlab.rendering.integrators import RenderJob, render_image
 from cboxlab.scenes import cornell_box, cornell_camera
 
 def picture():
-    image = render(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2))
+    image = render_image(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=2, batches=2))
     return bool(image.project(np.eye(4))[0].mean() > 0)
 """
 

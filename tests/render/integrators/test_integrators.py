@@ -349,11 +349,11 @@ from unittest import mock
 with mock.patch("ctypes.CDLL", side_effect=OSError), mock.patch("drjit.has_backend", return_value=False):
     from cboxlab.rendering.device import variant
     assert not variant.compiled()
-from cboxlab.rendering.integrators import RenderJob, render
+from cboxlab.rendering.integrators import RenderJob, render_image
 from cboxlab.scenes import cornell_box, cornell_camera
 with warnings.catch_warnings(record=True) as messages:
     warnings.simplefilter("always")
-    image = render(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=8, batches=2))
+    image = render_image(RenderJob(cornell_box(), cornell_camera(8), np.linspace(400, 700, 4), samples=8, batches=2))
 hints = [str(w.message) for w in messages if "LLVM" in str(w.message)]
 assert hints == [variant.HINT], messages
 assert image.project(np.eye(4))[0].mean() > 0
