@@ -219,7 +219,9 @@ def test_an_array_without_values_is_refused(tmp_path):
 def test_envi_headers(tmp_path, line, phrase):
     path = tmp_path / "cube.hdr"
     write_cube(path, CUBE)
-    path.write_text(path.read_text() + line + "\n")
+    key = line.split(" = ")[0]
+    others = [each for each in path.read_text().splitlines() if not each.startswith(f"{key} = ")]
+    path.write_text("\n".join([*others, line]) + "\n")
     if phrase is None:
         assert read_cube(path)["radiance"].shape == (3, 4, 2)
     else:

@@ -158,7 +158,7 @@ class _Answer(FrozenMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _Judged(FrozenMappings):
     """Selection by size, and the effects that hold next to the flaws of the base."""
 
     #: Selection by size alone.

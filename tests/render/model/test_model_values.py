@@ -50,7 +50,7 @@ def test_a_model_of_a_scene_in_memory_writes_the_scene_next_to_it(tmp_path):
         ("veiling-glare", {"fraction": 2.0}, "fraction"),
         ("veiling-glare", {"fractoin": 0.1}, "fraction"),
         ("none.toml", {}, "none.toml"),
-        (3, {}, "'3'"),
+        (3, {}, "found 3"),
     ],
 )
 def test_a_wrong_effect_is_one_input_error(effect, values, text):

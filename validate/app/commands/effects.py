@@ -95,7 +95,7 @@ def _print_list(by_name: Mapping[str, Effect]) -> None:
     from cboxlab.rendering.chain import STAGES
 
     width = max(len(name) for name in by_name)
-    say("Stage at which it acts, effect, and how the real box or its photograph differs from the model:")
+    say("Stage, effect, and how the real box or its photograph differs from the model:")
     for stage in STAGES:
         for index, effect in enumerate(e for e in by_name.values() if e.stage == stage):
             say(f"{stage if index == 0 else '':<{max(map(len, STAGES))}} {effect.id:<{width}} {effect.short_title}")
