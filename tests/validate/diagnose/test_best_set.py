@@ -138,10 +138,10 @@ def test_a_set_pays_for_its_numbers_and_must_promise_half(monkeypatch, promised,
 class Lasting(Patterns):
     """Patterns that are the same with fewer rays and other random numbers."""
 
-    def rough(self):
+    def screening(self):
         return self
 
-    resampled = rough
+    resampled = screening
 
 
 def selected(monkeypatch, patterns, truth, hidden=()):

@@ -227,7 +227,7 @@ class Squares(Patterns):
     def signal(self, effects):
         return 1000.0 + sum((e.values["amount"] ** 2 * self.patterns[e.id] for e in effects), np.zeros(SHAPE))
 
-    def rough(self):
+    def screening(self):
         return self
 
     def resampled(self):
@@ -245,7 +245,7 @@ class Traced(Patterns):
         noise = np.random.default_rng(self.seed).standard_normal(SHAPE)
         return 1000.0 + sum((e.values["amount"] * (self.patterns[e.id] + noise) for e in effects), np.zeros(SHAPE))
 
-    def rough(self):
+    def screening(self):
         return self
 
     def resampled(self):
