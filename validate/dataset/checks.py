@@ -21,6 +21,10 @@ __all__ = ["Checks", "check_picture"]
 #: Standard errors that a radiance may lie below 0, or above the brightest lamp: one sample in 10^9.
 _SIGMAS = 6.0
 
+#: Radiance below 0 of dark pixels, relative to the brightest pixel, that few batches do not state: 4 of 400 pictures of
+#: 128 x 128 x 31 had up to 1.4e-6, the most where gloss changes 0.4 % of an edge's pixel.
+_DARK = 1e-5
+
 #: Largest distance between a point's image and its pixel's centre, px: single precision of positions.
 _REPROJECTION_PX = 0.01
 
@@ -67,7 +71,7 @@ def check_picture(cube: xr.Dataset, box: Box, noise: float, mantissa_bits: int) 
     if not (np.isfinite(radiance).all() and np.isfinite(error).all()):
         return Checks(("range: a radiance or standard error is not finite",), figures)
     figures["largest_radiance"] = float(radiance.max())
-    if (radiance < -_SIGMAS * error - 1e-12 * radiance.max()).any():
+    if (radiance < -_SIGMAS * error - _DARK * radiance.max()).any():
         faults.append(f"range: radiance down to {radiance.min():.3g}, below 0 by more than {_SIGMAS:g} standard errors")
     if not radiance.any():
         faults.append("range: no light in the picture")
