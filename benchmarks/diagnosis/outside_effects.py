@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from cboxlab.rendering.chain import BandCurves
@@ -275,49 +277,45 @@ def _effect(name: str, stage: str, apply: object) -> Effect:
     return Effect(name, stage, "not in the catalogue", numbers, apply, "blind practice only")  # type: ignore[arg-type]
 
 
-OUTSIDE = {
-    name: _effect(name, stage, apply)
-    for name, stage, apply in (
-        ("stain", "optics", _stain),
-        ("fringes", "optics", _fringes),
-        ("seam", "optics", _seam),
-        ("corner-glow", "optics", _corner_glow),
-        ("halo", "optics", _halo),
-        ("motion-blur", "optics", _motion_blur),
-        ("tilted-sensor", "optics", _tilted_sensor),
-        ("row-bands", "optics", _row_bands),
-        ("forgotten-cube", "scene", _forgotten_cube),
-        ("repainted-block", "scene", _repainted),
-    )
-}
+def _effects(*entries: tuple[str, str, Callable[..., Any]]) -> dict[str, Effect]:
+    """Effects by name, of their names, stages and functions."""
+    return {name: _effect(name, stage, apply) for name, stage, apply in entries}
+
+
+OUTSIDE = _effects(
+    ("stain", "optics", _stain),
+    ("fringes", "optics", _fringes),
+    ("seam", "optics", _seam),
+    ("corner-glow", "optics", _corner_glow),
+    ("halo", "optics", _halo),
+    ("motion-blur", "optics", _motion_blur),
+    ("tilted-sensor", "optics", _tilted_sensor),
+    ("row-bands", "optics", _row_bands),
+    ("forgotten-cube", "scene", _forgotten_cube),
+    ("repainted-block", "scene", _repainted),
+)
 
 #: Causes that no decision constant was set with.
-KEPT_BACK = {
-    name: _effect(name, stage, apply)
-    for name, stage, apply in (
-        ("red-leak", "optics", _red_leak),
-        ("hot-pixels", "optics", _hot_pixels),
-        ("sensor-dust", "optics", _sensor_dust),
-        ("shiny-plate", "optics", _shiny_plate),
-        ("band-fringes", "optics", _band_fringes),
-        ("second-lamp", "scene", _second_lamp),
-    )
-}
+KEPT_BACK = _effects(
+    ("red-leak", "optics", _red_leak),
+    ("hot-pixels", "optics", _hot_pixels),
+    ("sensor-dust", "optics", _sensor_dust),
+    ("shiny-plate", "optics", _shiny_plate),
+    ("band-fringes", "optics", _band_fringes),
+    ("second-lamp", "scene", _second_lamp),
+)
 
 #: Causes close to effects of the catalogue: other leaks, other blurs, double exposures. No constant was set with them.
-NEIGHBOURS = {
-    name: _effect(name, stage, apply)
-    for name, stage, apply in (
-        ("far-leak", "filter", _far_leak),
-        ("blue-leak", "filter", _blue_leak),
-        ("wrong-table", "filter", _wrong_table),
-        ("next-filter", "optics", _next_filter),
-        ("shaken-frame", "optics", _shaken_frame),
-        ("vibration", "optics", _vibration),
-        ("sag", "optics", _sag),
-        ("double-exposure", "optics", _double_exposure),
-        ("focus-drift", "optics", _focus_drift),
-        ("lines", "optics", _lines),
-        ("window", "optics", _window),
-    )
-}
+NEIGHBOURS = _effects(
+    ("far-leak", "filter", _far_leak),
+    ("blue-leak", "filter", _blue_leak),
+    ("wrong-table", "filter", _wrong_table),
+    ("next-filter", "optics", _next_filter),
+    ("shaken-frame", "optics", _shaken_frame),
+    ("vibration", "optics", _vibration),
+    ("sag", "optics", _sag),
+    ("double-exposure", "optics", _double_exposure),
+    ("focus-drift", "optics", _focus_drift),
+    ("lines", "optics", _lines),
+    ("window", "optics", _window),
+)
