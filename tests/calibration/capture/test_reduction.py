@@ -200,6 +200,14 @@ def test_edges_of_all_angles_have_their_variance(pattern, side, tmp_path):
         assert np.mean(chi2) == pytest.approx(1.0, abs=0.35), low
 
 
+def test_noise_in_a_scatter_is_no_edge(tmp_path):
+    """The variance of an edge is in proportion to the scatter beyond noise: 49 of 99 for 50 and 100 times the noise."""
+    part = written(tmp_path, "binning = 5", CHANNELS.format("RGGB"), repeats=1).reduction
+    noise = np.ones((1, 1))
+    half, double = (variance_by_edges(part, np.full((2, 1, 1), times), noise, 1) for times in (50.0, 100.0))
+    np.testing.assert_allclose(half / double, 49 / 99)
+
+
 def test_weak_steps_count_and_gradients_do_not(tmp_path):
     """A slanted step of 20 %, six times the noise of a pixel, on a gradient of 0.2 % a pixel, curved across it."""
     part = written(tmp_path, "binning = 5", CHANNELS.format("RGGB"), repeats=1, shape=(400, 400)).reduction
