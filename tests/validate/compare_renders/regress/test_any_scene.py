@@ -139,7 +139,7 @@ def test_a_changed_albedo_is_noted(tmp_path):
         for i, a in enumerate((paint, paint * np.where(OBJECT == 1, 1.1, 1.0)[..., None]))
     ]
     outcome = regress_inputs(*files)
-    assert any("the albedo differs in" in note for note in outcome.notes)
+    assert any("the albedo layer differs in" in note for note in outcome.notes)
     assert len(outcome.of_kind("surface")) == 3
     assert not any(
         "differs" in note
