@@ -2,9 +2,9 @@
 
 An object that is missing, added or repainted is such a part.
 
-Squares of some sizes are laid over the difference at all places, edges included, since the scene cancels in it. Each is
-compared with the larger of two scatters: inside the square and around it. Noise has no other square alike; where a
-denoiser leaves single noisy spots, there are several.
+Squares of some sizes are laid over the difference at all places, edges included, since the scene cancels in it. The
+median of each is compared with the larger of two scatters, inside the square and around it. Single bright samples and
+the corners of a square that an object does not fill do not change a median. A denoiser leaves several noisy spots.
 """
 
 from __future__ import annotations
@@ -12,20 +12,24 @@ from __future__ import annotations
 import numpy as np
 from cboxlab.utils.distributions import student_tail
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter
+from scipy.ndimage import median_filter, percentile_filter
 
 from .difference import Difference, Finding, sigma_of
 
 __all__ = ["small_part"]
 
-#: Edges of the squares, px: objects of some pixels to a fifth of a small picture.
-_EDGES_PX = (3, 5, 7, 10)
+#: Edges of the squares, px: objects of some pixels to a fifth of a small picture. Quartiles of fewer pixels are chance.
+_EDGES_PX = (5, 7, 10)
 #: Pixels a side of the surroundings: wider than the largest square.
 _AROUND_PX = 17
 #: Pixels a side of the median that gives the local level.
 _LEVEL_PX = 5
 #: Median of the square of a normal number.
 _MEDIAN_OF_SQUARE = 0.455
+#: Distance of the quartiles of normal numbers, in standard deviations.
+_QUARTILES = 1.349
+#: Variance of the median of normal numbers over that of their mean.
+_OF_MEDIAN = 1.571
 #: Fewest independent pixels of a square.
 _MIN_INDEPENDENT = 5.0
 #: Most degrees of freedom: noise of renderings is not normal.
@@ -51,7 +55,7 @@ def small_part(difference: Difference) -> Finding | None:
     Returns
     -------
     Finding or None
-        The size is the square's mean difference over the local light. None for small pictures, and for noise that
+        The size is the square's median difference over the local light. None for small pictures, and for noise that
         reaches over more than a few pixels.
     """
     used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
@@ -84,16 +88,16 @@ def _clearest(
     off : (y, x) relative difference less that of the surroundings. around : (y, x) its variance there. independent :
     number of independent pixels of a square. looks : squares of all sizes at places that do not overlap much.
     """
-    mean, squares = (uniform_filter(values, edge, mode="constant") for values in (off, off**2))
-    inside = np.maximum(squares - mean**2, 0.0) * edge**2 / (edge**2 - 1)
-    sigmas = np.abs(mean) / np.sqrt(np.maximum(inside, around) / independent)
+    low, middle, high = (percentile_filter(off, part, edge, mode="nearest") for part in (25, 50, 75))
+    inside = ((high - low) / _QUARTILES) ** 2
+    sigmas = np.abs(middle) / np.sqrt(_OF_MEDIAN * np.maximum(inside, around) / independent)
     degrees = np.where(inside > around, min(independent - 1, _MAX_DEGREES), _MAX_DEGREES)
     shares = 2 * looks * student_tail(sigmas, degrees)
     position = np.unravel_index(int(np.where(used, shares, np.inf).argmin()), shares.shape)
     others = _elsewhere(np.where(used, sigmas, 0.0), position, 2 * edge)
     clear = float(sigmas[position]) > _CLEARER * others
     probability = min(1.0, float(shares[position])) if clear else 1.0
-    size, (y, x) = float(mean[position]), (int(n) for n in position)
+    size, (y, x) = float(middle[position]), (int(n) for n in position)
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
     return Finding(name, edge**2, size, sigma_of(size, probability, _MAX_DEGREES), _MAX_DEGREES, probability)
 
