@@ -160,13 +160,13 @@ def test_an_object_that_layers_alone_show_is_a_difference(tmp_path):
     def layers(seed, depth, index):
         return written(tmp_path / f"{seed}.exr", colours(noisy(seed)) | {"dd.Y": depth, "idx.I": index.astype(float)})
 
-    thing = layers(1, depth, index)
-    outcome = regress_inputs(thing, layers(2, without, OBJECT))
+    with_object = layers(1, depth, index)
+    outcome = regress_inputs(with_object, layers(2, without, OBJECT))
     assert [row.name for row in outcome.of_kind("layer") if row.different] == ["depth", "objects"]
     assert outcome.changes[0].parameters["description"] == "the light is the same, the depth and objects layer differs"
-    assert regress_inputs(thing, layers(3, depth, index)).same
+    assert regress_inputs(with_object, layers(3, depth, index)).same
     # numbers in another order, and a depth in millimetres, are other definitions
-    assert regress_inputs(thing, layers(4, 1000 * depth, 9 - index)).same
+    assert regress_inputs(with_object, layers(4, 1000 * depth, 9 - index)).same
 
 
 def test_errors_of_a_g_buffer_are_used(tmp_path):
