@@ -83,9 +83,10 @@ def test_causes_that_need_no_scene_are_named(tmp_path, change, name, spoilt):
     assert (outcome.changes[0].change, outcome.changes[0].fits) == (name, True), outcome.changes
 
 
-def test_a_border_is_certain_where_its_own_pixels_show_it(tmp_path):
+@pytest.mark.parametrize("factor", [0.7, 0.0])
+def test_a_border_is_certain_where_its_own_pixels_show_it(tmp_path, factor):
     """Pixels that it leaves alone do not make it less certain: the rest of the picture has no part in it."""
-    inside = np.pad(np.ones((SIZE - 2, SIZE - 2)), 1, constant_values=0.7)
+    inside = np.pad(np.ones((SIZE - 2, SIZE - 2)), 1, constant_values=factor)
     outcome = pair(tmp_path, noisy(2) * inside[..., None])
     assert not outcome.same
     assert (outcome.changes[0].change, outcome.changes[0].fits) == ("border", True), outcome.changes
