@@ -192,8 +192,7 @@ def area_means(pooling: Pooling) -> tuple[PooledMean, ...]:
     tuple of PooledMean
         The entire picture, surfaces, edges, border and lamp. Areas with too few pixels or without light are left out.
     """
-    strata, summed = pooling.strata, pooling.summed
-    surfaces = strata.surfaces
+    strata, summed, surfaces = pooling.strata, pooling.summed, pooling.strata.surfaces
     parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
     pools = [
         _pool_of(pooling, summed, "whole", "whole picture", strata.body, 1),
@@ -221,21 +220,15 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     tuple of PooledMean
         The entire picture first. Pools with too few pixels or without light are left out.
     """
-    strata, summed, bands = pooling.strata, pooling.summed, len(band_names)
-    areas = area_means(pooling)
-    by_band = [
-        _pool_of(pooling, pooling.band(number), "band", name, strata.body, bands)
-        for number, name in enumerate(band_names)
-    ]
+    strata, summed, bands, areas = pooling.strata, pooling.summed, len(band_names), area_means(pooling)
+    by_band = [_pool_of(pooling, pooling.band(i), "band", n, strata.body, bands) for i, n in enumerate(band_names)]
     blocks = []
     for i in range(BLOCKS**2):
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
         blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
     tested = _steadied(pooling, [row for row in blocks if row is not None])
-    findings = {
-        "spread": block_spread(tested, pooling.noise.clustering),
-        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.difference),
-    }
+    level, change = pooling.trimmed.level, pooling.trimmed.difference
+    findings = {"spread": block_spread(tested, pooling.noise.clustering), "order": mirror_order(level, change)}
     return (
         *(row for row in areas if row.kind != "stratum"),
         *(row for row in by_band if row is not None),
