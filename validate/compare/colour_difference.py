@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "COLOUR_DIFFERENCES",
     "HEADLINE",
+    "NOISE_SEED",
     "ColourDifference",
     "DifferenceStatistics",
     "White",
@@ -30,6 +31,9 @@ __all__ = [
 #: Percentile of the rendered luminance outside the lamp that is used as white (Yn): close to the largest value, but
 #: not decided by single pixels.
 WHITE_PERCENTILE = 99.5
+
+#: Seed of the noise from which colour differences are expected: any, but the same in every comparison.
+NOISE_SEED = 0
 
 #: Number of colour differences drawn for the expectation from noise: enough for 0.3% on a mean.
 DRAWS = 1 << 16
