@@ -20,7 +20,7 @@ KIND_WORDS = {
     ),
     "flat": ("flat", "flats", "flatfield", "flatframe", "masterflat", "superflat", "skyflat", "domeflat", "flatpanel"),
     "reference": ("sphere", "reference", "integrating"),
-    "target": ("target", "chessboard", "charuco", "checkerboard"),
+    "target": ("target", "board", "boards", "chessboard", "charuco", "checkerboard"),
 }
 #: By kind of table, the words for it in headers (IMAGETYP of FITS).
 _HEADER_WORDS = {
