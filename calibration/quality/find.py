@@ -9,7 +9,7 @@ from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
 from .constants import check_constant, check_flats_and_references, check_focal_length
-from .content import check_frame_content, check_names, check_spectra_content
+from .content import check_frame_content, check_names, check_same_view, check_spectra_content
 from .counts import check_counts
 from .dark_light import check_light_in_darks
 from .darks import check_bias_drift, check_darks
@@ -96,6 +96,7 @@ def find_suspicions(
         *check_tables(capture),
         *check_scene(capture),
         *check_frame_content(stacks),
+        *check_same_view(capture, stacks, dark, noise),
         *check_spectra_content(capture),
         *check_names(capture, stacks),
         *check_exposures(stacks),
