@@ -75,13 +75,13 @@ def write_small(folder: Path, side_px: int, settings: CaptureSettings, hidden: s
     signals, field, hooks = photographed_light(image, effects, scene, camera, settings)
 
     def light(frame: Frame, signal: NDArray[np.float64]) -> NDArray[np.float64]:
-        seen = hooks.light(frame, signal)
+        changed = hooks.light(frame, signal)
         if frame.kind != "dark":
             behind = [index for index, band in enumerate(settings.bands) if band.filter == frame.filter]
             planes = (signals if frame.kind == "band" else field)[behind]
             sensor = interleaved(planes, [settings.bands[index] for index in behind], settings.mosaic)
-            lights[frame.kind, frame.filter] = planes * (seen / sensor)
-        return seen
+            lights[frame.kind, frame.filter] = planes * (changed / sensor)
+        return changed
 
     write_photographs(
         folder,
