@@ -121,9 +121,9 @@ function showParts() {
   const table = (kind, names, sums) => make("table", {}, [
     make("thead", {}, make("tr", {}, [make("th", { scope: "col" }, kind), make("th", { scope: "col" }, "χ² per sample")])),
     make("tbody", {}, names.map((name, i) => make("tr", {}, [make("th", { scope: "row" }, name),
-      make("td", {}, sums[i][1] ? numberText(+(sums[i][0] / sums[i][1]).toPrecision(3)) : "–")])))]);
+      make("td", {}, sums[i][1] ? (sums[i][0] / sums[i][1]).toPrecision(3) : "–")])))]);
   $("parts-tables").replaceChildren(
-    table("Band", bands.map(({ id, nm }) => (nm === null ? id : `${nm.toFixed(0)} nm`)), byBand), table("Surface", surfaces, bySurface));
+    table("Band", bandNames(bands), byBand), table("Surface", surfaces, bySurface));
 }
 
 /** Words and button of a flip to earlier pictures; null for the present ones. */
@@ -159,7 +159,7 @@ async function showPattern() {
   const size = numbers.length / record.numbers.length;
   const value = ({ value: number, unit }) => `${typeof number === "number" ? numberText(+number.toPrecision(3)) : number} ${unit}`.trim();
   const maps = record.numbers.map((each, i) => ({
-    id: PATTERN + each.name, name: `${effect}, ${shortName(each)} ${value(each)}`, unit: "σ", perBand: true,
+    id: PATTERN + each.name, name: `${effect}, ${each.label} ${value(each)}`, unit: "σ", perBand: true,
     values: numbers.slice(i * size, (i + 1) * size),
   }));
   await page.viewer.update({ maps });
@@ -271,11 +271,11 @@ async function move(body) {
 function showCorrelations(found) {
   $("correlations").hidden = !found;
   if (!found) return void $("correlations").replaceChildren();
-  const cell = (value) => make("td", value !== null && Math.abs(value) > 0.9 ? { class: "strong" } : {},
+  const cell = (value, i, j) => make("td", i !== j && value !== null && Math.abs(value) > 0.9 ? { class: "strong" } : {},
     value === null ? "–" : value.toFixed(2).replace("-", "−"));
-  const head = make("tr", {}, [make("td"), ...found.names.map((_, i) => make("th", { scope: "col" }, String(i + 1)))]);
+  const head = make("tr", {}, [make("th", { scope: "col" }, "number"), ...found.names.map((_, i) => make("th", { scope: "col" }, String(i + 1)))]);
   const rows = found.values.map((row, i) => make("tr", {},
-    [make("th", { scope: "row" }, `${i + 1} ${found.names[i]}`), ...row.map(cell)]));
+    [make("th", { scope: "row" }, `${i + 1} ${found.names[i]}`), ...row.map((value, j) => cell(value, i, j))]));
   $("correlations").replaceChildren(make("h3", {}, "Correlations"), make("table", {}, [head, ...rows]),
     ...found.sentences.map((text) => make("p", { class: "soft" }, text)));
 }
