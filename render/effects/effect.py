@@ -65,9 +65,6 @@ class Parameter:
     >>> index = Parameter("effective_index", null=float("inf"), low=1.05, scale="inverse square")
     >>> index.to_coordinate(2.0), index.from_coordinate(0.25)
     (0.25, 2.0)
-    >>> extinction = Parameter("extinction_per_m", "m^-1")
-    >>> extinction.label, extinction.printed_unit
-    ('extinction', 'm⁻¹')
     """
 
     #: Name by which model files and the effect's function give it.
@@ -111,7 +108,13 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Name in words without its unit, for reports and pages."""
+        """Name in words without its unit, for reports and pages.
+
+        Examples
+        --------
+        >>> Parameter("extinction_per_m", "m^-1").label
+        'extinction'
+        """
         ending = _UNITS_IN_NAMES.get(self.unit, self.unit.lower())
         return _SIZE if self.name == ending else self.name.removesuffix(f"_{ending}").replace("_", " ")
 

@@ -408,11 +408,11 @@ def falling_curve(
     """
     figures = []
     steps = np.arange(len(labels))
-    drawn: tuple[tuple[Sequence[float], str, Callable[[float], str]], ...] = (
+    plots: tuple[tuple[Sequence[float], str, Callable[[float], str]], ...] = (
         (chi2_per_dof, "χ² per degree of freedom", chi2_text),
         (colour, f"mean {colour_label}", number),
     )
-    for values, title, text in drawn:
+    for values, title, text in plots:
         figure, ax = new_figure(2.9)
         ax.plot(steps, values, "-o", color=LINE, markersize=5)
         ax.set_title(title)
