@@ -38,8 +38,8 @@ def write_scene(path: Path, scene: Scene) -> Path:
     Raises
     ------
     InputError
-        If the path does not end in .toml, if a file of another kind would be replaced, or if a lamp has a property
-        that an effect states and no scene file. If a name is not one of a scene file.
+        If the path does not end in .toml, if a file of another kind would be replaced, or if a name is not one of
+        scene files. If a lamp has a property that an effect states and no scene file.
     """
     if path.suffix != ".toml":
         raise InputError(path, f"the ending '{path.suffix}'", "a scene file, '.toml'")
@@ -59,16 +59,16 @@ def write_scene(path: Path, scene: Scene) -> Path:
 
 
 def _require_own(path: Path, neighbours: dict[Path, bytes]) -> None:
-    """Raise InputError where anything but a scene and its own meshes and textures would be replaced."""
+    """Raise InputError if a file would be replaced that does not belong to a scene."""
     hint = "Name another file, or move it away."
-    own: tuple[Path, ...] = ()
+    replaceable: tuple[Path, ...] = ()
     if path.exists():
         try:
-            own = files_of_scene(path)
+            replaceable = files_of_scene(path)
         except InputError:
             raise InputError(path, "a file that is no scene file", "a new file or a scene file", hint) from None
     for file, data in neighbours.items():
-        if file.exists() and file not in own and not (file.is_file() and file.read_bytes() == data):
+        if file.exists() and file not in replaceable and not (file.is_file() and file.read_bytes() == data):
             raise InputError(file, "a file that exists already", f"no such file, for '{path.name}'", hint)
 
 
