@@ -104,8 +104,8 @@ class _View:
 
     #: Scenes of the boxes, with mixed surfaces for textures.
     scenes: list[Scene]
-    #: Scene of the first box as it was drawn, with textures.
-    drawn: Scene
+    #: Scene of the first box with its textures.
+    textured: Scene
     #: Camera of the rows.
     camera: Camera
     #: Largest number of reflections; None for no limit.
@@ -124,7 +124,7 @@ def _strip_pictures(boxes: Sequence[Box], view: _View, recipe: Recipe, progress:
     first = MOST_PASSES * (_order(boxes[0], view.camera_name, recipe) + pictures * view.strip)
     job = RenderJob(joined, camera, grid, seed=seed, max_bounces=view.bounces, first_batch=first)
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
-    geometry = _geometry(image, view.drawn, camera, seed + view.strip)
+    geometry = _geometry(image, view.textured, camera, seed + view.strip)
     mixed_shares = mixed_pixels(joined, camera)
     for number, (box, scene) in enumerate(zip(boxes, scenes, strict=True)):
         part = split_image(image, len(boxes), each_nm)[number]

@@ -6,11 +6,13 @@ import logging
 import multiprocessing
 import os
 import platform
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from typing import Any
 
 from cboxlab.rendering.device import dr
@@ -31,8 +33,14 @@ _WORKER_S = 60.0
 #: Time that a scheduler which ended has to answer again, s.
 _RESTART_S = 60.0
 
+#: Held by the task that a worker runs: limits on threads hold for a process, so its other threads wait.
+_ONE_AT_A_TIME = threading.Lock()
+
 #: Packages whose messages about lost connections are kept off the terminal.
 _DASK_LOGGERS = ("distributed", "asyncio", "tornado")
+
+#: Tasks that a scheduler holds at once: enough for a hundred machines, and little of its memory.
+_MOST_HELD = 4000
 
 #: Interval at which a run looks whether it was cancelled, s.
 _LOOK_S = 0.5
@@ -257,7 +265,7 @@ def _run_on_worker(task: Task) -> list[dict[str, Any]]:
     """
     import dask
 
-    with dask.config.set(scheduler="threads"), ThreadPoolExecutor(1) as thread:
+    with _ONE_AT_A_TIME, dask.config.set(scheduler="threads"), ThreadPoolExecutor(1) as thread:
         return thread.submit(run_task, task).result()
 
 
@@ -268,22 +276,23 @@ def _on_client(
 
     A worker that ends or joins changes nothing else.
     """
-    tasks_of = {client.submit(run, task, pure=False): task for task in tasks}
-    waiting = set(tasks_of)
+    later = iter(tasks)
+    waiting = {client.submit(run, task, pure=False): task for task in islice(later, _MOST_HELD)}
     try:
         while waiting:
             try:
-                over, waiting = dask.wait(waiting, timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+                over, _ = dask.wait(list(waiting), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 over = set()
             for future in over:
-                yield tasks_of[future], future.result()
+                yield waiting.pop(future), future.result()
+            waiting |= {client.submit(run, task, pure=False): task for task in islice(later, len(over))}
             idle()
     except OSError as error:
         if error.filename is not None:
             raise  # a file of the data set, such as on a full disk
         raise _SchedulerEnded from None
-    except (dask.client.FutureCancelledError, dask.client.FuturesCancelledError, CancelledError):
+    except (CancelledError, dask.client.ClosedClientError):  # Dask's errors of cancelled futures are of the first kind
         raise _SchedulerEnded from None
     except dask.KilledWorker:
         fault = "a task during which several workers ended"
