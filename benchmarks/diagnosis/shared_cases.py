@@ -7,6 +7,7 @@ may end or join; the rows are those of one process, in the order of their ends.
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -37,35 +38,23 @@ def answers(
     if scheduler is None:
         yield from ((case, run(case, *arguments)) for case in cases)
         return
-    import cloudpickle
-    from cboxlab.validation.dataset import on_scheduler
+    from cboxlab.validation.dataset import FolderTask, on_scheduler, run_from_folder
 
-    cloudpickle.register_pickle_by_value(sys.modules[__name__])
     folder = str(Path(__file__).resolve().parent)
-    tasks = [(folder, module, number, asdict(case), arguments) for number, case in enumerate(cases)]
+    tasks = [
+        FolderTask(folder, __name__, "answer", (module, number, asdict(case), arguments))
+        for number, case in enumerate(cases)
+    ]
     try:
-        for number, row in on_scheduler(tasks, scheduler, lambda: None, _on_worker):
+        for number, row in on_scheduler(tasks, scheduler, lambda: None, run_from_folder):
             yield cases[number], row
     except InputError as fault:
         print(f"error: --{fault}", file=sys.stderr)
         sys.exit(2)
 
 
-def _on_worker(task: tuple[str, str, int, dict[str, Any], tuple[Any, ...]]) -> tuple[int, Any]:
-    """Number and row of a case, in a process that may not know this module yet."""
-    import importlib
-    import sys
-
-    folder, module, number, fields, arguments = task
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    return number, importlib.import_module("shared_cases").answer(module, fields, arguments)
-
-
-def answer(module: str, fields: dict[str, Any], arguments: tuple[Any, ...]) -> Any:
-    """Row of a case of a benchmark's module, with the fields of its class ``Case``."""
-    import importlib
-
+def answer(module: str, number: int, fields: dict[str, Any], arguments: tuple[Any, ...]) -> tuple[int, Any]:
+    """Number and row of a case of a benchmark's module, with the fields of its class ``Case``."""
     benchmark = importlib.import_module(module)
     with _ONE_AT_A_TIME:
-        return benchmark.run(benchmark.Case(**fields), *arguments)
+        return number, benchmark.run(benchmark.Case(**fields), *arguments)

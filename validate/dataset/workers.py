@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import multiprocessing
 import os
 import platform
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -22,7 +25,7 @@ from cboxlab.utils.errors import InputError
 from .layout import versions
 from .tasks import Task, run_task
 
-__all__ = ["in_processes", "on_local_cluster", "on_scheduler", "run_with_versions"]
+__all__ = ["FolderTask", "in_processes", "on_local_cluster", "on_scheduler", "run_from_folder", "run_with_versions"]
 
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
@@ -190,6 +193,38 @@ def run_with_versions(expected: Mapping[str, str], run: Callable[[Any], Any], ta
     return run(task)
 
 
+@dataclass(frozen=True)
+class FolderTask:
+    """Call of a function in a module that no package has, such as a benchmark."""
+
+    #: Absolute path of the module's folder, the same on every worker.
+    folder: str
+    #: Name of the module.
+    module: str
+    #: Name of the function.
+    function: str
+    #: Arguments of the call.
+    arguments: tuple[Any, ...]
+
+
+def run_from_folder(task: FolderTask) -> Any:
+    """Call the function of a task.
+
+    Parameters
+    ----------
+    task
+        The task.
+
+    Returns
+    -------
+    object
+        Result of the call.
+    """
+    if task.folder not in sys.path:
+        sys.path.insert(0, task.folder)
+    return getattr(importlib.import_module(task.module), task.function)(*task.arguments)
+
+
 class _SchedulerEnded(Exception):
     """The connection to the scheduler was lost."""
 
@@ -294,6 +329,12 @@ def _on_client(
         raise _SchedulerEnded from None
     except (CancelledError, dask.client.ClosedClientError):  # Dask's errors of cancelled futures are of the first kind
         raise _SchedulerEnded from None
+    except (ImportError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "deserialization" not in str(error):
+            raise
+        fault = f"a scheduler or worker that cannot read a task ({error.__cause__ or error})"
+        hint = "Install the same version of cboxlab where the scheduler and its workers run."
+        raise InputError("scheduler", fault, "the same packages on every machine", hint) from None
     except dask.KilledWorker:
         fault = "a task during which several workers ended"
         raise InputError("scheduler", fault, "memory for the pictures", "Use fewer or smaller workers.") from None
