@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..field_fit import Advice
+from ..field_fit import Advice, advice_for
 from .explanation import Explanation
 from .registration import Registration
 
@@ -109,10 +109,9 @@ def advice(explanation: Explanation) -> Advice:
         The family's for its form; by the registration where no family holds, or where it has none.
     """
     family = explanation.family_record
-    if family is not None:
-        for entry in family.advice:
-            if entry.form in explanation.form:
-                return entry
+    of_form = None if family is None else advice_for(family, explanation.form)
+    if of_form is not None:
+        return of_form
     shares = {name: getattr(explanation.registration, name) for name in _WITHOUT_FAMILY}
     largest = max(shares, key=lambda name: shares[name])
     if shares[largest] < _MIN_SHARE:
