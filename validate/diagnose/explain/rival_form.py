@@ -62,8 +62,8 @@ def lead_of_forms(
 ) -> Lead:
     """Lead of the best form of an unlisted cause over an effect.
 
-    Several effects count as one. The form alone is compared with the effect alone, and with both: an effect that gains next to the form is another
-    cause, and no imitation of that one.
+    Several effects count as one. The form alone is compared with the effect alone, and with both: an effect that gains
+    next to the form is another cause, and no imitation of that one.
 
     Parameters
     ----------

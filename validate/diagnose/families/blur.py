@@ -122,7 +122,8 @@ def smears(data: ResidualData) -> Iterator[FittedExplanation]:
 def _lines(data: ResidualData) -> Iterator[FittedExplanation]:
     """Blur along one line, by one number.
 
-    The direction that explains most is sought in all bands, and in one band. The number is the variance along the line, px^2. It is not negative: no camera that moves sharpens its picture.
+    The direction that explains most is sought in all bands, and in one band. The number is the variance along the line,
+    px^2. It is not negative: no camera that moves sharpens its picture.
     """
     moments, columns = _less_noise(data, lambda each: _even_exchange(each, "moments")), _even_exchange(data, "moments")
     bands = len(data.bands)
