@@ -353,7 +353,7 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
             if name in verdicts:
                 gain = verdicts[name].gain
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            signs = Signs(gain, judged.flaws.imitable_chi2, heldout, judged.leads[name].lead)
+            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, judged.leads[name].lead)
             imitations[name] = imitation_probability(signs)
     return imitations
 

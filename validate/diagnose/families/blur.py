@@ -242,6 +242,16 @@ def _even_exchange(data: ResidualData, acts: Acts, angle_deg: float = 0.0) -> Co
 #: Words for the laboratory.
 _ADVICE = (
     Advice(
+        "copy of the picture in one band",
+        "in one filter, or between it and the lens",
+        (
+            "a filter in its holder the wrong way round",
+            "a filter that reflects light back and forth",
+            "a double exposure",
+        ),
+        "Turn the filter over in its holder and photograph the band again: a copy that moves or goes was made there.",
+    ),
+    Advice(
         "copy of the picture",
         "in the light's way before the sensor",
         ("a pane or filter that reflects twice", "a ghost between lens and sensor", "a double exposure"),
@@ -254,7 +264,7 @@ _ADVICE = (
         "Photograph a bright edge on a dark ground with a slower read-out: trails of a register get shorter.",
     ),
     Advice(
-        "along a",
+        "along ",
         "while the shutter is open",
         ("a camera that shakes", "a moving table", "a filter wheel that still turns"),
         "Photograph again with the shutter released by time, on a heavy tripod.",

@@ -129,8 +129,13 @@ _ADVICE = (
     Advice(
         "",
         "in time",
-        ("a step of the supply's voltage", "a lamp that arcs", "somebody who crossed the light's way"),
-        "Take the bands again in the reverse order: a step in time stays with the frame's number, not with the band.",
+        (
+            "a setting of the camera, such as its gain, that was changed during the series",
+            "a step of the supply's voltage",
+            "a lamp that arcs",
+        ),
+        "Take the bands again in the reverse order, with the camera's settings locked: a step in time stays with the "
+        "number of the frame, and not with the band.",
     ),
 )
 
