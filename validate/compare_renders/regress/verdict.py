@@ -28,7 +28,9 @@ from .patterns import (
 )
 from .pooled import (
     SHARES,
+    PooledMean,
     Pooling,
+    area_means,
     cancelling_patterns,
     difference_of,
     pooled_means,
@@ -36,7 +38,7 @@ from .pooled import (
 from .sides import Side, SurfaceIndices, quieter_part, roughness_of, sound_side
 from .strata import Strata, strata_of
 
-__all__ = ["FALSE_ALARMS", "RegressionData", "compared_sides", "regress_sides"]
+__all__ = ["FALSE_ALARMS", "RegressionData", "compared_areas", "compared_sides", "regress_sides"]
 
 #: Largest part of the verdicts on equal pictures that say "different": one in a thousand runs.
 FALSE_ALARMS = 1e-3
@@ -212,6 +214,48 @@ def _without_slow(comparison: RegressionData, false_alarms: float) -> Regression
     return replace(comparison, noise=noise, pooling=replace(comparison.pooling, noise=noise))
 
 
+def compared_areas(baseline: Side, candidate: Side) -> tuple[tuple[PooledMean, ...], RegressionData]:
+    """Means of two sides in each area of the picture, without a verdict.
+
+    Parameters
+    ----------
+    baseline, candidate
+        The sides.
+
+    Returns
+    -------
+    means
+        Those of ``area_means``, the entire picture first.
+    comparison
+        Sides, parts, noise, outliers.
+
+    Raises
+    ------
+    InputError
+        If the sides cannot be compared, or if the baseline has no light.
+    """
+    _, comparison = _with_and_without_pattern(baseline, candidate, None, FALSE_ALARMS)
+    means = area_means(comparison.pooling)
+    _require_light(means, baseline)
+    return means, comparison
+
+
+def _with_and_without_pattern(
+    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None, false_alarms: float
+) -> tuple[RegressionData, RegressionData]:
+    """Comparison of two sides as it is, and without a periodic pattern that decides."""
+    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
+    return as_found, _without_pattern(as_found, false_alarms)
+
+
+def _require_light(pools: tuple[PooledMean, ...], baseline: Side) -> None:
+    """Raise InputError without a mean of the entire picture."""
+    if not pools or pools[0].kind != "whole":
+        raise InputError(
+            baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
+        )
+
+
 def regress_sides(
     baseline: Side, candidate: Side, surfaces: SurfaceIndices | None = None, false_alarms: float = FALSE_ALARMS
 ) -> tuple[Outcome, RegressionData]:
@@ -234,14 +278,10 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
-    comparison = _without_pattern(as_found, false_alarms)
+    as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
-    if not pools or pools[0].kind != "whole":
-        raise InputError(
-            baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
-        )
+    _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
     notes = [
