@@ -18,7 +18,6 @@ from .outliers import Trimmed, trimmed
 from .patterns import (
     Difference,
     Finding,
-    PooledMean,
     periodic,
     pool_of_finding,
     slow_change,
