@@ -15,7 +15,7 @@ import numpy as np
 from cboxlab.rendering.image import high_pass
 from cboxlab.utils.distributions import normal_quantile, student_quantile, student_tail
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, median_filter, minimum_filter
+from scipy.ndimage import laplace, maximum_filter, median_filter, minimum_filter
 
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
@@ -282,9 +282,7 @@ def cancelling_patterns(
 
 def _steps(pooling: Pooling) -> float:
     """Relative standard deviation from the steps of files; 0 for fine steps."""
-    if pooling.shared is None:
-        return 0.0
-    return float(pooling.shared.sum()) / max(float(pooling.level.sum()), 1e-300)
+    return 0.0 if pooling.shared is None else float(pooling.shared.sum()) / max(float(pooling.level.sum()), 1e-300)
 
 
 def _pool_of(
@@ -308,8 +306,7 @@ def _pool_of(
     if sums.shared is not None:
         variance += float(sums.shared[mask].sum()) ** 2
     degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), independent - 1.0))
-    if kind in _SMALL_POOLS:
-        degrees = min(degrees, _MAX_BLOCK_DEGREES)
+    degrees = min(degrees, _MAX_BLOCK_DEGREES) if kind in _SMALL_POOLS else degrees
     return _row(
         pooling,
         kind,
@@ -446,12 +443,11 @@ def _patterns(pooling: Pooling, edges: NDArray[np.bool_], prefix: str) -> list[P
     if not pooling.noise.estimated:
         return rows
     others = {row.name: row for row in _patterns_by(pooling, edges, prefix, 0.5)}
-    pairs = [(row, others[row.name]) for row in rows if row.name in others]
-    return [min(pair, key=lambda row: abs(row.statistic)) for pair in pairs]
+    return [min(row, others[row.name], key=lambda r: abs(r.statistic)) for row in rows if row.name in others]
 
 
 def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quieter: float) -> list[PooledMean]:
-    """The same by slopes of a mean of both pictures, in which the candidate has the weight ``quieter``.
+    """The same by slopes of a mean of both pictures, with the candidate's weight ``quieter``.
 
     Shifts are px, magnification and turn px at half a width from the centre, blur is an added variance in px^2.
     Each edge pixel contributes with its own sign. The sum over its own root sum of squares is the statistic. It needs
@@ -465,7 +461,7 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
     span = maximum_filter(half, 3) - minimum_filter(half, 3)
     sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)
     down, right = (np.asarray(slope) for slope in np.gradient(half))
-    curved = -_laplacian(half)
+    curved = -laplace(half, mode="nearest")
     inside = np.pad(np.ones(np.subtract(level.shape, 2), bool), 1)
     at_edges = strata.used & inside & edges
     weight = np.where(at_edges, 1 / np.maximum(span**2 + _CLEAR_STEP_SIGMAS**2 * sigma, 1e-300), 0.0)
@@ -507,9 +503,3 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
             )
         )
     return rows
-
-
-def _laplacian(picture: NDArray) -> NDArray[np.float64]:
-    """(y, x) sum of the second derivatives along rows and columns."""
-    along = np.pad(picture, 1, mode="edge")
-    return along[2:, 1:-1] + along[:-2, 1:-1] + along[1:-1, 2:] + along[1:-1, :-2] - 4 * picture
