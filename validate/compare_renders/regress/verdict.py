@@ -235,8 +235,8 @@ def _with_and_without_pattern(
     baseline: Side, candidate: Side, surfaces: SurfaceIndices | None, false_alarms: float
 ) -> tuple[RegressionData, RegressionData]:
     """Comparison of two sides as it is, and without a periodic pattern that decides."""
-    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
-    return as_found, _without_pattern(as_found, false_alarms)
+    original = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
+    return original, _without_pattern(original, false_alarms)
 
 
 def _require_light(pools: tuple[PooledMean, ...], baseline: Side) -> None:
@@ -269,9 +269,9 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
+    original, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
-    cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
+    cancelling = cancelling_patterns(original.pooling, *(_total(side) for side in _sides(original)))
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -279,7 +279,7 @@ def regress_sides(
         *comparison.common.baseline.notes,
         *comparison.common.candidate.notes,
         *comparison.common.notes,
-        *_remarks(as_found),
+        *_remarks(original),
     ]
     if comparison.removed:
         notes.append(f"means are tested without the {comparison.removed}")
@@ -290,8 +290,8 @@ def regress_sides(
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
-        pixels_differing=_differing(as_found),
-        relative=_relative(as_found),
+        pixels_differing=_differing(original),
+        relative=_relative(original),
         notes=tuple(notes),
     )
     return outcome, comparison
