@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, FrameTable
+from ..capture import BandTable, BracketTable, Capture, FlatTable, FrameTable, ReferenceTable
 from .dark import DarkLibrary
 from .noise_line import (
     ROUNDED_VARIANCE,
@@ -32,6 +32,8 @@ from .repeat_light import LIGHT_CHANGE_NOTED, light_change
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
 
+#: A kind of table of frames.
+_Table = TypeVar("_Table", bound=FrameTable)
 #: Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
 _HARMONICS = 1000
 #: Where the shot noise of a count comes from: repeats of flats, the manifest, repeats of the bands, neighbouring pixels
@@ -158,24 +160,33 @@ def _read_noise(
 
 
 def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
-    """Notes on flats and references whose light changes between repeats."""
-    notes = []
-    for kind, tables in (("flat", capture.manifest.flats), ("reference", capture.manifest.reference)):
-        for table in tables:
-            if len(table.frames) < 2:
-                continue
+    """Notes on frames whose light changes between repeats."""
+    manifest, notes = capture.manifest, []
+    kinds: tuple[tuple[str, Sequence[BandTable | BracketTable | FlatTable | ReferenceTable]], ...] = (
+        ("scene", (*manifest.band, *manifest.bracket)),
+        ("flat", manifest.flats),
+        ("reference", manifest.reference),
+    )
+    for kind, tables in kinds:
+        for table in _of_different_frames(tables):
             stack = capture.frames(table)
             good = (stack.max(axis=0) < capture.saturation_dn) & (stack.min(axis=0) > 0)
-            change = light_change(stack.astype(float), dark.at(table.exposure_s), good)
-            if change >= LIGHT_CHANGE_NOTED:
-                notes.append(
-                    f"{table.band}: the light of the {kind} changes by {100 * change:.2g} % between repeats; for the "
-                    "noise they are scaled to one mean"
-                )
+            level = None if kind == "scene" else dark.at(table.exposure_s)
+            change = light_change(stack.astype(float), level, good)
+            if change < LIGHT_CHANGE_NOTED:
+                continue
+            of_frames = [other for other in tables if other.frames == table.frames]
+            bands = ", ".join(other.id if isinstance(other, BandTable) else other.band for other in of_frames)
+            exposure = f" at {table.exposure_s:g} s" if kind == "scene" and not isinstance(table, BandTable) else ""
+            averaged = "averaged for the signal, and " if kind == "scene" else ""
+            notes.append(
+                f"{bands}: the light of the {kind}{exposure} changes by {100 * change:.2g} % between repeats; they "
+                f"are {averaged}scaled to one mean for the noise"
+            )
     return notes
 
 
-def _of_different_frames(tables: Sequence[FrameTable]) -> list[FrameTable]:
+def _of_different_frames(tables: Sequence[_Table]) -> list[_Table]:
     """Tables with repeats, without those of the frames of another one.
 
     Behind a mosaic a frame may stand once for each channel. The noise comes from all its pixels, so it counts once.
@@ -198,7 +209,8 @@ def _samples_of_scene(
     """
     manifest = capture.manifest
     line, covariance = fit_noise_line([*of_flats, *of_darks], floor)
-    tables = _of_different_frames([*manifest.reference, *manifest.band, *manifest.bracket])
+    everything: list[FrameTable] = [*manifest.reference, *manifest.band, *manifest.bracket]
+    tables = _of_different_frames(everything)
     samples = [samples_of_repeats(capture.frames(table), bias, capture.saturation_dn, line=line) for table in tables]
     samples = [each for each in samples if each.charge.size]
     if not samples:
