@@ -278,7 +278,7 @@ def regress_sides(
         *comparison.common.notes,
         *_remarks(original),
     ]
-    layers = changed_layers(*_sides(as_found), false_alarms)
+    layers = changed_layers(*_sides(original), false_alarms)
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
         for row in layers
