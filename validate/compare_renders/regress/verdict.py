@@ -232,8 +232,8 @@ def _with_and_without_pattern(
     baseline: Side, candidate: Side, surfaces: SurfaceIndices | None, false_alarms: float
 ) -> tuple[RegressionData, RegressionData]:
     """Comparison of two sides as it is, and without a periodic pattern that decides."""
-    original = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
-    return original, _without_pattern(original, false_alarms)
+    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
+    return as_found, _without_pattern(as_found, false_alarms)
 
 
 def _require_light(pools: tuple[PooledMean, ...], baseline: Side) -> None:
@@ -266,9 +266,9 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    original, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
+    as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
-    cancelling = cancelling_patterns(original.pooling, *(_total(side) for side in _sides(original)))
+    cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -276,9 +276,9 @@ def regress_sides(
         *comparison.common.baseline.notes,
         *comparison.common.candidate.notes,
         *comparison.common.notes,
-        *_remarks(original),
+        *_remarks(as_found),
     ]
-    layers = changed_layers(*_sides(original), false_alarms)
+    layers = changed_layers(*_sides(as_found), false_alarms)
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
         for row in layers
@@ -293,8 +293,8 @@ def regress_sides(
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
-        pixels_differing=_differing(original),
-        relative=_relative(original),
+        pixels_differing=_differing(as_found),
+        relative=_relative(as_found),
         notes=tuple(notes),
         single_pictures=comparison.noise.estimated,
     )
