@@ -256,6 +256,31 @@ def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.fl
     return samples
 
 
+def _source_notes(
+    bright_samples: list[VarianceSamples], dark_samples: list[VarianceSamples], source: NoiseSource, *, has_flats: bool
+) -> list[str]:
+    """Notes on what was not measured, and on noise that comes from the bands."""
+    notes = []
+    if not bright_samples:
+        notes.append(
+            f"gain not measured: {'the flats are saturated or copied' if has_flats else 'no flat with repeats'}"
+        )
+    if source == "band repeats":
+        notes.append("the noise comes from the repeats of the bands: no flat with repeats, and no gain is stated")
+    if source == "estimated":
+        notes.append("the noise is estimated from neighbouring pixels of the bands: no repeats, and no gain is stated")
+    if not dark_samples:
+        notes.append("read noise not measured: no usable dark frames with repeats")
+    return notes
+
+
+def _contradictions(quantity: str, nominal: float | None, measured: float | None, sigma: float | None) -> list[str]:
+    """Note on a stated value that the frames contradict; empty without one."""
+    if nominal is None or measured is None or sigma is None or not abs(nominal - measured) > _NOTED_SIGMAS * sigma:
+        return []
+    return [f"{quantity}: the manifest states {nominal:g}, the frames show {measured:.4g} +- {sigma:.2g}"]
+
+
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
     """Gain and read noise from flats, darks and the scene, else from the manifest or the bands.
 
@@ -305,14 +330,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         bright_samples, source = _samples_of_bands(capture, bias)
     quietest = min((float(s.variance.mean()) for s in dark_samples), default=np.inf)
     rounded = quietest < ROUNDED_VARIANCE
-    if not bright_samples:
-        notes.append(f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}")
-    if source == "band repeats":
-        notes.append("the noise comes from the repeats of the bands: no flat with repeats, and no gain is stated")
-    if source == "estimated":
-        notes.append("the noise is estimated from neighbouring pixels of the bands: no repeats, and no gain is stated")
-    if not dark_samples:
-        notes.append("read noise not measured: no usable dark frames with repeats")
+    notes += _source_notes(bright_samples, dark_samples, source, has_flats=bool(flats))
     fitted_samples, floor, slope = [*bright_samples, *dark_samples], UNKNOWN, UNKNOWN
     if rounded:
         low, high = ROUNDING_VARIANCE, ROUNDED_VARIANCE
@@ -340,19 +358,8 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         if read is None and gain is not None:
             read = gain * float(np.sqrt(max(quietest - ROUNDING_VARIANCE, largest**2 / 4)))
             read_sigma = gain * largest / float(np.sqrt(12))
-    for quantity, manifest_value, value, sigma in (
-        ("gain", camera.gain_e_per_dn, gain, gain_sigma),
-        ("read noise", camera.read_noise_e, read, read_sigma),
-    ):
-        if (
-            manifest_value is not None
-            and value is not None
-            and sigma is not None
-            and abs(manifest_value - value) > 5 * sigma
-        ):
-            notes.append(
-                f"{quantity}: the manifest states {manifest_value:g}, the frames show {value:.4g} +- {sigma:.2g}"
-            )
+    notes += _contradictions("gain", camera.gain_e_per_dn, gain, gain_sigma)
+    notes += _contradictions("read noise", camera.read_noise_e, read, read_sigma)
     if gain is None:
         notes.append("gain unknown: no variance includes shot noise or read noise")
     return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes), source, line_covariance=line_covariance)
