@@ -199,7 +199,7 @@ def patch_pixels(
 def _relative_signals(
     patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """(n,) signals over the white patch's, without shading, standard deviations, and the white signal, DN."""
+    """(n,) signals over the white one without shading, their sigmas, and the white signal, DN."""
     level, sigma = patch_levels(patches, shading, white)
     relative_white = sigma[white] / level[white]
     ratio = level / level[white]

@@ -58,7 +58,7 @@ def test_channels_of_one_filter_are_weighted_by_their_squared_signals():
 
 
 def test_a_dim_channel_with_stray_light_has_little_weight():
-    """5 DN of stray light on 200 and on 40 DN: errors of 0.025 and 0.12, of which 0.028 remain."""
+    """5 DN of stray light on 200 and on 40 DN: errors of 0.025 and 0.12 become one of 0.028."""
     capture = capture_of(("500g", 500, "G"), ("500b", 500, "B"))
     truth, level = np.linspace(0.05, 0.9, 24), np.array([200.0, 40.0])
     columns = (truth[:, None] + 5 / level) / (1 + 5 / level)
