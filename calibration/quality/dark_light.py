@@ -114,7 +114,7 @@ def _light(flats: Sequence[Stack], dark: DarkLibrary, index: int) -> tuple[float
 
 
 def _light_by_colour(flats: Sequence[Stack], dark: DarkLibrary, index: int) -> tuple[float, float] | None:
-    """As ``_light``, by the increase in the channels of a mosaic over those of a flat.
+    """Light by the channels of a mosaic, as of ``_light``: their increase over that of a flat.
 
     A level of each channel that no exposure changes is not in the increase.
     """
