@@ -139,3 +139,27 @@ def test_what_a_state_leaves_out_no_diagnosis_imports():
     rooms = tuple(f"cboxlab.validation.{room.replace('/', '.')}." for room in left_out)
     assert not [name for name in loaded if f"{name}.".startswith(rooms)]
     assert all((ROOT / "validate" / room).is_dir() for room in left_out)
+
+
+def test_cases_on_a_scheduler_have_the_rows_of_one_process(tmp_path, monkeypatch):
+    """Of a benchmark's module that the worker imports; and None where a case cannot be made."""
+    distributed = pytest.importorskip("distributed")
+    source = """
+from dataclasses import dataclass
+@dataclass(frozen=True)
+class Case:
+    names: tuple[str, ...]
+    seed: int
+def run(case, factor):
+    return None if case.seed == 2 else {"key": "+".join(case.names), "value": factor * case.seed}
+"""
+    (tmp_path / "three_cases.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    module, shared = (importlib.import_module(name) for name in ("three_cases", "shared_cases"))
+    cases = [module.Case(("haze", "gloss"), seed) for seed in (1, 2, 3)]
+    alone = list(shared.answers("three_cases", cases, module.run, (10,), None))
+    local = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**local) as cluster:
+        rows = list(shared.answers("three_cases", cases, module.run, (10,), cluster.scheduler_address))
+    assert sorted(rows, key=lambda pair: pair[0].seed) == alone
+    assert [row and row["value"] for _, row in alone] == [10, None, 30]

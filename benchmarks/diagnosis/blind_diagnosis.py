@@ -7,7 +7,8 @@ effects that the catalogue does not hold, and causes of ``made_causes``, scored 
 published box at 128 x 128). --boxes and --instruments take turns through those of ``blind_places``. Captures come in
 an order by chance, so that a part of the set has all kinds. Finished ones are kept in --results (JSON lines), so that
 an interrupted run goes on where it stopped, with the same code only; --part K/N does a share of the set, and
-``blind_scores.py`` prints the tables of all parts. The last line printed with --json is one JSON object.
+``blind_scores.py`` prints the tables of all parts. --scheduler ADDRESS shares the captures between Dask's workers. The
+last line printed with --json is one JSON object.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, at_strength
 from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, varied_settings, with_block_offsets
 from made_causes import CAUSES
 from outside_effects import COLOUR_SENSOR, KEPT_BACK, OUTSIDE
+from shared_cases import add_scheduler, answers
 from unknown_causes import run as run_unknown
 
 _DRAWS = 8
@@ -366,6 +368,7 @@ def main() -> None:
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--results", type=Path, default=Path("blind-results.jsonl"))
     parser.add_argument("--json", action="store_true")
+    add_scheduler(parser)
     options = parser.parse_args()
     try:
         every = cases(options)
@@ -377,10 +380,8 @@ def main() -> None:
     code = code_state()
     if others := {row.get("code", "unstated") for row in rows} - {code}:
         sys.exit(f"{options.results}: made by other code ({', '.join(others)}, not {code}); name another --results")
-    for case in every:
-        if case.key in done or not own_part(case, options.part):
-            continue
-        row = run(case)
+    pending = [case for case in every if case.key not in done and own_part(case, options.part)]
+    for case, row in answers("blind_diagnosis", pending, run, (), options.scheduler):
         if row is None:
             print(f"{case.key}: cannot be so strong, left out", flush=True)
             continue

@@ -9,13 +9,13 @@ from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
 from .constants import check_constant, check_flats_and_references, check_focal_length
-from .content import check_frame_content, check_names, check_spectra_content
+from .content import check_frame_content, check_names, check_same_view, check_spectra_content
 from .counts import check_counts
-from .dark_light import check_light_in_darks
+from .dark_light import check_dark_temperature, check_light_in_darks
 from .darks import check_bias_drift, check_darks
 from .fields import check_fields, check_pattern
 from .filters import check_filter_shift
-from .fingerprint import check_fingerprint, check_flat_shapes
+from .fingerprint import check_division, check_fingerprint, check_flat_shapes
 from .points import check_points
 from .repeats import check_noise, check_repeats
 from .schedule import check_brackets, check_exposures, check_schedule
@@ -43,7 +43,9 @@ def _check_counts(
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     yield from check_fingerprint(stacks, dark)
+    yield from check_division(stacks, dark)
     yield from check_light_in_darks(stacks, dark)
+    yield from check_dark_temperature(stacks, capture.saturation_dn)
     yield from check_fields(capture, stacks, dark)
     yield from check_pattern(capture, stacks, dark, channels)
 
@@ -101,6 +103,7 @@ def find_suspicions(
         *check_tables(capture),
         *check_scene(capture),
         *check_frame_content(stacks),
+        *check_same_view(capture, stacks, dark, noise),
         *check_spectra_content(capture),
         *check_names(capture, stacks),
         *check_exposures(stacks),
