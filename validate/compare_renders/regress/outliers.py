@@ -19,6 +19,8 @@ _MIN_LIGHT = 1e-3
 #: Largest group of touching outliers: 3 x 3 pixels, as far as a pixel filter spreads a firefly. Larger groups are a
 #: difference of the pictures.
 _MAX_GROUP_PX = 9
+#: Part of an outermost row or column from which its outliers are no fireflies, which hit one pixel in a hundred.
+_BORDER_PART = 0.25
 #: Outliers whose neighbours are gathered at once, which bounds memory.
 _AT_ONCE = 1000
 
@@ -75,7 +77,7 @@ def trimmed(
     widest = np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) ** 2
     outlier = _far(total, ground, widest, degrees)
     outlier |= _far(difference @ even, level @ even, row_sums(variance, even, root=True) ** 2, degrees)
-    outlier &= _in_small_groups(outlier) & ~lamp
+    outlier &= _in_small_groups(outlier) & ~lamp & ~_changed_border(outlier)
     if not outlier.any():
         return Trimmed(difference, level, outlier, np.zeros_like(total))
     clean, base = difference.copy(), level.copy()
@@ -92,14 +94,22 @@ def _far(total: NDArray, ground: NDArray, widest: NDArray, degrees: float) -> ND
     """
     quiet = median_filter(ground, 3, mode="nearest")
     scale = np.maximum(quiet, 1e-6 * max(float(quiet.max()), 1e-300))
-    ratio = median_filter(total / scale, 7, mode="nearest")
+    ratio = median_filter(total / scale, 7, mode="reflect")  # "nearest" repeats a border until it is most of a corner
     residual = total - ratio * ground
     sigma = np.sqrt(smooth_variance(quiet, widest, degrees))
-    spread = 1.4826 * median_filter(np.abs(residual), 7, mode="nearest")
+    spread = 1.4826 * median_filter(np.abs(residual), 7, mode="reflect")
     allowed = _OUTLIER_SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (
         1 + np.abs(ratio)
     )
     return np.asarray((np.abs(residual) > allowed) | (np.abs(ground - quiet) > allowed + quiet))
+
+
+def _changed_border(outlier: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(y, x) outermost rows and columns with more outliers than fireflies make."""
+    border = np.zeros_like(outlier)
+    for line in (np.s_[0, :], np.s_[-1, :], np.s_[:, 0], np.s_[:, -1]):
+        border[line] |= outlier[line].mean() > _BORDER_PART
+    return border
 
 
 def _in_small_groups(outlier: NDArray[np.bool_]) -> NDArray[np.bool_]:

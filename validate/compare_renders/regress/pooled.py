@@ -439,6 +439,20 @@ def _row(
 def _patterns(pooling: Pooling, edges: NDArray[np.bool_], prefix: str) -> list[PooledMean]:
     """Tests of patterns at some edges: shift, magnification, turn, blur.
 
+    Where noise is estimated, the part of each side in it is not well known. Each test is then the less clear of two, by
+    that part and by one half.
+    """
+    rows = _patterns_by(pooling, edges, prefix, pooling.quieter)
+    if not pooling.noise.estimated:
+        return rows
+    others = {row.name: row for row in _patterns_by(pooling, edges, prefix, 0.5)}
+    pairs = [(row, others[row.name]) for row in rows if row.name in others]
+    return [min(pair, key=lambda row: abs(row.statistic)) for pair in pairs]
+
+
+def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quieter: float) -> list[PooledMean]:
+    """The same by slopes of a mean of both pictures, in which the candidate has the weight ``quieter``.
+
     Shifts are px, magnification and turn px at half a width from the centre, blur is an added variance in px^2.
     Each edge pixel contributes with its own sign. The sum over its own root sum of squares is the statistic. It needs
     no known variance, and heavy tails make it smaller, not larger.
@@ -446,7 +460,7 @@ def _patterns(pooling: Pooling, edges: NDArray[np.bool_], prefix: str) -> list[P
     strata, trimmed = pooling.strata, pooling.trimmed
     level, total = pooling.level, pooling.total
     # slopes from a mean whose noise is independent of the difference's, or noise would look like sharper edges
-    half = level + total * pooling.quieter
+    half = level + total * quieter
     quiet = median_filter(half, 3, mode="nearest")
     span = maximum_filter(half, 3) - minimum_filter(half, 3)
     sigma = smooth_variance(quiet, pooling.noise.total, pooling.noise.degrees)

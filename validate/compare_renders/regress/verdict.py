@@ -10,12 +10,21 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from .changed_layers import changed_layers
+from ..scene_pictures import changed_layers
 from .grids import Common, common_wavelengths
 from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
-from .patterns import Difference, periodic, slow_change, tile_steps, without_period, without_slow
+from .patterns import (
+    Difference,
+    Finding,
+    periodic,
+    pool_of_finding,
+    slow_change,
+    tile_steps,
+    without_period,
+    without_slow,
+)
 from .pooled import (
     SHARES,
     PooledMean,
@@ -50,6 +59,8 @@ _BATCH_MARGIN = 1.5
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
+#: Probability of a layer that differs over its critical one.
+_CERTAIN = 1e-6
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
 _MAX_PIXEL_DEGREES = 8.0
 
@@ -278,7 +289,7 @@ def regress_sides(
         *comparison.common.notes,
         *_remarks(as_found),
     ]
-    layers = changed_layers(*_sides(as_found), false_alarms)
+    layers = _layers(*_sides(as_found), false_alarms)
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
         for row in layers
@@ -299,6 +310,17 @@ def regress_sides(
         single_pictures=comparison.noise.estimated,
     )
     return outcome, comparison
+
+
+def _layers(baseline: Side, candidate: Side, false_alarms: float) -> tuple[PooledMean, ...]:
+    """Tests of the files' layers, which have no noise where they are even."""
+    critical, maps = false_alarms * SHARES["layer"], (baseline.surfaces, candidate.surfaces)
+    first, second = (None if m is None or not m.of_objects else (m.index, m.names) for m in maps)
+    findings = [
+        Finding(c.name, c.pixels, c.part, max(c.part, 1e-12) / 10, 12.0, _CERTAIN * critical if c.part else 1.0)
+        for c in changed_layers((baseline.guides, candidate.guides), (first, second))
+    ]
+    return tuple(pool_of_finding("layer", finding, critical) for finding in findings)
 
 
 def _sides(comparison: RegressionData) -> tuple[Side, Side]:

@@ -83,9 +83,10 @@ def test_causes_that_need_no_scene_are_named(tmp_path, change, name, spoilt):
     assert (outcome.changes[0].change, outcome.changes[0].fits) == (name, True), outcome.changes
 
 
-def test_a_border_is_certain_where_its_own_pixels_show_it(tmp_path):
+@pytest.mark.parametrize("factor", [0.7, 0.0])
+def test_a_border_is_certain_where_its_own_pixels_show_it(tmp_path, factor):
     """Pixels that it leaves alone do not make it less certain: the rest of the picture has no part in it."""
-    inside = np.pad(np.ones((SIZE - 2, SIZE - 2)), 1, constant_values=0.7)
+    inside = np.pad(np.ones((SIZE - 2, SIZE - 2)), 1, constant_values=factor)
     outcome = pair(tmp_path, noisy(2) * inside[..., None])
     assert not outcome.same
     assert (outcome.changes[0].change, outcome.changes[0].fits) == ("border", True), outcome.changes
@@ -160,13 +161,13 @@ def test_an_object_that_layers_alone_show_is_a_difference(tmp_path):
     def layers(seed, depth, index):
         return written(tmp_path / f"{seed}.exr", colours(noisy(seed)) | {"dd.Y": depth, "idx.I": index.astype(float)})
 
-    thing = layers(1, depth, index)
-    outcome = regress_inputs(thing, layers(2, without, OBJECT))
+    with_object = layers(1, depth, index)
+    outcome = regress_inputs(with_object, layers(2, without, OBJECT))
     assert [row.name for row in outcome.of_kind("layer") if row.different] == ["depth", "objects"]
     assert outcome.changes[0].parameters["description"] == "the light is the same, the depth and objects layer differs"
-    assert regress_inputs(thing, layers(3, depth, index)).same
+    assert regress_inputs(with_object, layers(3, depth, index)).same
     # numbers in another order, and a depth in millimetres, are other definitions
-    assert regress_inputs(thing, layers(4, 1000 * depth, 9 - index)).same
+    assert regress_inputs(with_object, layers(4, 1000 * depth, 9 - index)).same
 
 
 def test_errors_of_a_g_buffer_are_used(tmp_path):

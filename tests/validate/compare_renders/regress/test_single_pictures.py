@@ -131,16 +131,16 @@ def test_a_denoiser_of_one_side_is_seen_by_the_structure_it_takes(filtered):
 @pytest.mark.parametrize(("noise", "height", "blur"), [("independent", 4, 0.0), ("filtered", 8, 0.5)])
 def test_a_missing_object_of_few_pixels_is_seen_in_its_place(noise, height, blur):
     """A darker object of 24 pixels, or of 48 behind a pixel filter."""
-    thing = np.ones((SIZE, SIZE, 1))
-    thing[20 : 20 + height, 30:36] = 0.5
-    seen = gaussian_filter(thing, (blur, blur, 0)) if blur else thing
-    result = outcome(LIGHT * thing, lambda p: p / seen, noise, 8)
+    dark_part = np.ones((SIZE, SIZE, 1))
+    dark_part[20 : 20 + height, 30:36] = 0.5
+    blurred = gaussian_filter(dark_part, (blur, blur, 0)) if blur else dark_part
+    result = outcome(LIGHT * dark_part, lambda p: p / blurred, noise, 8)
     (row,) = result.of_kind("part")
     assert row.different
     x, y = (int(word) for word in row.name.split()[-3::2])
     assert max(abs(x - 32.5), abs(y - 19.5 - height / 2)) <= 4
     assert row.difference > 0
-    assert outcome(LIGHT * thing, lambda p: p, noise, 8).same
+    assert outcome(LIGHT * dark_part, lambda p: p, noise, 8).same
 
 
 def test_the_same_light_states_what_could_not_be_seen():

@@ -5,14 +5,13 @@ from .correlation import clustering_by_filter, clustering_of_blocks, clustering_
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
-from .lines import odd_lines, odd_tiles, tile_steps
+from .lines import odd_lines, odd_tiles, small_part, tile_steps
 from .mirror import mirror_order
 from .moved import moved_texture
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
 from .slow import slow_change, without_slow
-from .small_part import small_part
 from .spread import block_spread
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
