@@ -8,8 +8,12 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+from cboxlab.rendering.chain import Counts, over_field
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.synthetic import CaptureSettings, behind_mosaic, unit_factors
+from cboxlab.scenes import cornell_camera
 from cboxlab.scenes.scene_file import load_scene
 from helpers.places import ROOT
 
@@ -48,6 +52,33 @@ def test_effects_outside_the_catalogue_act_in_every_box():
                 changed = effect.apply(scene, amount=0.3, row=row, column=0.5)
                 assert {s.material for s in changed.surfaces} <= set(changed.materials)
                 assert [s.material for s in changed.all_surfaces] != [s.material for s in scene.all_surfaces]
+
+
+def test_causes_of_colour_sensors():
+    """A leak moves charge and loses none; other rows and columns change the scene alone; mixed dyes keep their sum."""
+    causes = importlib.import_module("outside_effects").COLOUR_SENSOR
+    draw, level, t = np.random.default_rng(3), np.full(2, 50.0), np.ones(2)
+    frames = [50 + draw.uniform(100, 900, (2, 12, 12)) for _ in range(3)]
+    before = Counts(("r", "g"), *frames, level, level, level, t, t, t, t, 4095.0)
+
+    def after(name, row):
+        return causes[name].apply(before, amount=0.01, row=row, column=0.5)
+
+    rows, columns = after("sideways-leak", 1.0), after("sideways-leak", 0.0)
+    np.testing.assert_allclose(rows.flat.sum(axis=2), before.flat.sum(axis=2))
+    np.testing.assert_allclose(columns.scene.sum(axis=1), before.scene.sum(axis=1))
+    assert not np.allclose(rows.reference, before.reference, rtol=1e-4)
+    for name, share in (("other-rows", 1 / 2), ("column-pair", 2 / 12)):
+        changed = after(name, 1.0)
+        assert changed.flat is before.flat
+        assert np.mean(changed.scene != before.scene) == pytest.approx(share)
+    camera = cornell_camera(16)
+    curves = over_field(unit_factors(behind_mosaic(CaptureSettings(), "RGGB"), 16), camera)
+    mixed = causes["mixed-dyes"].apply(curves, amount=0.1, row=0.5, column=0.5)
+    np.testing.assert_allclose(mixed.rest.sum(axis=0), curves.rest.sum(axis=0))
+    deep = causes["deep-red"].apply(curves, amount=0.1, row=0.5, column=0.5).rest - curves.rest
+    assert (deep >= 0).all()
+    assert set(curves.wavelength_nm[np.argmax(deep, axis=1)]) <= set(np.arange(675.0, 700.0))
 
 
 def test_blind_scores():
