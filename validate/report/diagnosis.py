@@ -21,6 +21,7 @@ from .numerals import chi2_text, with_error
 
 __all__ = [
     "diagnosis_record",
+    "doubt_sentences",
     "error_sentence",
     "evidence_sentences",
     "explained_share",
@@ -101,8 +102,17 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
         **({"base_flaws": [asdict(flaw) for flaw in diagnosis.flaws]} if diagnosis.flaws else {}),
         **({"flaws_cost": diagnosis.flaws_cost} if diagnosis.flaws else {}),
+        **({"doubts": _doubts_record(diagnosis)} if diagnosis.doubts else {}),
         **({"beside_flaws": [_verdict_record(verdict) for verdict in diagnosis.verdicts]} if diagnosis.flaws else {}),
     }
+
+
+def _doubts_record(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Forms of unlisted causes by effect; lead is 2 ln of the odds of the form over the effect."""
+    return [
+        {"effect": effect, "family": lead.title, "form": lead.form, "lead": lead.lead}
+        for effect, lead in diagnosis.doubts.items()
+    ]
 
 
 def _verdict_record(verdict: Verdict) -> dict[str, Any]:
@@ -228,7 +238,32 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
     refused = (verdict for verdict in diagnosis.verdicts if not verdict.holds and verdict.gain > 0)
-    return [*sentences, *map(_reason_of_refusal, refused)]
+    return [*sentences, *(_reason_of_refusal(verdict) for verdict in refused if verdict.effect not in diagnosis.doubts)]
+
+
+def doubt_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Causes outside the catalogue that explain as much as an effect.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        Sentences; empty where every selected effect is distinguished from such causes.
+    """
+    sentences = []
+    for effect, lead in diagnosis.doubts.items():
+        cause = f"{lead.title} ({lead.form})"
+        if effect in diagnosis.selected:
+            sentences.append(f"This capture cannot distinguish {effect} from {cause}, which is not in the catalogue.")
+        else:
+            sentences.append(f"{effect} is not reported: {cause} explains the same difference as well or better.")
+        if lead.advice is not None:
+            sentences.append(f"To distinguish them: {lead.advice.experiment}")
+    return list(dict.fromkeys(sentences))
 
 
 def _reason_of_refusal(verdict: Verdict) -> str:
@@ -388,6 +423,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
         result_sentence(diagnosis),
         *external,
         *flaw_sentences(diagnosis),
+        *doubt_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *_laboratory_lines(diagnosis),

@@ -286,6 +286,7 @@ STYLE: dict[Any, Any] = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # a position that is looked for takes one more layout of all ticks
     "text.color": INK,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
