@@ -91,7 +91,7 @@ def free_port():
         return listening.getsockname()[1]
 
 
-def asked(port, path, body=None):
+def answer_of(port, path, body=None):
     """Answer of the server in JSON, once it listens; None for bytes."""
     data = None if body is None else json.dumps(body).encode()
     request = urllib.request.Request(f"http://127.0.0.1:{port}/api/{path}", data, {"Content-Type": "application/json"})
@@ -113,7 +113,7 @@ def test_a_killed_server_loses_no_work(browser, bench):
     command = [sys.executable, "-c", SERVER, str(root)]
     process = subprocess.Popen([*command, "capture", str(port)], stdout=subprocess.DEVNULL)
     try:
-        while not (state := asked(port, "state"))["open"] or state["job"]:
+        while not (state := answer_of(port, "state"))["open"] or state["job"]:
             time.sleep(0.1)
         browser.open(f"http://127.0.0.1:{port}/")
         browser.until(READY)
