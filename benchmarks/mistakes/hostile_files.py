@@ -7,8 +7,8 @@ packed zeros, headers that count to 4 billion. It gets its sound file in some fo
 of structures, bytes of words exchanged, words that count set to 0 and to the largest, NaN and infinity in place of
 numbers, bytes that are no UTF-8, other ends of lines, a byte order mark, lines twice, nothing, packed contents, 8 GiB
 of zeros, odd names, a folder, a link to itself, a pipe, a device. An input fails if anything but InputError is raised,
-after 5 s, or if memory grows by more than 512 MiB. Each reader has a separate process. Prints a line for each reader with failures, and
-counts; exit code 1 with any.
+after 5 s, or if memory grows by more than 512 MiB. Each reader has a separate process. Prints a line for each reader
+with failures, and counts; exit code 1 with any.
 """
 
 from __future__ import annotations
