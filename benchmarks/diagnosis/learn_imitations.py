@@ -180,7 +180,7 @@ def _row(
     averaging = laboratory.problem.noise_averaging_gain(candidate.applied)
     data = residual_data_of(counting, residual, capture)
     price, shape_error = price_of(len(candidate.numbers)), shape_error_of(candidate.hypothesis.effect.stage)
-    lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error)
+    lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error).lead
     signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout), lead)
     return {"effect": verdict.effect, "signs": asdict(signs)}
 

@@ -36,9 +36,16 @@ class PictureCopy:
     mirrored: bool = False
     #: Shift down and to the right, px.
     shift_px: tuple[int, int] = (0, 0)
+    #: Standard deviation of a blur by a Gaussian, px.
+    blur_px: float = 0.0
+
+    @property
+    def turned_or_mirrored(self) -> bool:
+        """Whether it has another orientation than the picture."""
+        return bool(self.turns) or self.mirrored
 
     def turned(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The picture mirrored and turned, not shifted.
+        """The picture mirrored, turned and blurred, not shifted.
 
         Parameters
         ----------
@@ -50,12 +57,14 @@ class PictureCopy:
         NDArray
             (y, x) the turned picture.
         """
-        return np.rot90(signal[:, ::-1] if self.mirrored else signal, -self.turns)
+        turned = np.rot90(signal[:, ::-1] if self.mirrored else signal, -self.turns)
+        return gaussian_filter(turned, self.blur_px, mode="nearest") if self.blur_px else turned
 
     def of(self, signal: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """The copy, shifted to the place and to its eight neighbours.
 
-        Sums of the nine are copies at parts of a pixel, and copies that are somewhat out of focus.
+        Sums of the nine are copies at parts of a pixel, and copies that are somewhat out of focus. Neighbours of a
+        blurred copy are as far away as the blur is wide.
 
         Parameters
         ----------
@@ -68,7 +77,8 @@ class PictureCopy:
             (y, x) each, DN; 0 where the copy does not reach.
         """
         turned = self.turned(signal)
-        steps = [(self.shift_px[0] + i, self.shift_px[1] + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        away = max(round(self.blur_px), 1)
+        steps = [(self.shift_px[0] + i, self.shift_px[1] + j) for i in (-away, 0, away) for j in (-away, 0, away)]
         return [_shifted(turned, step) for step in steps]
 
 

@@ -151,6 +151,7 @@ class _Field(_Strict):
     turns: int = Field(0, ge=0, le=3)
     mirrored: bool = False
     shift_px: _Pair = (0, 0)
+    blur_px: Annotated[float, Strict(False)] = 0.0
     most_dn: float = Field(1.0, gt=0)
     coefficients: list[list[float]] | None = None
     surfaces: list[_Surface] = Field(default_factory=list)
@@ -192,6 +193,8 @@ def field_record(field: FittedField) -> dict[str, Any]:
         if field.acts == "copy":
             record["turns"], record["mirrored"] = field.picture_copy.turns, field.picture_copy.mirrored
             record["shift_px"] = list(field.picture_copy.shift_px)
+            if field.picture_copy.blur_px:
+                record["blur_px"] = field.picture_copy.blur_px
         if field.acts == "levels":
             record["most_dn"] = float(f"{field.most_dn:.{_DIGITS}g}")
         record["coefficients"] = [_rounded(row) for row in field.coefficients]
@@ -299,7 +302,7 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         entry.angle_deg,
         entry.most_dn,
         np.array(entry.coefficients),
-        PictureCopy(entry.turns, entry.mirrored, entry.shift_px),
+        PictureCopy(entry.turns, entry.mirrored, entry.shift_px, entry.blur_px),
     )
 
 

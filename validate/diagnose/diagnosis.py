@@ -23,11 +23,20 @@ from .alternatives import (
     with_alternatives,
 )
 from .base_flaws import Flaw
-from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
+from .evidence import (
+    INDISTINGUISHABLE_CHI2,
+    Limit,
+    explained_part,
+    prior_pull,
+    something_remains,
+    square,
+    tolerance_notes,
+)
 from .explain import (
     LEAST_PROBABILITY,
     LIKELY,
     Explanation,
+    Lead,
     Signs,
     explain,
     explain_masked_families,
@@ -83,7 +92,7 @@ class Step(FrozenMappings):
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(FrozenMappings):
     """Effects that a model lacks, and what they leave."""
 
     #: Whether the model as given is adequate.
@@ -133,6 +142,8 @@ class Diagnosis:
     flaws_cost: float = 1.0
     #: Judgement of every effect next to the base's flaws, those that did not hold included.
     verdicts: tuple[Verdict, ...] = ()
+    #: By effect that was selected, or left for it, the form of an unlisted cause that explains as much.
+    doubts: Mapping[str, Lead] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +189,7 @@ class _Judged(FrozenMappings):
     #: Identifiers of effects that are no candidates, see `without_imitated`.
     imitated: tuple[str, ...]
     #: By effect, the lead of the best form of an unlisted cause, see `leads_of_forms`.
-    leads: Mapping[str, float] = field(default_factory=dict)
+    leads: Mapping[str, Lead] = field(default_factory=dict)
     #: Largest probability of an imitation among effects that left for it; 0 for none.
     unlisted: float = 0.0
 
@@ -258,6 +269,7 @@ def diagnose_validation(
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
+        doubts={name: lead for name, lead in judged.leads.items() if lead.form and lead.lead > -INDISTINGUISHABLE_CHI2},
         further=tuple(
             further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
@@ -341,7 +353,7 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
             if name in verdicts:
                 gain = verdicts[name].gain
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            signs = Signs(gain, judged.flaws.imitable_chi2, heldout, judged.leads[name])
+            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, judged.leads[name].lead)
             imitations[name] = imitation_probability(signs)
     return imitations
 

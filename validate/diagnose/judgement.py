@@ -107,8 +107,11 @@ class Verdict:
 
     @property
     def holds_next_to_flaws(self) -> bool:
-        """Whether evidence, certainty and stability suffice, before samples held out are asked."""
-        if not (self.needed and self.certainty > _MIN_CERTAINTY):
+        """Whether evidence, certainty and stability suffice, before samples held out are asked.
+
+        An effect with which the picture itself fits less well does not hold, whatever flaws could make of it.
+        """
+        if not (self.needed and self.certainty > _MIN_CERTAINTY and self.gain > 0):
             return False
         sigma = self.stability / self.certainty
         return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))

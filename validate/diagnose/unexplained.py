@@ -26,7 +26,7 @@ from .evidence import (
     shape_error_of,
     square,
 )
-from .explain import MIN_HELDOUT_GAIN, NONE, Explanation, lead_of_forms
+from .explain import MIN_HELDOUT_GAIN, NONE, Explanation, Lead, lead_of_forms
 from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -111,7 +111,8 @@ def family_beats_effects(
         numbers = sum(len(candidate.hypothesis.free) for candidate in effects)
         effects_price = price_of(numbers) + 2 * len(effects) * float(np.log(len(catalogue())))
         family_gain = _gain(explanation, model, model.residual) - complexity
-        return family_gain > (1 + SHAPE_ERROR) * by_effects - effects_price + INDISTINGUISHABLE_CHI2
+        shape_error = max((shape_error_of(candidate.hypothesis.effect.stage) for candidate in effects), default=0.0)
+        return family_gain > (1 + shape_error) * by_effects - effects_price + INDISTINGUISHABLE_CHI2
     by_family = model.residual - model.whiten(explanation.change)
     if scores is not None:
         of_effects, of_family = scores(by_family)
@@ -126,10 +127,11 @@ def family_beats_effects(
 
 def leads_of_forms(
     linearised: LinearisedFit, selected: Sequence[Candidate], errors: Sequence[NDArray[np.floating]], capture: Capture
-) -> dict[str, float]:
+) -> dict[str, Lead]:
     """Lead of the best form of an unlisted cause over each effect.
 
-    Flaws of the base are errors of both. What errors of the effect's shape may lack is forgiven.
+    Flaws of the base are errors of both. What errors of the effect's shape may lack is forgiven. Several effects may
+    be the imitation of one cause together: the form in place of all of them counts for each, too.
 
     Parameters
     ----------
@@ -145,21 +147,28 @@ def leads_of_forms(
     Returns
     -------
     dict
-        By effect, 2 ln of the evidence of the form over that of the effect; none for effects that priors judge.
+        By effect, the lead of the form; none for effects that priors judge.
     """
     counting = replace(linearised, model=linearised.model.with_shared_errors(errors))
     together = residual_with(linearised, selected)
-    leads = dict[str, float]()
-    for index, candidate in enumerate(selected):
-        if candidate.by_priors:
-            continue
-        others = [other for i, other in enumerate(selected) if i != index]
-        others = refitted_together(linearised, others) if others else []
+
+    def over(some: Sequence[Candidate], others: Sequence[Candidate]) -> Lead:
         data = residual_data_of(counting, residual_with(linearised, others), capture)
-        averaging = linearised.problem(others).noise_averaging_gain(candidate.applied)
-        effect = candidate.hypothesis.effect
-        price, shape_error = price_of(len(candidate.numbers)), shape_error_of(effect.stage)
-        leads[effect.id] = lead_of_forms(data, together[: data.count], price, averaging, shape_error)
+        averaging = linearised.problem(others).noise_averaging_gain(*(c.applied for c in some))
+        price = price_of(sum(len(c.numbers) for c in some))
+        shape_error = max(shape_error_of(c.hypothesis.effect.stage) for c in some)
+        return lead_of_forms(data, together[: data.count], price, averaging, shape_error)
+
+    leads = dict[str, Lead]()
+    by_picture = [candidate for candidate in selected if not candidate.by_priors]
+    for candidate in by_picture:
+        others = [other for other in selected if other is not candidate]
+        others = refitted_together(linearised, others) if others else []
+        leads[candidate.hypothesis.effect.id] = over([candidate], others)
+    if len(by_picture) > 1:
+        others = [candidate for candidate in selected if candidate.by_priors]
+        together_lead = over(by_picture, refitted_together(linearised, others) if others else [])
+        leads = {name: max(lead, together_lead, key=lambda each: each.lead) for name, lead in leads.items()}
     return leads
 
 

@@ -15,12 +15,13 @@ from cboxlab.utils.files import replacing
 from ..compare import HEADLINE
 from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step, Verdict
 from ..diagnose.explain import advice
-from .blocks import with_error
 from .explanation import explanation_record, explanation_sentence, laboratory_sentences
 from .metrics import PathStep
+from .numerals import chi2_text, with_error
 
 __all__ = [
     "diagnosis_record",
+    "doubt_sentences",
     "error_sentence",
     "evidence_sentences",
     "explained_share",
@@ -101,8 +102,17 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
         **({"base_flaws": [asdict(flaw) for flaw in diagnosis.flaws]} if diagnosis.flaws else {}),
         **({"flaws_cost": diagnosis.flaws_cost} if diagnosis.flaws else {}),
+        **({"doubts": _doubts_record(diagnosis)} if diagnosis.doubts else {}),
         **({"beside_flaws": [_verdict_record(verdict) for verdict in diagnosis.verdicts]} if diagnosis.flaws else {}),
     }
+
+
+def _doubts_record(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Forms of unlisted causes by effect; lead is 2 ln of the odds of the form over the effect."""
+    return [
+        {"effect": effect, "family": lead.title, "form": lead.form, "lead": lead.lead}
+        for effect, lead in diagnosis.doubts.items()
+    ]
 
 
 def _verdict_record(verdict: Verdict) -> dict[str, Any]:
@@ -150,17 +160,16 @@ def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
 
 
 def _parameter_text(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
-    """Values of an effect with standard deviations, and units that the names lack."""
-    units = {each.name: each.unit for each in effect.effect.parameters}
+    """Values of an effect with standard deviations and units."""
+    parameters = {each.name: each for each in effect.effect.parameters}
     parts = []
     for name, value in effect.values.items():
         if isinstance(value, str):
             parts.append(value)
             continue
-        unit = units.get(name, "1")
-        is_in_name = not {"per", "seconds", unit.lower()}.isdisjoint(name.split("_"))
-        unit = "" if unit == "1" or is_in_name else f" {unit}"
-        parts.append(f"{name} {with_error(value, sigma.get(name, np.nan))}{unit}")
+        parameter = parameters[name]
+        size = with_error(value, sigma.get(name, np.nan))
+        parts.append(f"{parameter.label} {size} {parameter.printed_unit}".rstrip())
     return ", ".join(parts)
 
 
@@ -229,7 +238,32 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
     refused = (verdict for verdict in diagnosis.verdicts if not verdict.holds and verdict.gain > 0)
-    return [*sentences, *map(_reason_of_refusal, refused)]
+    return [*sentences, *(_reason_of_refusal(verdict) for verdict in refused if verdict.effect not in diagnosis.doubts)]
+
+
+def doubt_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Causes outside the catalogue that explain as much as an effect.
+
+    Parameters
+    ----------
+    diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list
+        Sentences; empty where every selected effect is distinguished from such causes.
+    """
+    sentences = []
+    for effect, lead in diagnosis.doubts.items():
+        cause = f"{lead.title} ({lead.form})"
+        if effect in diagnosis.selected:
+            sentences.append(f"This capture cannot distinguish {effect} from {cause}, which is not in the catalogue.")
+        else:
+            sentences.append(f"{effect} is not reported: {cause} explains the same difference as well or better.")
+        if lead.advice is not None:
+            sentences.append(f"To distinguish them: {lead.advice.experiment}")
+    return list(dict.fromkeys(sentences))
 
 
 def _reason_of_refusal(verdict: Verdict) -> str:
@@ -294,11 +328,11 @@ def error_sentence(diagnosis: Diagnosis) -> str:
     noise = f"(noise alone {last.colour_noise[HEADLINE.id].mean:.2f})"
     if len(diagnosis.path) == 1:
         return (
-            f"χ² per degree of freedom is {first.chi2.per_dof:.3g}, mean {HEADLINE.label} "
+            f"χ² per degree of freedom is {chi2_text(first.chi2.per_dof)}, mean {HEADLINE.label} "
             f"{first.colour[HEADLINE.id].mean:.2f} {noise}."
         )
     return (
-        f"χ² per degree of freedom falls from {first.chi2.per_dof:.4g} to {last.chi2.per_dof:.4g}, "
+        f"χ² per degree of freedom falls from {chi2_text(first.chi2.per_dof)} to {chi2_text(last.chi2.per_dof)}, "
         f"mean {HEADLINE.label} from {first.colour[HEADLINE.id].mean:.2f} to "
         f"{last.colour[HEADLINE.id].mean:.2f} {noise}."
     )
@@ -389,6 +423,7 @@ def finding_sentences(diagnosis: Diagnosis) -> list[str]:
         result_sentence(diagnosis),
         *external,
         *flaw_sentences(diagnosis),
+        *doubt_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *_laboratory_lines(diagnosis),
@@ -434,12 +469,12 @@ def limit_text(limit: Limit) -> str:
         linear scale. The choices of the effect follow in brackets.
     """
     of = ", ".join(c if isinstance(c, str) else f"{name} {c:g}" for name, c in limit.choices.items())
-    unit = "" if limit.unit == "1" else f" {limit.unit}"
     parameter = next(p for p in catalogue()[limit.effect].numbers if p.name == limit.parameter)
     size = f"off by {limit.distance:.2g}"
     if parameter.scale != "linear":
         size = f"of {parameter.from_coordinate(parameter.null_coordinate + limit.distance):.3g}"
-    return f"{limit.parameter} {size}{unit}{f' ({of})' if of else ''}"
+    size = f"{parameter.label} {size} {parameter.printed_unit}".rstrip()
+    return f"{size} ({of})" if of else size
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:

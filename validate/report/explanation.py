@@ -9,7 +9,9 @@ import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
 from ..diagnose.explain import NONE, SOUND, Explanation, advice, appearance
-from .blocks import Cell, ReportSection, ReportTable, number, significant
+from ..diagnose.families import families
+from .blocks import Cell, ReportSection, ReportTable
+from .numerals import number, significant
 from .plots import map_row, residual_scale
 
 __all__ = ["explanation_record", "explanation_sections", "explanation_sentence", "laboratory_sentences"]
@@ -128,7 +130,8 @@ def _undecided(explanation: Explanation) -> str:
     if not likely or likely[0][0] in (NONE, SOUND):
         return ""
     names = {NONE: "none of the families", SOUND: "flaws of the picture"}
-    parts = [f"{names.get(name, name)} ({value:.2f})" for name, value in likely]
+    names |= {name: f"{family.title} [{name}]" for name, family in families().items()}
+    parts = [f"{names[name]} ({value:.2f})" for name, value in likely]
     listed = " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
     return (
         "Families of fields explain what remains, but this capture does not distinguish them: none is likelier than "

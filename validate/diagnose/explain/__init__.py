@@ -6,7 +6,7 @@ from .imitation import LEAST_PROBABILITY, LIKELY, Signs, imitation_probability
 from .laboratory import advice, appearance
 from .noise import noise_level
 from .registration import Registration, registration
-from .rival_form import best_rival_form, lead_of_forms
+from .rival_form import Lead, lead_of_forms, rival_forms
 
 __all__ = [
     "LEAST_PROBABILITY",
@@ -15,16 +15,17 @@ __all__ = [
     "NONE",
     "SOUND",
     "Explanation",
+    "Lead",
     "Registration",
     "Rival",
     "Signs",
     "advice",
     "appearance",
-    "best_rival_form",
     "explain",
     "explain_masked_families",
     "imitation_probability",
     "lead_of_forms",
     "noise_level",
     "registration",
+    "rival_forms",
 ]

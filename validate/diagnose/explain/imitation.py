@@ -23,7 +23,7 @@ __all__ = ["FEATURES", "LEAST_PROBABILITY", "LIKELY", "Signs", "imitation_probab
 FEATURES = (
     "constant",
     "log of what flaws of the base explain over what the effect explains",
-    "log of what is missing of its gain in samples held out",
+    "log of 1 + what is missing of its gain in samples held out, over what noise and shapes miss",
 )
 
 #: Chi2 per sample that a sound base leaves to flaws: the smallest flaw that is reported.
@@ -32,8 +32,12 @@ _SOUND = 0.01
 #: Smallest gain that counts, chi2 per sample.
 _LEAST_GAIN = 1e-3
 
-#: Share of the gain in samples held out that a true effect may miss by noise.
-_MISSED_BY_NOISE = 0.02
+#: Share of the gain in samples held out that a true effect may miss by errors of its shape.
+_MISSED_BY_SHAPES = 0.02
+
+#: Chi2 of the gain in samples held out that noise misses on average: two halves of the samples give amplitudes of
+#: twice the variance each, whose difference squared is lost.
+_MISSED_BY_NOISE = 4.0
 
 #: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
 #: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
@@ -53,6 +57,8 @@ class Signs:
     gain: float
     #: Chi2 per sample of the base's flaws that an effect may imitate, fitted with it.
     flaws: float
+    #: Number of samples.
+    count: int
     #: Gain in pixels or bands held out over that where fitted, the smaller; NaN where untested.
     heldout: float
     #: 2 ln of the evidence of the best form of an unlisted cause over that of the effect.
@@ -61,9 +67,11 @@ class Signs:
     @property
     def features(self) -> NDArray[np.float64]:
         """(feature,) in the sequence of ``FEATURES``."""
-        ratio = (max(self.flaws, 0.0) + _SOUND) / max(self.gain, _LEAST_GAIN)
+        gain = max(self.gain, _LEAST_GAIN)
+        ratio = (max(self.flaws, 0.0) + _SOUND) / gain
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
-        return np.array([1.0, np.log(ratio), np.log(missing + _MISSED_BY_NOISE)])
+        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (gain * self.count)
+        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed)])
 
 
 @lru_cache(maxsize=1)

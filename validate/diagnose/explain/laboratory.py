@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..field_fit import Advice
+from ..field_fit import Advice, advice_for
 from .explanation import Explanation
 from .registration import Registration
 
@@ -16,6 +16,9 @@ _ONE_SIGN = 0.25
 
 #: Share of the best scaling that a second one reaches at the most to differ from it.
 _SCALES_ALIKE = 0.97
+
+#: Share of what levels of each surface explain, from which levels of each band alone are the simpler words for it.
+_MOSTLY = 0.8
 
 #: Advice where no family holds, by the attribute of `Registration` that explains most.
 _WITHOUT_FAMILY = {
@@ -40,7 +43,7 @@ _WITHOUT_FAMILY = {
     "in_bands": Advice(
         "",
         "in single bands, all over the picture",
-        ("a filter or exposure entered wrong", "a lamp that changed", "a table of another filter"),
+        ("a lamp or gain that changed", "a filter or exposure entered wrong", "a table of another filter"),
         "Take the first band again at the end, and measure the lamp and the filter of the band that is off.",
     ),
     "on_surfaces": Advice(
@@ -109,12 +112,13 @@ def advice(explanation: Explanation) -> Advice:
         The family's for its form; by the registration where no family holds, or where it has none.
     """
     family = explanation.family_record
-    if family is not None:
-        for entry in family.advice:
-            if entry.form in explanation.form:
-                return entry
+    of_form = None if family is None else advice_for(family, explanation.form)
+    if of_form is not None:
+        return of_form
     shares = {name: getattr(explanation.registration, name) for name in _WITHOUT_FAMILY}
     largest = max(shares, key=lambda name: shares[name])
+    if largest == "on_surfaces" and shares["in_bands"] > _MOSTLY * shares["on_surfaces"]:
+        largest = "in_bands"
     if shares[largest] < _MIN_SHARE:
         return _SCATTERED
     return _OF_ONE_SIGN.get((largest, _sign(explanation.registration)), _WITHOUT_FAMILY[largest])
@@ -150,7 +154,7 @@ def appearance(registration: Registration) -> str:
     }
     first, second = sorted(scalings, key=lambda name: -scalings[name])[:2]
     if scalings[first] < _MIN_SHARE:
-        return f"{sign}, in each band otherwise"
+        return f"{sign}, differently in each band"
     if scalings[second] > _SCALES_ALIKE * scalings[first]:
         return f"{sign}, {first} or {second}"
     return f"{sign}, {first}"

@@ -1,24 +1,44 @@
-"""Forms of unlisted causes in the place of a selected effect.
+"""Forms of unlisted causes in the place of selected effects.
 
-An effect may resemble a cause that the catalogue lacks: fluorescence a filter's leak, crosstalk a camera that shook.
-Forms of filters and optics are computed exactly and have few numbers. Each is fitted to the residual without the
-effect, and their evidence is compared. A form that contains the effect pays for its further numbers.
+An effect may resemble a cause that the catalogue lacks: fluorescence a filter's leak, crosstalk a camera that shook, a
+shutter that opens late a step of the gain. Such forms are computed exactly and have few numbers. Each is fitted to the
+residual without the effect, and their evidence is compared. A form that contains the effect pays for its further
+numbers; one of the same pattern says the same in other words, and is no rival.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..families import families
-from ..field_fit import FitInput, FittedExplanation, ResidualData, change_dn
+from ..field_fit import Advice, FitInput, FittedExplanation, ResidualData, advice_for, change_dn
 from .competition import MIN_HELDOUT_GAIN
 
-__all__ = ["best_rival_form", "lead_of_forms"]
+__all__ = ["Lead", "lead_of_forms", "rival_forms"]
+
+#: Number of forms, those with the largest evidence, whose pattern is compared with the effect's.
+_MAX_COMPARED = 12
 
 
-def best_rival_form(data: ResidualData) -> FittedExplanation | None:
-    """Form of filters or optics with the largest evidence.
+@dataclass(frozen=True)
+class Lead:
+    """Best form of an unlisted cause in the place of an effect."""
+
+    #: 2 ln of the evidence of the form over that of the effect.
+    lead: float
+    #: Title of the form's family; empty without a form.
+    title: str = ""
+    #: The form in words.
+    form: str = ""
+    #: Words for the laboratory about the form; None without a form.
+    advice: Advice | None = None
+
+
+def rival_forms(data: ResidualData) -> list[FittedExplanation]:
+    """Forms that hold in samples held out, the one with the largest evidence first.
 
     Parameters
     ----------
@@ -27,22 +47,23 @@ def best_rival_form(data: ResidualData) -> FittedExplanation | None:
 
     Returns
     -------
-    FittedExplanation or None
-        None where no form holds in samples held out.
+    list of FittedExplanation
+        Of filters, optics, lamp and time.
     """
     fit_input = FitInput.of(data)
-    forms = (form for family in families().values() if family.exact for form in family.generate(fit_input))
+    generators = (family.rivals for family in families().values() if family.rivals is not None)
+    forms = (form for generate in generators for form in generate(fit_input))
     holding = (form for form in forms if form.fit.predicts >= MIN_HELDOUT_GAIN)
-    return max(holding, key=lambda form: form.evidence, default=None)
+    return sorted(holding, key=lambda form: -form.evidence)
 
 
 def lead_of_forms(
     data: ResidualData, together: NDArray[np.float64], price: float, averaging: float, shape_error: float
-) -> float:
+) -> Lead:
     """Lead of the best form of an unlisted cause over an effect.
 
-    The form alone is compared with the effect alone, and with both: an effect that gains next to the form is another
-    cause, and no imitation of that one.
+    Several effects count as one. The form alone is compared with the effect alone, and with both: an effect that gains
+    next to the form is another cause, and no imitation of that one.
 
     Parameters
     ----------
@@ -59,12 +80,12 @@ def lead_of_forms(
 
     Returns
     -------
-    float
-        2 ln of the evidence of the form over that of the effect, alone or next to the form.
+    Lead
+        Of the form, over the effect alone or next to the form.
     """
-    rival, residual = best_rival_form(data), data.residual[data.used].astype(float)
+    residual = data.residual[data.used].astype(float)
     shape = residual - together
-    change = np.zeros_like(shape) if rival is None else data.whitened(change_dn(data, rival))[data.used]
+    rival, change = _best_of_another_pattern(data, shape, shape_error)
     products = _marginal_products(data, np.array([residual, together, change, shape]))
     gain = products[0, 0] - products[1, 1] - averaging
     lead = (0.0 if rival is None else rival.evidence) - (gain - price)
@@ -73,7 +94,25 @@ def lead_of_forms(
     rest = products[3, 3] - products[2, 3] ** 2 / max(products[2, 2], 1e-30)
     along = products[0, 3] - products[0, 2] * products[2, 3] / max(products[2, 2], 1e-30)
     next_to_form = max(along**2 / max(rest, 1e-30) - averaging, 0.0)
-    return float(min(lead, price - next_to_form))
+    lead = float(min(lead, price - next_to_form))
+    if rival is None:
+        return Lead(lead)
+    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form))
+
+
+def _best_of_another_pattern(
+    data: ResidualData, shape: NDArray[np.float64], shape_error: float
+) -> tuple[FittedExplanation | None, NDArray[np.float64]]:
+    """The best form whose pattern is not the effect's, and its change (n,) over sigma.
+
+    shape : (n,) the effect's change over sigma.
+    """
+    for form in rival_forms(data)[:_MAX_COMPARED]:
+        change = data.whitened(change_dn(data, form))[data.used]
+        ((of_shape, cross), (_, of_change)) = _marginal_products(data, np.array([shape, change]))
+        if cross**2 < (1 - shape_error) * of_shape * of_change:
+            return form, change
+    return None, np.zeros_like(shape)
 
 
 def _marginal_products(data: ResidualData, vectors: NDArray[np.float64]) -> NDArray[np.float64]:

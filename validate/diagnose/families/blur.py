@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -58,6 +58,7 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         n, columns = blur_equations(data, maps, radius)
         yield from forms_by_spectrum(FAMILY, form, n, columns, "neighbours", maps, radius)
     yield from smears(data)
+    yield from _lines(data)
     halo = _even_exchange(data, "halo")
     yield from forms_by_spectrum(
         FAMILY, "a wide halo", equations_in_all_bands(data, halo), halo, "halo", ImageMaps("cosines")
@@ -108,22 +109,43 @@ def smears(data: ResidualData) -> Iterator[FittedExplanation]:
         In all bands alike, in each band, in one band.
     """
     columns = _even_exchange(data, "moments")
-    products = np.zeros((3, 3))
-    for band, weight in enumerate(data.weight.reshape(len(data.bands), -1)):
-        whitened = columns(band) * weight
-        products += whitened @ whitened.T
+    moments = equations_in_all_bands(data, columns)
+    products = moments.a.sum(axis=0)
     parts = np.column_stack([-products[1:, 0] / max(products[0, 0], 1e-300), np.eye(2)])
-
-    def without_round_blur(band: int) -> NDArray[Any]:
-        return (parts @ columns(band)).astype(np.float32)
-
-    n = equations_in_all_bands(data, without_round_blur)
-    for explanation in forms_by_spectrum(
-        FAMILY, "along a line", n, without_round_blur, "moments", ImageMaps("cosines")
-    ):
+    n = moments.of_sums(parts)
+    for explanation in forms_by_spectrum(FAMILY, "along a line", n, columns, "moments", ImageMaps("cosines")):
         fit = replace(explanation.fit, coefficients=explanation.fit.coefficients @ parts)
         form = explanation.form.replace("along a line", f"along {_direction(explanation.fit)}")
-        yield replace(explanation, form=form, fit=fit, columns=columns, sharp=True, effects_leave=_ROUND_LEAVES)
+        yield replace(explanation, form=form, fit=fit, sharp=True, effects_leave=_ROUND_LEAVES)
+
+
+def _lines(data: ResidualData) -> Iterator[FittedExplanation]:
+    """Blur along one line, by one number.
+
+    The direction that explains most is sought in all bands, and in one band. The number is the variance along the line,
+    px^2. It is not negative: no camera that moves sharpens its picture.
+    """
+    moments, columns = _less_noise(data, lambda each: _even_exchange(each, "moments")), _even_exchange(data, "moments")
+    bands = len(data.bands)
+    angles = np.deg2rad(_STREAKS_DEG)
+    directions = np.array([np.full(angles.size, 0.5), np.cos(2 * angles) / 2, np.sin(2 * angles) / 4]).T
+    fits: dict[str, list[tuple[FieldFit, int]]] = {"": [], ", in one band": []}
+    for direction, angle_deg in zip(directions, _STREAKS_DEG, strict=True):
+        n = moments.of_sums(direction[None])
+        along = n.b[:, 0] / np.sqrt(np.maximum(n.a[:, 0, 0], 1e-300))
+        spectra = {"": np.ones(bands), ", in one band": np.eye(bands)[int(np.argmax(along))]}
+        for where, spectrum in spectra.items():
+            fit = fixed_spectrum(n, spectrum)
+            if fit.coefficients.max() > 0:
+                fits[where].append((replace(fit, coefficients=fit.coefficients * direction), angle_deg))
+    for where, trials in fits.items():
+        if trials:
+            fit, angle_deg = max(trials, key=lambda trial: trial[0].evidence)
+            form = f"along a line at {angle_deg:g} degrees from the rows{where}"
+            choices = len(_STREAKS_DEG) * (bands if where else 1)
+            yield FittedExplanation(
+                FAMILY, form, fit, columns, "moments", ImageMaps("cosines"), num_choices=choices, sharp=bool(where)
+            )
 
 
 def uneven_blurs(data: ResidualData) -> Iterator[FittedExplanation]:
@@ -184,16 +206,17 @@ def blur_equations(data: ResidualData, maps: ImageMaps, radius: int) -> tuple[No
         The equations, and the changes of the signal.
     """
     basis = maps.matrix(data.shape)
+    equations = _less_noise(data, lambda each: _neighbour_exchange(each, basis, radius))
+    return equations, _neighbour_exchange(data, basis, radius)
+
+
+def _less_noise(data: ResidualData, exchange: Callable[[ResidualData], Columns]) -> NormalEquations:
+    """Normal equations of an exchange of light, less those of a draw of the rendering's noise."""
     noise = replace(data, signal=data.noise, marginal_residual=-data.noise * data.weight)
-    columns = _neighbour_exchange(data, basis, radius)
-    n, of_noise = (
-        equations_in_all_bands(data, columns),
-        equations_in_all_bands(noise, _neighbour_exchange(noise, basis, radius)),
-    )
-    equations = NormalEquations(
+    n, of_noise = equations_in_all_bands(data, exchange(data)), equations_in_all_bands(noise, exchange(noise))
+    return NormalEquations(
         n.a - of_noise.a, n.b - of_noise.b, n.c, n.trial_a - of_noise.trial_a, n.trial_b - of_noise.trial_b
     )
-    return equations, columns
 
 
 def _neighbour_exchange(data: ResidualData, basis: NDArray[Any], radius: int) -> Columns:
@@ -219,6 +242,16 @@ def _even_exchange(data: ResidualData, acts: Acts, angle_deg: float = 0.0) -> Co
 #: Words for the laboratory.
 _ADVICE = (
     Advice(
+        "copy of the picture in one band",
+        "in one filter, or between it and the lens",
+        (
+            "a filter in its holder the wrong way round",
+            "a filter that reflects light back and forth",
+            "a double exposure",
+        ),
+        "Turn the filter over in its holder and photograph the band again: a copy that moves or goes was made there.",
+    ),
+    Advice(
         "copy of the picture",
         "in the light's way before the sensor",
         ("a pane or filter that reflects twice", "a ghost between lens and sensor", "a double exposure"),
@@ -231,7 +264,7 @@ _ADVICE = (
         "Photograph a bright edge on a dark ground with a slower read-out: trails of a register get shorter.",
     ),
     Advice(
-        "along a",
+        "along ",
         "while the shutter is open",
         ("a camera that shakes", "a moving table", "a filter wheel that still turns"),
         "Photograph again with the shutter released by time, on a heavy tripod.",
@@ -274,7 +307,7 @@ FAMILY = Family(
     acts_on="image",
     generate=_generate,
     order=40,
-    exact=True,
+    rivals=_generate,
     masked=(MaskedPattern(rank=1, generate=smears), MaskedPattern(rank=2, generate=uneven_blurs)),
     advice=_ADVICE,
 )

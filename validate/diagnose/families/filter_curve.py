@@ -103,7 +103,7 @@ FAMILY = Family(
     acts_on="lamp",
     generate=_generate,
     order=65,
-    exact=True,
+    rivals=_generate,
     localised=False,
     advice=_ADVICE,
 )

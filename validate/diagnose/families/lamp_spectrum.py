@@ -9,7 +9,7 @@ from math import comb
 import numpy as np
 
 from ..field_fit import Advice, Family, FieldFit, FitInput, FittedExplanation, equations_in_all_bands, free_spectrum
-from ._levels import EVEN, fit_levels, relative_levels
+from ._levels import EVEN, fit_levels, level_equations, relative_levels
 
 __all__ = ["FAMILY"]
 
@@ -21,25 +21,30 @@ _MAX_LINE_BANDS = 8
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    yield from _levels(fit_input)
+    yield _by_angle(fit_input)
+
+
+def _levels(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    """One number for each band: smooth over the wavelength, in lines, or free."""
     data = fit_input.data
     columns = relative_levels(data)
 
     def levels(form: str, fit: FieldFit, num_choices: int = 1) -> FittedExplanation:
         return FittedExplanation(FAMILY, form, fit, columns, "lamp", EVEN, num_choices=num_choices)
 
-    n = equations_in_all_bands(data, columns)
+    n = level_equations(data)
     bands = len(data.bands)
     position = (data.nm - data.nm.min()) / max(np.ptp(data.nm), 1e-9)
     waves = np.array([np.cos(np.pi * i * position) for i in (1, 2, 3)]).T
-    yield levels("smooth over the wavelength", fit_levels(n, waves, 0.0))
-    gains = n.b[:, 0] ** 2 / np.maximum(n.a[:, 0, 0], 1e-300)
+    yield levels("smooth over the wavelength", fit_levels(n, waves))
+    gains = n.fitted.b[:, 0] ** 2 / np.maximum(n.fitted.a[:, 0, 0], 1e-300)
     likely = np.argsort(-gains)[:_MAX_LINE_BANDS]
     for size in range(1, _MAX_LINES + 1):
         for some in combinations(np.sort(likely), size):
-            lines = fit_levels(n, np.eye(bands)[:, list(some)], 0.0)
+            lines = fit_levels(n, np.eye(bands)[:, list(some)])
             yield levels("a line" if size == 1 else "lines", lines, comb(bands, size))
-    yield levels("free in each band", fit_levels(n, np.eye(bands), 0.0))
-    yield _by_angle(fit_input)
+    yield levels("free in each band", fit_levels(n, np.eye(bands)))
 
 
 def _by_angle(fit_input: FitInput) -> FittedExplanation:
@@ -100,5 +105,6 @@ FAMILY = Family(
     localised=False,
     levels=True,
     spectral=True,
+    rivals=_levels,
     advice=_ADVICE,
 )

@@ -20,7 +20,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
-from ._levels import EVEN, fit_levels, relative_levels
+from ._levels import EVEN, fit_levels, level_equations, relative_levels
 
 __all__ = ["FAMILY"]
 
@@ -29,17 +29,29 @@ _MIN_REPEATS_CHI2 = 4.0
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    repeats = repeats_excess(fit_input.data)
+    yield from _in_order(fit_input, repeats)
+    if repeats > 0 or not np.isfinite(fit_input.data.repeat_sigma).any():  # single frames carry no other information
+        columns = relative_levels(fit_input.data)
+        fit = fit_levels(level_equations(fit_input.data), np.eye(len(fit_input.data.bands)), repeats)
+        yield FittedExplanation(FAMILY, "levels that differ from frame to frame", fit, columns, "gain", EVEN)
+
+
+def _in_order(fit_input: FitInput, repeats: float = 0.0) -> Iterator[FittedExplanation]:
+    """Steps, drifts and persistence.
+
+    repeats : 2 ln evidence from differences of repeats; against effects the picture alone counts.
+    """
     data = fit_input.data
     columns = relative_levels(data)
 
     def levels(form: str, fit: FieldFit, num_choices: int = 1) -> FittedExplanation:
         return FittedExplanation(FAMILY, form, fit, columns, "gain", EVEN, num_choices=num_choices)
 
-    n = equations_in_all_bands(data, columns)
+    n = level_equations(data)
     bands = len(data.bands)
     rank = np.argsort(np.argsort(data.minutes))
     time = data.minutes - data.minutes.min()
-    repeats = repeats_excess(data)
     for first, last in combinations(range(bands + 1), 2):
         if (first, last) == (0, bands):
             continue
@@ -51,8 +63,6 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         yield levels("a drift of the lamp that sets in", fit_levels(n, ramp[:, None], repeats), bands)
     powers = np.array([(time / max(time.max(), 1e-9)) ** p for p in (1, 2, 3)]).T
     yield levels("a drift of the lamp", fit_levels(n, powers[:, :2], repeats))
-    if repeats > 0 or not np.isfinite(data.repeat_sigma).any():  # single frames carry no other information
-        yield levels("levels that differ from frame to frame", fit_levels(n, np.eye(bands), repeats))
     yield _persistence(data, repeats)
 
 
@@ -119,8 +129,13 @@ _ADVICE = (
     Advice(
         "",
         "in time",
-        ("a step of the supply's voltage", "a lamp that arcs", "somebody who crossed the light's way"),
-        "Take the bands again in the reverse order: a step in time stays with the frame's number, not with the band.",
+        (
+            "a setting of the camera, such as its gain, that was changed during the series",
+            "a step of the supply's voltage",
+            "a lamp that arcs",
+        ),
+        "Take the bands again in the reverse order, with the camera's settings locked: a step in time stays with the "
+        "number of the frame, and not with the band.",
     ),
 )
 
@@ -132,5 +147,6 @@ FAMILY = Family(
     order=50,
     localised=False,
     levels=True,
+    rivals=_in_order,
     advice=_ADVICE,
 )

@@ -1,6 +1,6 @@
 """Linear fields fitted to a residual, and the record of a family of explanations."""
 
-from .family import ActsOn, Advice, Family, FitInput, MaskedPattern
+from .family import ActsOn, Advice, Family, FitInput, MaskedPattern, advice_for
 from .field import (
     FieldFit,
     NormalEquations,
@@ -47,6 +47,7 @@ __all__ = [
     "SurfaceSpot",
     "Transport",
     "Wave",
+    "advice_for",
     "bells_on",
     "change_dn",
     "cross_validate",

@@ -18,7 +18,7 @@ from .spot_regions import bells_on, hot_spot, hot_spot_of_one_band
 from .surface_maps import SmoothSurfaceMaps, smooth_surface_maps
 from .surface_spot import SurfaceSpot, surface_spot
 
-__all__ = ["ActsOn", "Advice", "Family", "FitInput", "MaskedPattern"]
+__all__ = ["ActsOn", "Advice", "Family", "FitInput", "MaskedPattern", "advice_for"]
 
 #: Part of the chain on which a family acts: pixels of the sensor, the image on it, levels of frames, lamp, or scene.
 ActsOn = Literal["sensor", "image", "frames", "lamp", "scene"]
@@ -121,11 +121,30 @@ class Family:
     additive: bool = False
     #: Whether it hides what is behind: then it may change a place by any factor.
     opaque: bool = False
-    #: Whether its forms are computed exactly and have few numbers: each then competes with every selected effect.
-    exact: bool = False
+    #: Generator of its forms that compete with every selected effect, computed exactly and of few numbers; None for
+    #: a family without such forms.
+    rivals: Callable[[FitInput], Iterator[FittedExplanation]] | None = None
     #: 2 ln of its prior odds for the appearance of a spot, beyond those that all families have in common.
     spot_log_odds: Callable[[SpotAppearance], float] = _no_prior
     #: Patterns that are also fitted separately.
     masked: tuple[MaskedPattern, ...] = ()
     #: Words for the laboratory; the first entry whose form is part of the fitted form applies.
     advice: tuple[Advice, ...] = ()
+
+
+def advice_for(family: Family, form: str) -> Advice | None:
+    """Words for the laboratory about a form of a family.
+
+    Parameters
+    ----------
+    family
+        The family.
+    form
+        The form in words.
+
+    Returns
+    -------
+    Advice or None
+        The first entry that applies; None for a family without words.
+    """
+    return next((entry for entry in family.advice if entry.form in form), None)

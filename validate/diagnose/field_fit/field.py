@@ -82,6 +82,27 @@ class NormalEquations:
     #: (band, k) ``b`` of the pixels of the trial fit alone.
     trial_b: NDArray[np.float64]
 
+    def of_sums(self, parts: NDArray[np.float64]) -> NormalEquations:
+        """Normal equations of sums of the images.
+
+        Parameters
+        ----------
+        parts
+            (q, k) coefficients of the images in each sum.
+
+        Returns
+        -------
+        NormalEquations
+            Those of a field of q images.
+        """
+        return NormalEquations(
+            parts @ self.a @ parts.T,
+            self.b @ parts.T,
+            self.c @ parts.T,
+            parts @ self.trial_a @ parts.T,
+            self.trial_b @ parts.T,
+        )
+
 
 def normal_equations(
     data: ResidualData, columns: NDArray[Any] | csr_matrix, band: int

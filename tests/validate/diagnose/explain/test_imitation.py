@@ -13,7 +13,7 @@ from cboxlab.validation.diagnose.explain.imitation import (
 )
 
 #: A medium effect on a base that is off by a tenth of it, far ahead of all forms of unlisted causes.
-_CLEAR = Signs(gain=1.0, flaws=0.1, heldout=1.0, lead=-1000.0)
+_CLEAR = Signs(gain=1.0, flaws=0.1, count=10_000, heldout=1.0, lead=-1000.0)
 
 
 def test_an_effect_that_explains_far_more_than_flaws_and_holds_everywhere_is_real():
@@ -34,6 +34,12 @@ def test_each_sign_of_an_imitation_makes_it_likelier(worse, values):
     weak = replace(_CLEAR, gain=0.1)
     probabilities = [imitation_probability(replace(weak, **{worse: value})) for value in values]
     assert np.all(np.diff(probabilities) > 0)
+
+
+def test_noise_in_samples_held_out_counts_little_for_a_weak_effect():
+    """A tenth of the gain is what noise takes from a small effect, and no noise takes from a large one."""
+    few, many = (replace(_CLEAR, gain=0.02, heldout=0.9, count=count) for count in (5_000, 500_000))
+    assert imitation_probability(few) < imitation_probability(many)
 
 
 def test_a_form_with_even_odds_leaves_no_more_than_even_odds():

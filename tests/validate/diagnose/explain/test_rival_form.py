@@ -1,10 +1,10 @@
-"""Effects against forms of unlisted causes: blurs along a line or round, leaks of a filter or light of one paint."""
+"""Effects against forms of unlisted causes: blurs, leaks of a filter, levels in the order of time."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validation.diagnose.explain import best_rival_form, lead_of_forms
+from cboxlab.validation.diagnose.explain import lead_of_forms, rival_forms
 from helpers.captures.small_excess import FLOOR, SIGNAL, small_excess
 from scipy.ndimage import correlate
 
@@ -24,7 +24,7 @@ def _lead(data, shape):
     change = data.whitened(shape)
     amplitude = np.sum(change * data.residual) / np.sum(change**2)
     together = (data.residual - amplitude * change).ravel()
-    return lead_of_forms(data, together, price=PRICE, averaging=0.0, shape_error=0.01)
+    return lead_of_forms(data, together, price=PRICE, averaging=0.0, shape_error=0.01).lead
 
 
 @pytest.mark.parametrize(("kernel", "imitates"), [(ROUND, False), (LINE, True)])
@@ -45,12 +45,11 @@ def test_a_filter_that_leaks_is_no_paint_that_glows(leaks):
     lead = _lead(data, glow)
     assert lead > 0 if leaks else lead < -20
     if leaks:
-        assert best_rival_form(data).family.id == "filter-curve"
+        assert rival_forms(data)[0].family.id == "filter-curve"
 
 
 def test_noise_has_no_form():
-    rival = best_rival_form(small_excess(np.zeros_like(SIGNAL)))
-    assert rival is None or rival.evidence < 10
+    assert all(form.evidence < 10 for form in rival_forms(small_excess(np.zeros_like(SIGNAL))))
 
 
 def test_an_effect_next_to_a_larger_leak_is_no_imitation():
@@ -59,5 +58,23 @@ def test_an_effect_next_to_a_larger_leak_is_no_imitation():
     leak[0] = 0.3 * COLOURED[3]
     shape = correlate(COLOURED, ROUND, mode="nearest")
     data = replace(small_excess(leak + 0.2 * shape), signal=COLOURED)
-    assert best_rival_form(data).family.id == "filter-curve"
+    assert rival_forms(data)[0].family.id == "filter-curve"
     assert _lead(data, shape) < -20
+
+
+def _levels(levels):
+    return SIGNAL * np.array(levels)[:, None, None]
+
+
+@pytest.mark.parametrize("steps", [False, True])
+def test_a_step_of_the_gain_is_no_shutter_that_opens_late(steps):
+    """Exposures that shorten from band to band make both look alike; each has its own levels of the bands."""
+    late, step = _levels([0.001, 0.004, 0.009, 0.018]), _levels([0.0, 0.0, 0.015, 0.015])
+    lead = _lead(small_excess(step if steps else late), late)
+    assert lead > 0 if steps else lead < 0
+
+
+def test_the_same_levels_in_other_words_are_no_rival():
+    """One band's level is a step of the last band, too: nothing distinguishes them, and the effect is named."""
+    last = _levels([0.0, 0.0, 0.0, 0.02])
+    assert _lead(small_excess(last), last) < -9.2
