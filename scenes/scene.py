@@ -546,7 +546,8 @@ class Scene(FrozenMappings):
         Parameters
         ----------
         path
-            A file that ends in .toml. Meshes and textures are written next to it, named after it.
+            A file that ends in .toml: a new one, or a scene file, which is replaced. Meshes and textures are written
+            next to it, named after it.
 
         Returns
         -------
@@ -556,7 +557,8 @@ class Scene(FrozenMappings):
         Raises
         ------
         InputError
-            If the path does not end in .toml, or the scene has a property that scene files cannot state.
+            If the path does not end in .toml, a file of another kind would be replaced, or the scene has a property
+            that scene files cannot state.
         """
         from .scene_writer import write_scene
 

@@ -18,6 +18,7 @@ from .shapes import (
     box_mesh,
     file_mesh,
     file_uv,
+    front_uv,
     joined,
     plate_mesh,
     quad_mesh,
@@ -304,7 +305,7 @@ def surface_uv(entry: SurfaceEntry, folder: Path, where: str) -> NDArray[np.floa
     """Texture coordinates of the vertices of a surface.
 
     The corners of every quad, in their order, have (0, 0), (1, 0), (1, 1), (0, 1). A mesh file states its coordinates;
-    v runs upwards there, and downwards in a texture.
+    v runs upwards there, and downwards in a texture. A sphere has those of ``front_uv``.
 
     Parameters
     ----------
@@ -325,14 +326,17 @@ def surface_uv(entry: SurfaceEntry, folder: Path, where: str) -> NDArray[np.floa
     InputError
         If the shape has no texture coordinates.
     """
-    expected = "quads_mm without a hole, or a mesh that has texture coordinates"
+    expected = "quads_mm without a hole, a sphere, or a mesh that has texture coordinates"
     if entry.mesh is not None:
         uv = file_uv(path_inside(folder, entry.mesh, f"{where}.mesh"))
         if uv is None:
             raise InputError(f"{where}.mesh", "a mesh without texture coordinates", expected)
         return np.column_stack([uv[:, 0], 1 - uv[:, 1]])
+    if entry.sphere is not None:
+        vertices, _ = sphere_mesh(entry.sphere.center_mm, entry.sphere.radius_mm)
+        return front_uv(vertices - np.asarray(entry.sphere.center_mm, float))
     if entry.quads_mm is None or entry.hole is not None:
-        shape = "a hole" if entry.hole is not None else "a box" if entry.box is not None else "a sphere"
+        shape = "a hole" if entry.hole is not None else "a box"
         raise InputError(f"{where}.material", f"a texture on {shape}", expected)
     return np.tile([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]], (len(entry.quads_mm), 1))
 

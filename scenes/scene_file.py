@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from cboxlab.utils.arguments import required_path
@@ -32,7 +33,7 @@ from .scene_entries import (
 from .spectra import Outside, Spectrum, read_spectrum
 from .spectrum_checks import radiance_faults, reflectance_faults
 
-__all__ = ["load_scene", "packaged_scenes"]
+__all__ = ["check_scene_file", "files_of_scene", "load_scene", "packaged_scenes"]
 
 #: Folder of the packaged scenes and their data.
 PACKAGED = Path(__file__).parent / "data"
@@ -90,6 +91,27 @@ def load_scene(path_or_name: str | Path) -> Scene:
     return scene.read_from(SceneOrigin(str(absolute), _files(absolute, file)))
 
 
+def files_of_scene(path: Path) -> tuple[Path, ...]:
+    """Scene file and the files that it names.
+
+    Parameters
+    ----------
+    path
+        A scene file, .toml.
+
+    Returns
+    -------
+    tuple[Path, ...]
+        The file, then its tables, meshes and images, which need not exist.
+
+    Raises
+    ------
+    InputError
+        If it is no scene file.
+    """
+    return _files(path, _read(path))
+
+
 def _files(path: Path, file: SceneFile) -> tuple[Path, ...]:
     """Scene file, and the tables, meshes and images that it names."""
     spectra = [material.reflectance for material in file.material.values()]
@@ -108,7 +130,29 @@ def _read(path: Path) -> SceneFile:
     """Content of a scene file; InputError with all faults of its keys."""
     packaged = packaged_scenes()
     hint = suggestion(str(path), packaged) or f"Packaged scenes: {', '.join(packaged)}"
-    content = read_toml(path, "a scene file in TOML", hint)
+    return check_scene_file(path, read_toml(path, "a scene file in TOML", hint))
+
+
+def check_scene_file(path: Path, content: dict[str, Any]) -> SceneFile:
+    """Content of a scene file with checked keys.
+
+    Parameters
+    ----------
+    path
+        The file, for messages.
+    content
+        Its tables.
+
+    Returns
+    -------
+    SceneFile
+        The content. Files that it names are not looked at.
+
+    Raises
+    ------
+    InputError
+        With all faults of the keys.
+    """
     try:
         return SceneFile.model_validate(content)
     except ValidationError as error:

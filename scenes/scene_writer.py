@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
 from .scene import Lamp, Material, Medium, Scene, Surface
+from .scene_file import check_scene_file, files_of_scene
 from .spectra import Spectrum
 
 __all__ = ["write_scene"]
@@ -23,7 +25,8 @@ def write_scene(path: Path, scene: Scene) -> Path:
     Parameters
     ----------
     path
-        A file that ends in .toml. Meshes are written as STEM-SURFACE.obj, textures as STEM-MATERIAL.npy.
+        A file that ends in .toml: a new one, or a scene file, which is replaced. Meshes are written as
+        STEM-SURFACE.obj, textures as STEM-MATERIAL.npy.
     scene
         The scene. Quads and spheres are stated as such, other surfaces as meshes, with every digit.
 
@@ -35,19 +38,38 @@ def write_scene(path: Path, scene: Scene) -> Path:
     Raises
     ------
     InputError
-        If the path does not end in .toml, or a lamp has a property that an effect states and no scene file.
+        If the path does not end in .toml, if a file of another kind would be replaced, or if a name is not one of
+        scene files. If a lamp has a property that an effect states and no scene file.
     """
     if path.suffix != ".toml":
         raise InputError(path, f"the ending '{path.suffix}'", "a scene file, '.toml'")
+    neighbours: dict[Path, bytes] = {}
     content: dict[str, Any] = {"format": "scene/1", "name": scene.name, "source": scene.source}
     content["lamp"] = [_lamp_table(lamp) for lamp in scene.lamps]
-    content["material"] = {name: _material_table(path, item) for name, item in scene.materials.items()}
-    content["surface"] = [_surface_table(path, surface) for surface in scene.surfaces]
+    content["material"] = {name: _material_table(path, item, neighbours) for name, item in scene.materials.items()}
+    content["surface"] = [_surface_table(path, surface, neighbours) for surface in scene.surfaces]
     if scene.medium is not None:
         content["medium"] = _medium_table(scene.medium)
-    with replacing(path) as temporary:
-        temporary.write_text(tomli_w.dumps(content), encoding="utf-8")
+    check_scene_file(path, content)
+    _require_own(path, neighbours)
+    for file, data in {**neighbours, path: tomli_w.dumps(content).encode()}.items():
+        with replacing(file) as temporary:
+            temporary.write_bytes(data)
     return path
+
+
+def _require_own(path: Path, neighbours: dict[Path, bytes]) -> None:
+    """Raise InputError if a file would be replaced that does not belong to a scene."""
+    hint = "Name another file, or move it away."
+    replaceable: tuple[Path, ...] = ()
+    if path.exists():
+        try:
+            replaceable = files_of_scene(path)
+        except InputError:
+            raise InputError(path, "a file that is no scene file", "a new file or a scene file", hint) from None
+    for file, data in neighbours.items():
+        if file.exists() and file not in replaceable and not (file.is_file() and file.read_bytes() == data):
+            raise InputError(file, "a file that exists already", f"no such file, for '{path.name}'", hint)
 
 
 def _spectrum(spectrum: Spectrum) -> float | dict[str, list[float]]:
@@ -83,12 +105,12 @@ def _lamp_table(lamp: Lamp) -> dict[str, Any]:
     return table
 
 
-def _material_table(path: Path, material: Material) -> dict[str, Any]:
-    """Entry of a material; its texture is written next to the scene file."""
+def _material_table(path: Path, material: Material, neighbours: dict[Path, bytes]) -> dict[str, Any]:
+    """Entry of a material; its texture is added to the files next to the scene file."""
     if material.texture is not None:
-        image = path.with_name(f"{path.stem}-{material.name}.npy")
-        with replacing(image) as temporary:
-            np.save(temporary, material.texture.weights)
+        image, data = path.parent / f"{path.stem}-{material.name}.npy", io.BytesIO()
+        np.save(data, material.texture.weights)
+        neighbours[image] = data.getvalue()
         spectra = [_spectrum(spectrum) for spectrum in material.texture.spectra]
         return {"texture": {"image": image.name, "spectra": spectra}}
     table: dict[str, Any] = {"reflectance": _spectrum(material.reflectance)}
@@ -106,8 +128,8 @@ def _medium_table(medium: Medium) -> dict[str, Any]:
     }
 
 
-def _surface_table(path: Path, surface: Surface) -> dict[str, Any]:
-    """Entry of a surface; a mesh is written next to the scene file."""
+def _surface_table(path: Path, surface: Surface, neighbours: dict[Path, bytes]) -> dict[str, Any]:
+    """Entry of a surface; a mesh is added to the files next to the scene file."""
     table: dict[str, Any] = {"name": surface.name, "material": surface.material}
     quads = _quads(surface)
     if surface.ball:
@@ -116,9 +138,8 @@ def _surface_table(path: Path, surface: Surface) -> dict[str, Any]:
     elif quads is not None and surface.texture_uv is None:
         table["quads_mm"] = quads
     else:
-        mesh = path.with_name(f"{path.stem}-{surface.name}.obj")
-        with replacing(mesh) as temporary:
-            temporary.write_text(_obj(surface), encoding="ascii")
+        mesh = path.parent / f"{path.stem}-{surface.name}.obj"
+        neighbours[mesh] = _obj(surface).encode("ascii")
         table["mesh"] = mesh.name
     if surface.inside is not None:
         table["inside"] = _medium_table(surface.inside)

@@ -25,6 +25,7 @@ __all__ = [
     "box_mesh",
     "file_mesh",
     "file_uv",
+    "front_uv",
     "joined",
     "moved_on_floor",
     "plate_mesh",
@@ -357,6 +358,27 @@ def file_uv(path: Path) -> NDArray[np.float64] | None:
         return None
     uv = np.asarray(values, float)[:, :2]
     return uv if np.isfinite(uv).all() else None
+
+
+def front_uv(directions: ArrayLike) -> NDArray[np.float64]:
+    """Texture coordinates of a round body.
+
+    The image is on the front half, and mirrored on the back half. The map is equal in area (Lambert 1772). The front is
+    towards -z, up is +y.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) vectors from the centre, other than 0.
+
+    Returns
+    -------
+    NDArray
+        (n, 2) coordinates, u along the image's columns and v along its rows, in the circle within the image.
+    """
+    x, y, z = (np.asarray(directions, float) / np.linalg.norm(directions, axis=1, keepdims=True)).T
+    scale = 0.5 / np.sqrt(1 + np.abs(z))
+    return np.stack([0.5 - scale * x, 0.5 - scale * y], axis=1)
 
 
 def _loaded(path: Path) -> trimesh.Trimesh:

@@ -8,8 +8,12 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+from cboxlab.rendering.chain import Counts, over_field
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.synthetic import CaptureSettings, behind_mosaic, unit_factors
+from cboxlab.scenes import cornell_camera
 from cboxlab.scenes.scene_file import load_scene
 from helpers.places import ROOT
 
@@ -48,6 +52,33 @@ def test_effects_outside_the_catalogue_act_in_every_box():
                 changed = effect.apply(scene, amount=0.3, row=row, column=0.5)
                 assert {s.material for s in changed.surfaces} <= set(changed.materials)
                 assert [s.material for s in changed.all_surfaces] != [s.material for s in scene.all_surfaces]
+
+
+def test_causes_of_colour_sensors():
+    """A leak moves charge and loses none; other rows and columns change the scene alone; mixed dyes keep their sum."""
+    causes = importlib.import_module("outside_effects").COLOUR_SENSOR
+    draw, level, t = np.random.default_rng(3), np.full(2, 50.0), np.ones(2)
+    frames = [50 + draw.uniform(100, 900, (2, 12, 12)) for _ in range(3)]
+    before = Counts(("r", "g"), *frames, level, level, level, t, t, t, t, 4095.0)
+
+    def after(name, row):
+        return causes[name].apply(before, amount=0.01, row=row, column=0.5)
+
+    rows, columns = after("sideways-leak", 1.0), after("sideways-leak", 0.0)
+    np.testing.assert_allclose(rows.flat.sum(axis=2), before.flat.sum(axis=2))
+    np.testing.assert_allclose(columns.scene.sum(axis=1), before.scene.sum(axis=1))
+    assert not np.allclose(rows.reference, before.reference, rtol=1e-4)
+    for name, share in (("other-rows", 1 / 2), ("column-pair", 2 / 12)):
+        changed = after(name, 1.0)
+        assert changed.flat is before.flat
+        assert np.mean(changed.scene != before.scene) == pytest.approx(share)
+    camera = cornell_camera(16)
+    curves = over_field(unit_factors(behind_mosaic(CaptureSettings(), "RGGB"), 16), camera)
+    mixed = causes["mixed-dyes"].apply(curves, amount=0.1, row=0.5, column=0.5)
+    np.testing.assert_allclose(mixed.rest.sum(axis=0), curves.rest.sum(axis=0))
+    deep = causes["deep-red"].apply(curves, amount=0.1, row=0.5, column=0.5).rest - curves.rest
+    assert (deep >= 0).all()
+    assert set(curves.wavelength_nm[np.argmax(deep, axis=1)]) <= set(np.arange(675.0, 700.0))
 
 
 def test_blind_scores():
@@ -108,3 +139,27 @@ def test_what_a_state_leaves_out_no_diagnosis_imports():
     rooms = tuple(f"cboxlab.validation.{room.replace('/', '.')}." for room in left_out)
     assert not [name for name in loaded if f"{name}.".startswith(rooms)]
     assert all((ROOT / "validate" / room).is_dir() for room in left_out)
+
+
+def test_cases_on_a_scheduler_have_the_rows_of_one_process(tmp_path, monkeypatch):
+    """Of a benchmark's module that the worker imports; and None where a case cannot be made."""
+    distributed = pytest.importorskip("distributed")
+    source = """
+from dataclasses import dataclass
+@dataclass(frozen=True)
+class Case:
+    names: tuple[str, ...]
+    seed: int
+def run(case, factor):
+    return None if case.seed == 2 else {"key": "+".join(case.names), "value": factor * case.seed}
+"""
+    (tmp_path / "three_cases.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    module, shared = (importlib.import_module(name) for name in ("three_cases", "shared_cases"))
+    cases = [module.Case(("haze", "gloss"), seed) for seed in (1, 2, 3)]
+    alone = list(shared.answers("three_cases", cases, module.run, (10,), None))
+    local = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**local) as cluster:
+        rows = list(shared.answers("three_cases", cases, module.run, (10,), cluster.scheduler_address))
+    assert sorted(rows, key=lambda pair: pair[0].seed) == alone
+    assert [row and row["value"] for _, row in alone] == [10, None, 30]

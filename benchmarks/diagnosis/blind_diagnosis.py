@@ -7,7 +7,8 @@ effects that the catalogue does not hold, and causes of ``made_causes``, scored 
 published box at 128 x 128). --boxes and --instruments take turns through those of ``blind_places``. Captures come in
 an order by chance, so that a part of the set has all kinds. Finished ones are kept in --results (JSON lines), so that
 an interrupted run goes on where it stopped, with the same code only; --part K/N does a share of the set, and
-``blind_scores.py`` prints the tables of all parts. The last line printed with --json is one JSON object.
+``blind_scores.py`` prints the tables of all parts. --scheduler ADDRESS shares the captures between Dask's workers. The
+last line printed with --json is one JSON object.
 """
 
 from __future__ import annotations
@@ -58,10 +59,14 @@ from cboxlab.validation.synthetic.model_capture import (
 from cboxlab.validation.synthetic.strengths import STRENGTHS, Scale, at_strength, scale_of
 from cboxlab.validation.synthetic.varied import BlockOffset, block_offsets, varied_settings, with_block_offsets
 from made_causes import CAUSES
-from outside_effects import KEPT_BACK, OUTSIDE
+from outside_effects import COLOUR_SENSOR, KEPT_BACK, OUTSIDE
+from shared_cases import add_scheduler, answers
 from unknown_causes import run as run_unknown
 
 _DRAWS = 8
+
+#: Causes that the catalogue does not hold, by name.
+_CAUSES = OUTSIDE | KEPT_BACK | COLOUR_SENSOR
 
 #: Cameras, detectors, surveys and boxes that captures share in turn; noise and effects are each capture's own.
 _LABORATORIES = 4
@@ -125,9 +130,10 @@ def cases(options: argparse.Namespace) -> list[Case]:
             several = tuple(str(name) for name in generator.choice(able, number, replace=False))
             results.append(Case(kind, several, "medium", options.first_seed + first + index))
     results += [Case("none", (), "", options.first_seed + 2000 + index) for index in range(options.nones)]
+    outside = COLOUR_SENSOR if options.colour_sensor else OUTSIDE
     for index in range(options.outside):
-        name = [*OUTSIDE][index % len(OUTSIDE)]
-        strength = ("medium", "strong")[(index // len(OUTSIDE)) % 2]
+        name = [*outside][index % len(outside)]
+        strength = ("medium", "strong")[(index // len(outside)) % 2]
         results.append(Case("outside", (name,), strength, options.first_seed + 3000 + index))
     laboratories = [*product(options.boxes.split(","), options.instruments.split(","))]
     turns = np.random.default_rng(options.first_seed + 1).permutation(len(laboratories))
@@ -170,9 +176,9 @@ def random_effect(
 ) -> AppliedEffect | None:
     """An effect with numbers by chance, as strong as asked for; None where it cannot be."""
     for _ in range(_DRAWS):
-        if name in OUTSIDE or name in KEPT_BACK:
+        if name in _CAUSES:
             position = {"row": float(generator.uniform()), "column": float(generator.uniform())}
-            trial = AppliedEffect((OUTSIDE | KEPT_BACK)[name], {"amount": 0.01, **position})
+            trial = AppliedEffect(_CAUSES[name], {"amount": 0.01, **position})
         else:
             try:
                 trial = draw_effect(generator, scene, bands, (name,))
@@ -350,6 +356,9 @@ def main() -> None:
     parser.add_argument("--triples", type=int, default=10)
     parser.add_argument("--nones", type=int, default=10)
     parser.add_argument("--outside", type=int, default=12)
+    parser.add_argument(
+        "--colour-sensor", action="store_true", help="causes of colour sensors as those outside the catalogue"
+    )
     parser.add_argument("--unknown", type=int, default=17, help="captures with a cause of made_causes")
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--boxes", type=among([*BOXES]), default="published", help=f"of {', '.join(BOXES)}")
@@ -359,6 +368,7 @@ def main() -> None:
     parser.add_argument("--part", default="1/1")
     parser.add_argument("--results", type=Path, default=Path("blind-results.jsonl"))
     parser.add_argument("--json", action="store_true")
+    add_scheduler(parser)
     options = parser.parse_args()
     try:
         every = cases(options)
@@ -370,10 +380,8 @@ def main() -> None:
     code = code_state()
     if others := {row.get("code", "unstated") for row in rows} - {code}:
         sys.exit(f"{options.results}: made by other code ({', '.join(others)}, not {code}); name another --results")
-    for case in every:
-        if case.key in done or not own_part(case, options.part):
-            continue
-        row = run(case)
+    pending = [case for case in every if case.key not in done and own_part(case, options.part)]
+    for case, row in answers("blind_diagnosis", pending, run, (), options.scheduler):
         if row is None:
             print(f"{case.key}: cannot be so strong, left out", flush=True)
             continue

@@ -233,5 +233,8 @@ INSTRUMENTS: dict[str, tuple[int, Callable[[CaptureSettings], CaptureSettings]]]
         ),
     ),
     "bayer": (64, lambda s: behind_mosaic(s, "RGGB")),
+    "bayer-grbg": (64, lambda s: behind_mosaic(replace(s, bit_depth=14, gain_e_per_dn=3.0, bias_dn=400.0), "GRBG")),
+    "rgbw": (64, lambda s: behind_mosaic(s, "WRGB")),
+    "filter-array": (64, lambda s: behind_mosaic(s, "ABCD EFGH IJKL MNOP")),
     "x-trans": (64, lambda s: behind_mosaic(s, "GGRGGB GGBGGR BRGRBG GGBGGR GGRGGB RBGBRG")),
 }

@@ -43,6 +43,7 @@ from flawed_bases import FLAWS, KEPT_BACK, Picture
 from numpy.typing import NDArray
 from outside_effects import KEPT_BACK as KEPT_BACK_OUTSIDE
 from outside_effects import OUTSIDE
+from shared_cases import add_scheduler, answers
 
 #: Chi2 per sample by a flaw over shot and read noise alone, the smallest and the largest: about 0.05 and 0.5 of all
 #: that a diagnosis counts.
@@ -304,13 +305,13 @@ def main() -> None:
     parser.add_argument("--cases", type=Path, help="file of cases by key, as in --results, in place of a draw")
     parser.add_argument("--kept-back", action="store_true")
     parser.add_argument("--score", action="store_true")
+    add_scheduler(parser)
     options = parser.parse_args()
     rows = [json.loads(line) for line in options.results.read_text().splitlines()] if options.results.exists() else []
     finished = {row["key"] for row in rows}
-    for case in () if options.score else cases(options):
-        if case.key in finished:
-            continue
-        row = run(case, options.size, options.laboratories, options.draws)
+    pending = [] if options.score else [case for case in cases(options) if case.key not in finished]
+    arguments = options.size, options.laboratories, options.draws
+    for _, row in answers("imperfect_bases", pending, run, arguments, options.scheduler):
         if row is not None:
             rows.append(row)
             with options.results.open("a") as file:

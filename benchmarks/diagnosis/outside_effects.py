@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.chain import BandCurves
+from cboxlab.rendering.chain import BandCurves, Counts
 from cboxlab.rendering.chain.light import Light
 from cboxlab.rendering.effects import Effect, Parameter
 from cboxlab.scenes.scene import Scene, Surface
@@ -15,7 +15,7 @@ from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 
-__all__ = ["KEPT_BACK", "NEIGHBOURS", "OUTSIDE"]
+__all__ = ["COLOUR_SENSOR", "KEPT_BACK", "NEIGHBOURS", "OUTSIDE"]
 
 
 def _position(light: Light) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -268,6 +268,54 @@ def _window(light: Light, amount: float, row: float, column: float) -> Light:
     return light.with_signal((1 - amount) * light.signal + amount * mirrored)
 
 
+def _sideways(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """Charge spreads along rows, or along columns, in every frame: other colours than those of four neighbours."""
+    from scipy.ndimage import correlate1d
+
+    weights, axis = np.array([amount / 2, 1 - amount, amount / 2]), 1 + round(row)
+    spread = [
+        correlate1d(frame, weights, axis=axis, mode="nearest")
+        for frame in (counts.scene, counts.flat, counts.reference)
+    ]
+    return replace(counts, scene=spread[0], flat=spread[1], reference=spread[2])
+
+
+def _other_rows(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """Every second row counts more in frames of the scene: the two greens of a Bayer sensor are unlike."""
+    signal = counts.scene - counts.dark_scene[:, None, None]
+    second = np.arange(signal.shape[1]) % 2 == round(row)
+    return replace(counts, scene=counts.scene + amount * signal * second[:, None])
+
+
+def _column_pair(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """Two columns that one amplifier reads count more in frames of the scene."""
+    signal = counts.scene - counts.dark_scene[:, None, None]
+    first = int(column * (signal.shape[2] - 2))
+    pair = np.isin(np.arange(signal.shape[2]), (first, first + 1))
+    return replace(counts, scene=counts.scene + 20 * amount * signal * pair)
+
+
+def _deep_red(curves: BandCurves, amount: float, row: float, column: float) -> BandCurves:
+    """All dyes pass light at the long end of the spectrum, about the same of it."""
+    beyond = np.exp(-0.5 * ((curves.wavelength_nm - 685 - 10 * column) / 12) ** 2)
+    plain = curves.rest.max(axis=0)
+    return replace(curves, rest=curves.rest + amount * beyond * plain)
+
+
+def _mixed_dyes(curves: BandCurves, amount: float, row: float, column: float) -> BandCurves:
+    """Each dye passes a part of what the next passes: tables of another copy of the camera."""
+    return replace(curves, rest=(1 - amount) * curves.rest + amount * np.roll(curves.rest, 1, axis=0))
+
+
+def _halation(light: Light, amount: float, row: float, column: float) -> Light:
+    """A halo about bright places in the channel that goes deepest into the silicon."""
+    from scipy.ndimage import gaussian_filter
+
+    signal = light.signal.copy()
+    signal[0] = (1 - amount) * signal[0] + amount * gaussian_filter(signal[0], 2 + 2 * row, mode="nearest")
+    return light.with_signal(signal)
+
+
 def _effect(name: str, stage: str, apply: object) -> Effect:
     numbers = (
         Parameter("amount", null=0.0, low=0.0, high=1.0, step=1e-3),
@@ -318,4 +366,14 @@ NEIGHBOURS = _effects(
     ("focus-drift", "optics", _focus_drift),
     ("lines", "optics", _lines),
     ("window", "optics", _window),
+)
+
+#: Causes that colour sensors have: behind a mosaic they go from colour to colour. No constant was set with them.
+COLOUR_SENSOR = _effects(
+    ("sideways-leak", "counts", _sideways),
+    ("other-rows", "counts", _other_rows),
+    ("column-pair", "counts", _column_pair),
+    ("deep-red", "filter", _deep_red),
+    ("mixed-dyes", "filter", _mixed_dyes),
+    ("halation", "optics", _halation),
 )

@@ -14,6 +14,10 @@ later run skips those. Printed at the end: cases and failures by kind and comman
 - full: no file may be longer than some bytes (RLIMIT_FSIZE, its signal ignored): exit code 2.
 - disk, cache: a file system that is too small for the results (exit code 2) or for the cache (all results, or exit
   code 2). They need the right to mount, and are left out without it.
+- clock: each look at the date is years off. stall: opening, writing and renaming take long. Same files, same bits.
+  They need a C compiler.
+- home: another user than root, with a home and a cache that cannot be written: same files, same bits. results: one who
+  may not write where the results belong: exit code 2, nothing written. They need root and `setpriv`.
 - pipe: standard output closed after one line. interrupt: Ctrl-C at a random moment, exit code 130.
 """
 
@@ -24,141 +28,24 @@ import hashlib
 import json
 import os
 import random
-import re
 import resource
 import shutil
 import signal
 import subprocess
-import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import faults_runs
 from faults_commands import COMMANDS, MADE, Command
-from faults_forked import Forked, import_all
-
-#: Dates and seconds of computation, which any two runs have different.
-TIMES = re.compile(rb"\d{4}-\d\d-\d\d[ T][0-9:.+]+|\b\d+(\.\d+)? s\b|\"(seconds|cpu_s|wall_s)[^,}]*")
-
-#: Whether commands are run in forks of this process.
-FORKED = False
+from faults_forked import import_all
+from faults_runs import TAKEN, Undisturbed, ended, files, finished, start
+from faults_surroundings import SURROUNDINGS
 
 #: Moments of one run of "stop".
 STOPS = 20
-
-#: Words of refusals: the result is there already, or another one was first.
-TAKEN = ("exists already", "is there already", "another content than when")
-
-
-def start(folder: Path, command: Command, prepare: Callable[[], None] | None = None) -> subprocess.Popen | Forked:
-    """One program in ``place``, with its own cache there."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in command.laid:
-        lay(folder, name)
-    environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "OPENBLAS_NUM_THREADS": "1"}
-    if FORKED:
-        return Forked(command.arguments, folder, environment, prepare)
-    plain = sys.executable if command.arguments[0] == "-c" else str(Path(sys.executable).with_name("cbox"))
-    return subprocess.Popen(
-        [plain, *command.arguments],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        preexec_fn=prepare,
-    )
-
-
-def lay(folder: Path, name: str) -> None:
-    source, target = folder.parents[1] / "input" / name, folder / "out" / name
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if source.is_dir():
-        shutil.copytree(source, target, dirs_exist_ok=True)
-    else:
-        shutil.copy(source, target)
-
-
-def ended(process: subprocess.Popen) -> tuple[int, str]:
-    """Exit code and what was said on standard error."""
-    _, said = process.communicate(timeout=900)
-    return process.returncode, said
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    """Contents of all results by name."""
-    out = folder / "out"
-    paths = [path for path in sorted(out.rglob("*")) if path.is_file()]
-    return {str(p.relative_to(out)): TIMES.sub(b"", p.read_bytes()) for p in paths}
-
-
-def unfinished(name: str) -> bool:
-    """Also the parts of pictures of other renderers' scripts."""
-    return "-unfinished-" in name or name.endswith(".passes") or ".part." in name
-
-
-def finished(folder: Path) -> dict[str, bytes]:
-    """Contents of the results that stand under their final names."""
-    return {n: c for n, c in files(folder).items() if not any(unfinished(part) for part in Path(n).parts)}
-
-
-class Undisturbed:
-    """What a command leaves when nothing disturbs it, by two runs. writing : from when to when files appear, s."""
-
-    def __init__(self, work: Path, command: Command, name: str) -> None:
-        runs = []
-        for number in (1, 2):
-            path = work / name / f"undisturbed-{number}"
-            shutil.rmtree(path, ignore_errors=True)
-            begun = time.monotonic()
-            process = start(path, command)
-            self.before = files(path)
-            self.writing, entries_before = [], set(self.before)
-            while process.poll() is None:
-                time.sleep(0.01)
-                entries = {str(p) for p in (path / "out").rglob("*")} if (path / "out").is_dir() else set()
-                if entries != entries_before:
-                    self.writing, entries_before = [*self.writing, time.monotonic() - begun], entries
-            self.seconds = time.monotonic() - begun
-            code, said = ended(process)
-            if code:
-                raise RuntimeError(f"{name}: {said}")
-            runs.append(files(path))
-        self.sound: set[str] = set()  # states of the folders from which a rerun ended well
-        self.kilobytes = {part: _kilobytes(path / part) for part in ("out", "cache")}
-        self.whole = runs[0]
-        self.steady = {name for name, content in self.whole.items() if runs[1].get(name) == content}
-
-    def unlike(self, contents: dict[str, bytes]) -> list[str]:
-        """Names that this has not, or whose content is neither the same nor what lay there before."""
-        return [
-            name
-            for name, content in contents.items()
-            if name not in self.whole
-            or (name in self.steady and content not in (self.whole[name], self.before.get(name)))
-        ]
-
-    def fault_of_rerun(self, folder: Path, command: Command) -> str:
-        """Run again in ``place``: what is not as in an undisturbed run, empty if all is."""
-        code, said = ended(start(folder, command))
-        contents = files(folder)
-        if code and not (code == 2 and any(phrase in said for phrase in TAKEN)):
-            return f"rerun {code}: {said.strip()[-300:]}"
-        if unfinished_files := [name for name in contents if any(unfinished(part) for part in Path(name).parts)]:
-            return f"left: {unfinished_files[:3]}"
-        if set(contents) != set(self.whole):
-            return f"other files: {sorted(set(contents) ^ set(self.whole))[:5]}"
-        changed = [name for name in self.steady if contents[name] != self.whole[name]]
-        return f"other bits: {changed}" if changed else ""
-
-
-def _kilobytes(folder: Path) -> int:
-    """In blocks of 4 KiB, as a file system counts."""
-    return sum(4 * -(-p.stat().st_size // 4096) if p.is_file() else 4 for p in folder.rglob("*"))
 
 
 def kill(folder: Path, command: Command, plain: Undisturbed, moment: float, number: int) -> str:
@@ -192,6 +79,7 @@ def stop(folder: Path, command: Command, plain: Undisturbed, moment: float, numb
         os.killpg(process.pid, signal.SIGCONT)
         still += time.monotonic() - stopped
     ended(process)
+    plain.moments = len(copies)
     faults = [_fault_of_copy(copy, command, plain) for copy in copies]
     return next(filter(None, faults), "")
 
@@ -325,7 +213,10 @@ KINDS = {
     "cache": cache,
     "pipe": pipe,
     "interrupt": interrupt,
+    **SURROUNDINGS,
 }
+#: Kinds that only root can try.
+AS_ROOT = {"disk", "cache", "home", "results"}
 
 
 def prepare(work: Path) -> None:
@@ -337,6 +228,8 @@ def prepare(work: Path) -> None:
             if code:
                 raise RuntimeError(said)
     shutil.copytree(path / "capture", path / "frames", dirs_exist_ok=True)
+    for name in ("first", "second"):
+        shutil.copytree(path / "few", path / "boxes" / name, dirs_exist_ok=True)
     (path / "frames" / "capture.toml").unlink()
     (path / "reading.csv").write_text("wavelength_nm,radiance\n380,0.001\n780,0.005\n", encoding="utf-8")
 
@@ -354,7 +247,7 @@ def main() -> None:
     parser.add_argument("--moments", type=int, default=20, help="kills per command")
     parser.add_argument("--pairs", type=int, default=5, help="cases of each other kind per command")
     parser.add_argument("--commands", default=",".join(COMMANDS))
-    parser.add_argument("--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - {"disk", "cache"}))
+    parser.add_argument("--kinds", default=",".join(KINDS if os.geteuid() == 0 else KINDS.keys() - AS_ROOT))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--forked", action="store_true", help="many cases, of commands that do not render")
     options = parser.parse_args()
@@ -362,11 +255,10 @@ def main() -> None:
     prepare(work)
     if options.forked:
         import_all()
-        global FORKED
-        FORKED = True
+        faults_runs.FORKED = True
     record = work / "faults.jsonl"
     lines = record.read_text(encoding="utf-8").splitlines() if record.exists() else []
-    done = {(c["command"], c["kind"], c["number"]): c["fault"] for c in map(json.loads, lines)}
+    done = {(c["command"], c["kind"], c["number"]): c for c in map(json.loads, lines)}
     undisturbed: dict[str, Undisturbed] = {}
     for name, kind, number in cases(options, options.commands.split(",")):
         if (name, kind, number) in done:
@@ -381,17 +273,21 @@ def main() -> None:
         path = work / name / kind
         shutil.rmtree(path, ignore_errors=True)
         moment = random.Random(f"{options.seed} {name} {kind} {number}").random()
+        plain.moments = 1
         fault = KINDS[kind](path, COMMANDS[name], plain, moment, number)
-        done[name, kind, number] = fault
         case = {"command": name, "kind": kind, "number": number, "moment": moment, "fault": fault}
+        done[name, kind, number] = case = case | {"moments": plain.moments}
         with record.open("a", encoding="utf-8") as file:
             file.write(json.dumps(case) + "\n")
         if fault:
             print(f"{name} {kind} {number} at {moment:.2f}: {fault}", flush=True)
-    counts = Counter((n, k) for n, k, _ in done)
-    failed = Counter((n, k) for (n, k, _), f in done.items() if f)
-    for (name, kind), count in sorted(counts.items()):
-        print(f"{name:12} {kind:10} {count:4} cases, {failed[name, kind]} failures")
+    counts: dict[tuple[str, str], list[int]] = {}
+    for (name, kind, _), case in sorted(done.items()):
+        sums = counts.setdefault((name, kind), [0, 0, 0])
+        for index, value in enumerate((1, case.get("moments", 1), bool(case["fault"]))):
+            sums[index] += value
+    for (name, kind), (count, moments, failed) in counts.items():
+        print(f"{name:12} {kind:10} {count:4} cases, {moments:4} moments, {failed} failures")
 
 
 if __name__ == "__main__":

@@ -29,6 +29,16 @@ rows = SIGMA * np.random.default_rng(2).normal(0, 1.5, (1, SIZE, 1)) * np.ones((
 record = {{"selected": ["unknown"], "explanation": explanation_record(explain(small_excess(rows)))}}
 open("unknown.json", "w").write(json.dumps(record))
 """
+#: A capture of three bands, for what would take long with seven.
+FEW_BANDS = """
+from pathlib import Path
+from cboxlab.rendering.model import Model
+from cboxlab.rendering.synthetic import CaptureSettings
+from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
+filters = dict(list(CaptureSettings().filters.items())[1::2])
+camera = perturbed_camera(16, 3)
+write_model_capture(Path("few"), Model(), camera, CaptureSettings(filters=filters), 3, relative_error=0.05)
+"""
 #: A data set of two boxes.
 RECIPE = f"""
 import sys
@@ -63,8 +73,8 @@ COMMANDS = {
     "calibrate": _cbox("calibrate", "@capture", "--out", "out"),
     "init": _cbox("calibrate", "--init", "out/frames", laid=("frames",)),
     "validate": _cbox("validate", "@capture", "--out", "out"),
-    "diagnose": _cbox("diagnose", "@capture", "--out", "out", "--json", "out/found.json"),
-    "batch": _cbox("batch", "@", "--out", "out", "--what", "validate"),
+    "diagnose": _cbox("diagnose", "@few", "--out", "out", "--json", "out/found.json"),
+    "batch": _cbox("batch", "@boxes", "--out", "out", "--what", "validate"),
     "hyperspectral": _cbox(
         "hyperspectral",
         "@capture",
@@ -98,4 +108,5 @@ MADE = {
     "rendered": ("renderers", *BOX, "--out", "rendered"),
     "unknown.json": ("-c", UNKNOWN),
     "recipe.toml": ("-c", RECIPE),
+    "few": ("-c", FEW_BANDS),
 }

@@ -3,13 +3,15 @@
     python benchmarks/speed/large_pictures.py                          # 24 megapixels: some minutes, 3 GB of disk
     python benchmarks/speed/large_pictures.py --whole 2 --diagnose
     python benchmarks/speed/large_pictures.py --diagnose --hide veiling-glare --keep FOLDER
+    python benchmarks/speed/large_pictures.py --diagnose --mosaic RGGB
 
 A picture of 304 x 304 px is rendered. Each of its pixels becomes a block of equal light on the sensor: seven bands with
-two repeats, darks, flats and references. The capture states window and binning, so that a block in use is a pixel of
-the picture, and the model of the box is right. With ``--hide`` it contains one effect. With ``--whole`` a smaller
-capture is calibrated too, its single pixels as they are: the way before frames were reduced. What the former takes for
-each megapixel is the smaller. Exit code 1 if a command fails, or if calibration takes more than 60 CPU seconds or 3 GB,
-or diagnosis more than 120.
+two repeats, darks, flats and references. With ``--mosaic`` it is a colour sensor, whose channels are
+the bands. The capture states window and binning, so that a block in use is a pixel of the picture,
+and the model of the box is right. With ``--hide`` it contains one effect. With ``--whole`` a smaller capture is
+calibrated too, its single pixels as they are: the way before frames were reduced. What the former takes for each
+megapixel is the smaller. Exit code 1 if a command fails, or if calibration takes more than 60 CPU seconds or 3 GB, or
+diagnosis more than 120.
 """
 
 from __future__ import annotations
@@ -34,8 +36,14 @@ from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators.precision import render_to_precision
 from cboxlab.rendering.model.model_file import load_model
-from cboxlab.rendering.synthetic.capture_writer import write_photographs
-from cboxlab.rendering.synthetic.photographer import CaptureSettings, Frame
+from cboxlab.rendering.synthetic import (
+    CaptureSettings,
+    Frame,
+    MosaicSensor,
+    behind_mosaic,
+    interleaved,
+    write_photographs,
+)
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_light, photographed_scene
 from numpy.typing import NDArray
@@ -54,21 +62,26 @@ _SEED = 3
 #: Bounds of a capture of 24 megapixels: CPU seconds of calibration and of diagnosis, and memory, GB.
 _CALIBRATION_S, _DIAGNOSIS_S, _LARGEST_GB = 60.0, 120.0, 3.0
 
-#: Expected light (y, x) above dark in DN, by kind and filter of a frame.
+#: Expected light (channel, y, x) above dark in DN, by kind and filter of a frame; one channel without a mosaic.
 Lights = dict[tuple[str, str | None], NDArray[np.float64]]
 
 
-def write_small(folder: Path, side_px: int, hidden: str | None) -> Lights:
+def write_small(folder: Path, side_px: int, settings: CaptureSettings, hidden: str | None) -> Lights:
     """A capture of the published box at ``side_px``, and the light of its frames without noise."""
-    model, camera, settings = load_model("cornell-box"), perturbed_camera(side_px, _SEED), CaptureSettings()
+    model, camera = load_model("cornell-box"), perturbed_camera(side_px, _SEED)
     effects = () if hidden is None else (AppliedEffect(catalogue()[hidden], _HIDDEN[hidden]),)
     scene, lights = photographed_scene(model), Lights()
     image = render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=_SEED), _PICTURE_ERROR)
     signals, field, hooks = photographed_light(image, effects, scene, camera, settings)
 
     def light(frame: Frame, signal: NDArray[np.float64]) -> NDArray[np.float64]:
-        lights[frame.kind, frame.filter] = hooks.light(frame, signal)
-        return lights[frame.kind, frame.filter]
+        changed = hooks.light(frame, signal)
+        if frame.kind != "dark":
+            behind = [index for index, band in enumerate(settings.bands) if band.filter == frame.filter]
+            planes = (signals if frame.kind == "band" else field)[behind]
+            sensor = interleaved(planes, [settings.bands[index] for index in behind], settings.mosaic)
+            lights[frame.kind, frame.filter] = planes * (changed / sensor)
+        return changed
 
     write_photographs(
         folder,
@@ -84,34 +97,59 @@ def write_small(folder: Path, side_px: int, hidden: str | None) -> Lights:
     return lights
 
 
-def expected_frames(small: Capture, lights: Lights) -> Iterator[tuple[tuple[str, ...], NDArray[np.float64], float]]:
-    """Frames of each table, their expected light (y, x) in DN without noise, and their dark level in DN."""
+def expected_frames(
+    small: Capture, settings: CaptureSettings, lights: Lights
+) -> Iterator[tuple[tuple[str, ...], NDArray[np.float64], float]]:
+    """Frames of each table, their expected light (channel, y, x) in DN without noise, and their dark level in DN."""
     dark = {table.exposure_s: float(np.median(small.frames(table))) for table in small.manifest.darks}
     for table in small.manifest.darks:
-        yield table.frames, np.zeros(small.shape), dark[table.exposure_s]
-    for band in small.manifest.band:
-        yield band.frames, lights["band", band.id], dark[band.exposure_s]
+        yield table.frames, np.zeros((len(settings.bands), *small.shape)), dark[table.exposure_s]
+    filters = {band.id: band.filter for band in settings.bands}
+    tables = [("band", band.id, band) for band in small.manifest.band]
     for kind, rows in (("flat", small.manifest.flats), ("reference", small.manifest.reference)):
-        for table in rows:
-            yield table.frames, lights[kind, table.band], dark[table.exposure_s]
+        tables += [(kind, table.band, table) for table in rows]
+    # the channels of a mosaic share their frames
+    for names in dict.fromkeys(table.frames for _, _, table in tables):
+        kind, band, table = next(entry for entry in tables if entry[2].frames == names)
+        yield names, lights[kind, filters[band]], dark[table.exposure_s]
 
 
-def write_magnified(folder: Path, side_px: int, times: int, *, binning: int, hidden: str | None = None) -> None:
+def channel_rows(mosaic: MosaicSensor | None, width_px: int) -> NDArray[np.int64]:
+    """(row of the pattern, column) index of each pixel's channel; zeros without a mosaic."""
+    if mosaic is None:
+        return np.zeros((1, width_px), np.int64)
+    letters, rows = [*mosaic.dyes], pattern_rows(mosaic.pattern)
+    tile = np.array([[letters.index(letter) for letter in row] for row in rows])
+    return np.tile(tile, (1, -(-width_px // tile.shape[1])))[:, :width_px]
+
+
+def pattern_rows(pattern: str) -> list[str]:
+    """Rows of one repeat of a mosaic."""
+    return pattern.split() if " " in pattern else [pattern[:2], pattern[2:]]
+
+
+def write_magnified(
+    folder: Path, side_px: int, times: int, *, binning: int, hidden: str | None = None, pattern: str = ""
+) -> None:
     """A capture of a picture of ``side_px`` with ``times`` as many rows and columns.
 
     A pixel is smaller, and lamp and sphere are brighter by as much: it has the counts of the pixel it lies in.
     """
-    lights = write_small(folder / "small", side_px, hidden)
+    settings = behind_mosaic(CaptureSettings(), pattern) if pattern else CaptureSettings()
+    lights = write_small(folder / "small", side_px, settings, hidden)
     small = load_capture(folder / "small")
     camera, generator = small.manifest.camera, np.random.default_rng(0)
     gain, read, largest = camera.gain_e_per_dn or 1.0, camera.read_noise_e or 0.0, small.full_scale_dn
     (folder / "frames").mkdir(parents=True)
-    for names, light, level in expected_frames(small, lights):
+    channels = channel_rows(settings.mosaic, times * small.shape[1])
+    columns = np.arange(channels.shape[1])
+    for names, light, level in expected_frames(small, settings, lights):
         for name in names:
             frame = np.empty(tuple(times * side for side in small.shape), np.uint16)
-            for row, line in enumerate(np.maximum(light, 0.0)):  # a row of blocks at a time
-                mean = np.repeat(line, times).astype(np.float32)
-                noise = generator.standard_normal((times, mean.size), np.float32)
+            for row in range(small.shape[0]):  # a row of blocks at a time
+                wide = np.repeat(np.maximum(light[:, row], 0.0), times, axis=1).astype(np.float32)
+                mean = wide[channels[np.arange(row * times, (row + 1) * times) % len(channels)], columns]
+                noise = generator.standard_normal(mean.shape, np.float32)
                 counts = mean + level + np.sqrt(mean / gain + (read / gain) ** 2) * noise
                 frame[row * times : (row + 1) * times] = np.clip(np.rint(counts), 0, largest)
             tifffile.imwrite(folder / name, frame, photometric="minisblack", metadata=None)
@@ -151,9 +189,10 @@ def measured(title: str, *arguments: str) -> tuple[float, float, bool]:
     return cpu, memory, process.returncode in (0, 1)
 
 
-def magnification(megapixels: float, side_px: int) -> int:
-    """Factor of rows and columns that gives a number of megapixels."""
-    return max(1, round(float(np.sqrt(1e6 * megapixels)) / side_px))
+def magnification(megapixels: float, side_px: int, pattern: str = "") -> int:
+    """Factor of rows and columns that gives a number of megapixels: of a mosaic one by which its pattern stays."""
+    step = 2 * len(pattern_rows(pattern)) if pattern else 1
+    return max(1, 1 + step * round((float(np.sqrt(1e6 * megapixels)) / side_px - 1) / step))
 
 
 def main() -> int:
@@ -162,6 +201,7 @@ def main() -> int:
     parser.add_argument("--cells", type=int, default=_PICTURE_PX, help="blocks a side that are in use")
     parser.add_argument("--whole", type=float, help="megapixels of a capture whose single pixels are calibrated")
     parser.add_argument("--hide", choices=sorted(_HIDDEN), help="effect that the capture contains")
+    parser.add_argument("--mosaic", default="", help="pattern of a colour sensor, such as RGGB")
     parser.add_argument("--diagnose", action="store_true", help="diagnose the large capture too")
     parser.add_argument("--keep", type=Path, help="folder in which the large capture stays, and is used again")
     options = parser.parse_args()
@@ -173,8 +213,8 @@ def main() -> int:
             passed &= measured(f"calibrate, {options.whole:g} megapixels, single pixels", *arguments)[2]
         large = options.keep or work / "large"
         if not (large / "capture.toml").exists():
-            times = magnification(options.megapixels, options.cells)
-            write_magnified(large, options.cells, times, binning=times, hidden=options.hide)
+            times = magnification(options.megapixels, options.cells, options.mosaic)
+            write_magnified(large, options.cells, times, binning=times, hidden=options.hide, pattern=options.mosaic)
         for command, bound in (("calibrate", _CALIBRATION_S), ("diagnose", _CALIBRATION_S + _DIAGNOSIS_S)):
             if command == "calibrate" or options.diagnose:
                 arguments = (command, str(large), "--out", f"{work}/{command}")

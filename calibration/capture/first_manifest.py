@@ -13,7 +13,7 @@ import math
 import re
 import tomllib
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -62,12 +62,12 @@ _TABLES: dict[str, type[BaseModel]] = {
 _TOP = "the top, above all tables"
 #: Keys that a capture may lack, and that a validation against a model takes.
 _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
+    (_TOP, Manifest, ("scene",)),
     ("[camera]", CameraTable, ("pixel_pitch_um", "gain_e_per_dn", "read_noise_e", "quantum_efficiency")),
     ("[lens]", LensTable, ("focal_length_mm", "transmittance")),
     ("every [[band]]", BandTable, ("transmittance", "f_number", "image_distance_mm", "start_s")),
     ("[lamp]", LampTable, ("radiance", "relative_uncertainty")),
     ("[geometry]", GeometryTable, ("points", "point_sigma_px")),
-    (_TOP, Manifest, ("scene",)),
 )
 #: What is not done without frames of a kind.
 _WITHOUT = (
@@ -78,6 +78,12 @@ _WITHOUT = (
         'so scale = "free" claims no absolute scale; remove it if you state gain, sensor and lens instead',
     ),
 )
+#: What is not done without darks where the files state a black level.
+_BLACK_LEVEL_ALONE = (
+    "without them the files' black level is subtracted; the dark current and the hot pixels are not corrected"
+)
+#: Keys that say nothing where no absolute scale is claimed.
+_OF_SCALE = ("image_distance_mm", "relative_uncertainty")
 _FURTHER = (
     "# Keys marked 'missing' are required. Further tables: [lamp], [geometry], [labels], [crop]; see the manual,\n"
     "# 'The capture format'.\n"
@@ -353,13 +359,22 @@ class _Draft:
             self.counts[header] += 1
             blocks.append(self._table(header, group, channel))
         blocks += self._further_tables()
-        self._note_useful_keys(len(bands))
+        unfiltered = all(channel is not None for group, channel in rows if group.kind == "band")
+        useless = [*(() if self.counts["reference"] else _OF_SCALE), *(("transmittance",) if unfiltered else ())]
+        timed = all(group.time is not None for group, _ in rows if group.kind == "band")
+        self._note_useful_keys(len(bands), {*useless, *(("start_s",) if timed else ())})
         for alike in numbered_alike(groups):
-            why = f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table"
+            why = (
+                f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table; if "
+                "they show a printed board, name them 'board-...'"
+            )
             self.missing.append(MissingKey("[[band]]", "", why, False))
+        without_kind = dict(_WITHOUT)
+        if all(any((frame.facts.black_level or {}).values()) for frame in frames):
+            without_kind["dark"] = _BLACK_LEVEL_ALONE
         self.missing += [
             MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
-            for kind, without in _WITHOUT
+            for kind, without in without_kind.items()
             if not self.counts[kind]
         ]
         return "\n".join(blocks) + "\n" + _FURTHER
@@ -451,11 +466,14 @@ class _Draft:
     def _note_lines(self, table: str, lines: Sequence[str]) -> None:
         self._written[table].update(line.partition(" = ")[0] for line in lines)
 
-    def _note_useful_keys(self, bands: int) -> None:
-        """Note optional keys that are not written; those of a band, if any band lacks them."""
+    def _note_useful_keys(self, bands: int, useless: Collection[str]) -> None:
+        """Note optional keys that are not written; those of a band, if any band lacks them.
+
+        Keys in ``useless`` are not noted for frames and lamp: the files state them, or nothing uses them.
+        """
         for where, table, keys in _USEFUL:
             for key in keys:
                 in_bands = len(self._written[f"[[band]] {key}"]) == bands if table is BandTable else False
-                if not in_bands and key not in self._written[where]:
+                if not in_bands and key not in self._written[where] and not (table is not LensTable and key in useless):
                     description = table.model_fields[key].description or ""
                     self.missing.append(MissingKey(where, example_of(table, key), description, False))

@@ -20,7 +20,7 @@ KIND_WORDS = {
     ),
     "flat": ("flat", "flats", "flatfield", "flatframe", "masterflat", "superflat", "skyflat", "domeflat", "flatpanel"),
     "reference": ("sphere", "reference", "integrating"),
-    "target": ("target", "chessboard", "charuco", "checkerboard"),
+    "target": ("target", "board", "boards", "chessboard", "charuco", "checkerboard"),
 }
 #: By kind of table, the words for it in headers (IMAGETYP of FITS).
 _HEADER_WORDS = {
@@ -53,6 +53,8 @@ _UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs"})
 _UNIT_S = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "secs": 1.0}
 #: Words before seconds that are no exposure: a wait, or the model of a telephone.
 _NOT_EXPOSED = frozenset({"after", "delay", "every", "interval", "iphone", "t", "timer", "wait", "warmup"})
+#: Words of pictures that add up several exposures, whose seconds are those of all together.
+_SUMMED = re.compile(r"(?:live)?stack(?:ed)?|integrated|sum(?:med)?|total|\d+(?:frames|subs)")
 #: A number before an exposure by which it is a fraction or a decimal: 1-30s, 1_4s, 1e-3s.
 _PART_OF_NUMBER = re.compile(r"\d{1,2}|\d+(?:[.,]\d+)?e")
 #: Two exposures as a range: 0.5-4s.
@@ -126,7 +128,7 @@ def _kind_of_word(word: str) -> str | None:
 def _exposure(parts: list[str]) -> tuple[float | None, list[int]]:
     """The exposure, and the positions of parts that look like one.
 
-    The exposure is None if several differ or one is ambiguous.
+    The exposure is None if several differ, if one is ambiguous, or if it is that of a sum of pictures.
     """
     values, positions = set(), []
     for index, part in enumerate(parts):
@@ -138,7 +140,8 @@ def _exposure(parts: list[str]) -> tuple[float | None, list[int]]:
         # '1-30s' and '1_4s': a fraction, a decimal, or a repeat and whole seconds
         ambiguous = _PART_OF_NUMBER.fullmatch(before) or _THOUSANDS.fullmatch(match[1]) or before in _NOT_EXPOSED
         values.add(None if ambiguous else float(match[1].replace(",", ".")) * _UNIT_S[match[2]])
-    value = values.pop() if len(values) == 1 else None
+    summed = any(_SUMMED.fullmatch(part) for part in parts)
+    value = values.pop() if len(values) == 1 and not summed else None
     return (value if value is not None and value > 0 else None), positions
 
 

@@ -49,8 +49,8 @@ class ColourStudy(FrozenMappings):
             for method, error in self.errors.items()
         )
         return (
-            f"XYZ uses {self.recommended} filter weights, which have the smallest mean CIEDE2000. "
-            f"Mean CIEDE2000 and, in brackets, rms error of Z: {errors}. "
+            f"XYZ uses {self.recommended} filter weights: they have the smallest mean CIEDE2000. "
+            f"Mean CIEDE2000, with the rms error of Z in brackets: {errors}. "
             f"The means are over {self.spectra}. Trained weights are fitted to {self.ensemble}."
         )
 

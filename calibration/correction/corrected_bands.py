@@ -204,6 +204,29 @@ def _without_misfits(
     return tuple(exposure for index, exposure in enumerate(exposures) if index not in wrong)
 
 
+def _frame_notes(capture: Capture) -> list[str]:
+    """Notes on early saturation, missing darks, and corrections made beforehand."""
+    manifest, notes = capture.manifest, []
+    if capture.full_well_dn is not None:
+        notes.append(
+            f"pixels saturate at {capture.full_well_dn} DN, below the full scale of {capture.full_scale_dn} DN: there "
+            "they have no more noise than in the dark; those are masked"
+        )
+    if not manifest.darks and manifest.dark != "subtracted":
+        black = black_level(capture)
+        notes.append(
+            "no dark frames: a dark level of 0 was assumed"
+            if black is None
+            else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
+            "dark current and hot pixels are not corrected"
+        )
+    if manifest.dark == "subtracted":
+        notes.append("the dark was subtracted beforehand: its noise is not included")
+    if manifest.flat == "divided":
+        notes.append("the flat was divided beforehand: its noise is not included, vignetting is not masked")
+    return notes
+
+
 def correct_bands(
     capture: Capture,
     dark: DarkLibrary,
@@ -246,24 +269,7 @@ def correct_bands(
         For a faulty frame.
     """
     manifest = capture.manifest
-    corrected, masks, flats, notes = [], [], {}, []
-    if capture.full_well_dn is not None:
-        notes.append(
-            f"pixels saturate at {capture.full_well_dn} DN, below the full scale of {capture.full_scale_dn} DN: there "
-            "they have no more noise than in the dark; those are masked"
-        )
-    if not manifest.darks and manifest.dark != "subtracted":
-        black = black_level(capture)
-        notes.append(
-            "no dark frames: a dark level of 0 was assumed"
-            if black is None
-            else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
-            "dark current and hot pixels are not corrected"
-        )
-    if manifest.dark == "subtracted":
-        notes.append("the dark was subtracted beforehand: its noise is not included")
-    if manifest.flat == "divided":
-        notes.append("the flat was divided beforehand: its noise is not included, vignetting is not masked")
+    corrected, masks, flats, notes = [], [], {}, _frame_notes(capture)
     without_flat = [band.id for band in manifest.band if not capture.flats(band.id)]
     of_channel, scatter = _channel_masks(capture, channels), 0.0
     if len(without_flat) < len(manifest.band) or manifest.flat == "divided":

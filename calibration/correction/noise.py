@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..capture import Capture, FrameTable
+from ..capture import BandTable, BracketTable, Capture, FlatTable, FrameTable, ReferenceTable
 from .dark import DarkLibrary
 from .noise_line import (
     ROUNDED_VARIANCE,
@@ -32,6 +32,8 @@ from .repeat_light import LIGHT_CHANGE_NOTED, light_change
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
 
+#: A kind of table of frames.
+_Table = TypeVar("_Table", bound=FrameTable)
 #: Harmonics of the rounding error that are summed: without noise the rest is 1e-4 of its square.
 _HARMONICS = 1000
 #: Where the shot noise of a count comes from: repeats of flats, the manifest, repeats of the bands, neighbouring pixels
@@ -158,24 +160,33 @@ def _read_noise(
 
 
 def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
-    """Notes on flats and references whose light changes between repeats."""
-    notes = []
-    for kind, tables in (("flat", capture.manifest.flats), ("reference", capture.manifest.reference)):
-        for table in tables:
-            if len(table.frames) < 2:
-                continue
+    """Notes on frames whose light changes between repeats."""
+    manifest, notes = capture.manifest, []
+    kinds: tuple[tuple[str, Sequence[BandTable | BracketTable | FlatTable | ReferenceTable]], ...] = (
+        ("scene", (*manifest.band, *manifest.bracket)),
+        ("flat", manifest.flats),
+        ("reference", manifest.reference),
+    )
+    for kind, tables in kinds:
+        for table in _of_different_frames(tables):
             stack = capture.frames(table)
             good = (stack.max(axis=0) < capture.saturation_dn) & (stack.min(axis=0) > 0)
-            change = light_change(stack.astype(float), dark.at(table.exposure_s), good)
-            if change >= LIGHT_CHANGE_NOTED:
-                notes.append(
-                    f"{table.band}: the light of the {kind} changes by {100 * change:.2g} % between repeats; for the "
-                    "noise they are scaled to one mean"
-                )
+            level = None if kind == "scene" else dark.at(table.exposure_s)
+            change = light_change(stack.astype(float), level, good)
+            if change < LIGHT_CHANGE_NOTED:
+                continue
+            of_frames = [other for other in tables if other.frames == table.frames]
+            bands = ", ".join(other.id if isinstance(other, BandTable) else other.band for other in of_frames)
+            exposure = f" at {table.exposure_s:g} s" if kind == "scene" and not isinstance(table, BandTable) else ""
+            averaged = "averaged for the signal, and " if kind == "scene" else ""
+            notes.append(
+                f"{bands}: the light of the {kind}{exposure} changes by {100 * change:.2g} % between repeats; they "
+                f"are {averaged}scaled to one mean for the noise"
+            )
     return notes
 
 
-def _of_different_frames(tables: Sequence[FrameTable]) -> list[FrameTable]:
+def _of_different_frames(tables: Sequence[_Table]) -> list[_Table]:
     """Tables with repeats, without those of the frames of another one.
 
     Behind a mosaic a frame may stand once for each channel. The noise comes from all its pixels, so it counts once.
@@ -198,7 +209,8 @@ def _samples_of_scene(
     """
     manifest = capture.manifest
     line, covariance = fit_noise_line([*of_flats, *of_darks], floor)
-    tables = _of_different_frames([*manifest.reference, *manifest.band, *manifest.bracket])
+    everything: list[FrameTable] = [*manifest.reference, *manifest.band, *manifest.bracket]
+    tables = _of_different_frames(everything)
     samples = [samples_of_repeats(capture.frames(table), bias, capture.saturation_dn, line=line) for table in tables]
     samples = [each for each in samples if each.charge.size]
     if not samples:
@@ -242,6 +254,31 @@ def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.fl
             degrees = max(1, level.size // 3)
             samples.append(VarianceSamples(means[level].mean(keepdims=True), np.array([variance]), degrees))
     return samples
+
+
+def _source_notes(
+    bright_samples: list[VarianceSamples], dark_samples: list[VarianceSamples], source: NoiseSource, *, has_flats: bool
+) -> list[str]:
+    """Notes on what was not measured, and on noise that comes from the bands."""
+    notes = []
+    if not bright_samples:
+        notes.append(
+            f"gain not measured: {'the flats are saturated or copied' if has_flats else 'no flat with repeats'}"
+        )
+    if source == "band repeats":
+        notes.append("the noise comes from the repeats of the bands: no flat with repeats, and no gain is stated")
+    if source == "estimated":
+        notes.append("the noise is estimated from neighbouring pixels of the bands: no repeats, and no gain is stated")
+    if not dark_samples:
+        notes.append("read noise not measured: no usable dark frames with repeats")
+    return notes
+
+
+def _contradictions(quantity: str, nominal: float | None, measured: float | None, sigma: float | None) -> list[str]:
+    """Note on a stated value that the frames contradict; empty without one."""
+    if nominal is None or measured is None or sigma is None or not abs(nominal - measured) > _NOTED_SIGMAS * sigma:
+        return []
+    return [f"{quantity}: the manifest states {nominal:g}, the frames show {measured:.4g} +- {sigma:.2g}"]
 
 
 def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
@@ -293,14 +330,7 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         bright_samples, source = _samples_of_bands(capture, bias)
     quietest = min((float(s.variance.mean()) for s in dark_samples), default=np.inf)
     rounded = quietest < ROUNDED_VARIANCE
-    if not bright_samples:
-        notes.append(f"gain not measured: {'the flats are saturated or copied' if flats else 'no flat with repeats'}")
-    if source == "band repeats":
-        notes.append("the noise comes from the repeats of the bands: no flat with repeats, and no gain is stated")
-    if source == "estimated":
-        notes.append("the noise is estimated from neighbouring pixels of the bands: no repeats, and no gain is stated")
-    if not dark_samples:
-        notes.append("read noise not measured: no usable dark frames with repeats")
+    notes += _source_notes(bright_samples, dark_samples, source, has_flats=bool(flats))
     fitted_samples, floor, slope = [*bright_samples, *dark_samples], UNKNOWN, UNKNOWN
     if rounded:
         low, high = ROUNDING_VARIANCE, ROUNDED_VARIANCE
@@ -328,19 +358,8 @@ def measure_noise(capture: Capture, dark: DarkLibrary) -> NoiseModel:
         if read is None and gain is not None:
             read = gain * float(np.sqrt(max(quietest - ROUNDING_VARIANCE, largest**2 / 4)))
             read_sigma = gain * largest / float(np.sqrt(12))
-    for quantity, manifest_value, value, sigma in (
-        ("gain", camera.gain_e_per_dn, gain, gain_sigma),
-        ("read noise", camera.read_noise_e, read, read_sigma),
-    ):
-        if (
-            manifest_value is not None
-            and value is not None
-            and sigma is not None
-            and abs(manifest_value - value) > 5 * sigma
-        ):
-            notes.append(
-                f"{quantity}: the manifest states {manifest_value:g}, the frames show {value:.4g} +- {sigma:.2g}"
-            )
+    notes += _contradictions("gain", camera.gain_e_per_dn, gain, gain_sigma)
+    notes += _contradictions("read noise", camera.read_noise_e, read, read_sigma)
     if gain is None:
         notes.append("gain unknown: no variance includes shot noise or read noise")
     return NoiseModel(gain, gain_sigma, read, read_sigma, tuple(notes), source, line_covariance=line_covariance)

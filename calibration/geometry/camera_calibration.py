@@ -64,6 +64,7 @@ def _views(capture: Capture) -> _Views:
     """Points detected in target frames, px of the whole frame."""
     views = _Views([], [], [], [])
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
+    faults: dict[str, list[str]] = {}
     for target in capture.manifest.target:
         for name in target.frames:
             image, row, column, step = capture.stored_frame(name), 0, 0, 1
@@ -79,12 +80,13 @@ def _views(capture: Capture) -> _Views:
             try:
                 world, corners = detect_target(image, target.kind, target.rows, target.columns, target.pitch_mm, name)
             except InputError as fault:
-                views.notes.append(f"target not used: {fault}")
+                faults.setdefault(str(fault).removeprefix(f"{name}: "), []).append(name)
                 continue
             stored = step * (k * corners + (k - 1) / 2) + [column, row]
             views.points.append((world, stored if capture.reduction is None else capture.reduction.positions(stored)))
             views.names.append(name)
             views.board_places.append(_board_place(target))
+    views.notes.extend(f"target not used: {', '.join(names)}: {fault}" for fault, names in faults.items())
     return views
 
 

@@ -46,6 +46,16 @@ SAME_FIELD = 0.03
 #: Smallest deviation of flat over reference of a wrong frame, natural log.
 OTHER_FRAMES = 0.07
 
+#: Deviations of two exchanged flats must vanish without the exchange to this many rms of the other bands' deviations.
+UNDONE_SPREADS = 3.0
+
+#: The same at least, natural log: noise of a flat's mean and its dark level.
+SMALLEST_UNDONE = 0.002
+
+#: Smallest deviation of exchanged flats over what may remain without the exchange. Flats of nearly equal level that are
+#: exchanged change nothing.
+EXCHANGE_OVER_UNDONE = 3.0
+
 #: Smallest share of the bands with the same field. Flats may have another level in each band: by chance a sixth of the
 #: bands then agree with the median, and this share of FEWEST_BANDS or more with a chance of 1 %.
 SMALLEST_AGREEING_SHARE = 0.7
@@ -272,6 +282,18 @@ def check_flats_and_references(
         return
     ratio = np.log([by_flat[band] / by_reference[band] for band in by_flat])
     deviation = ratio - np.median(ratio)
+    level = np.log([bands.flats[band].mean_dn for band in by_flat])
+    exchanged = _exchanged_flats(ratio, level)
+    constants = np.log([[by_flat[band], by_reference[band]] for band in by_flat])
+    if exchanged is not None and _flats_deviate(constants, exchanged):
+        first, second = (list(by_flat)[index] for index in exchanged)
+        yield Suspicion(
+            f"the flats of {first} and {second} are exchanged",
+            f"flat ({first}), flat ({second})",
+            f"Flat over reference is {np.exp(deviation[exchanged[0]]):.3g} and {np.exp(deviation[exchanged[1]]):.3g} "
+            "times that of the other bands; with the flats exchanged it is the same in all.",
+        )
+        return
     if np.mean(np.abs(deviation) < SAME_FIELD) < SMALLEST_AGREEING_SHARE:
         return
     flat_median, reference_median = (
@@ -289,6 +311,32 @@ def check_flats_and_references(
             f"Flat over reference is {np.exp(difference):.3g} times that of the other bands, whose flats and "
             "references agree within 3%.",
         )
+
+
+def _flats_deviate(constants: NDArray[np.float64], pair: tuple[int, int]) -> bool:
+    """Whether two bands deviate from the others by their flats more than by their references.
+
+    constants : (band, 2) logarithms of C by flats and by references.
+    """
+    apart = np.abs(constants - np.median(constants, axis=0))[list(pair)].sum(axis=0)
+    return bool(apart[0] > apart[1])
+
+
+def _exchanged_flats(ratio: NDArray[np.float64], level: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Indices of two bands with exchanged flats or references; None if there are none.
+
+    ratio : logarithms of flat over reference. level : logarithms of the flats' means. All other bands agree, and the
+    two do where each has the other's flat.
+    """
+    around = np.abs(ratio - np.median(ratio))
+    first, second = sorted(int(index) for index in np.argsort(around)[-2:])
+    others = np.delete(ratio, [first, second])
+    difference = level[second] - level[first]
+    undone = np.array([ratio[first] + difference, ratio[second] - difference]) - others.mean()
+    remainder = max(SMALLEST_UNDONE, UNDONE_SPREADS * float(others.std(ddof=1)))
+    apart = np.abs(ratio[[first, second]] - others.mean())
+    agree = np.abs(others - others.mean()).max() < remainder and np.abs(undone).max() < remainder
+    return (first, second) if agree and apart.min() > EXCHANGE_OVER_UNDONE * remainder else None
 
 
 def _flat_constant(capture: Capture, table: FlatTable, mean_dn: float, channel: str | None) -> float | None:

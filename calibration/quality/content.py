@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..capture import BandTable, Capture
+from ..correction import DarkLibrary, NoiseModel
 from .stacks import Stack
 from .suspicion import Suspicion
 from .tables import stated_columns
 
-__all__ = ["check_frame_content", "check_names", "check_spectra_content", "named_pass_band"]
+__all__ = ["check_frame_content", "check_names", "check_same_view", "check_spectra_content", "named_pass_band"]
 
 #: Smallest share of pixels that differ from the most common count: clipped darks below it may be equal by chance.
 SMALLEST_VARIED_SHARE = 0.05
+
+#: Blocks along each side of a picture that is compared with another one.
+BLOCKS = 8
+
+#: Smallest rank correlation of the block means of two pictures of one scene through one filter: pictures of different
+#: exposure and light reach 0.95, since a factor keeps the ranks.
+SMALLEST_RANK_CORRELATION = 0.8
+
+#: Smallest standard deviation of the block means over their noise: fainter pictures are not compared.
+SMALLEST_CONTRAST = 10.0
 
 #: Kind of frame by a word in a file's name.
 KIND_OF_WORD = {
@@ -88,6 +101,61 @@ def _is_varied(frame: np.ndarray) -> bool:
     """Whether enough pixels differ from the most common count, so that no other frame is equal."""
     _, counts = np.unique(frame, return_counts=True)
     return bool(counts.max() < (1 - SMALLEST_VARIED_SHARE) * frame.size)
+
+
+def check_same_view(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+) -> Iterator[Suspicion]:
+    """Detect bands of one channel and filter that show different pictures.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+    dark
+        The capture's dark frames.
+    noise
+        Gain and read noise by its frames.
+
+    Yields
+    ------
+    Suspicion
+        One for all such bands.
+    """
+    pictures: dict[tuple[str | None, str | None], list[tuple[str, NDArray[np.float64]]]] = {}
+    for stack in stacks:
+        if stack.kind != "band" or stack.band is None:
+            continue
+        blocks = _block_means(stack, dark, noise)
+        if blocks is not None:
+            filter_column = capture.band(stack.band).transmittance
+            pictures.setdefault((stack.channel, filter_column), []).append((stack.band, blocks))
+    different: dict[str, float] = {}
+    for group in pictures.values():
+        for (band, blocks), (other, others) in itertools.combinations(group, 2):
+            correlation = float(np.corrcoef(np.argsort(np.argsort(blocks)), np.argsort(np.argsort(others)))[0, 1])
+            if correlation < SMALLEST_RANK_CORRELATION:
+                different |= {name: min(correlation, different.get(name, 1.0)) for name in (band, other)}
+    if different:
+        yield Suspicion(
+            "bands of one channel and filter show different pictures (photographs of a board belong in [[target]])",
+            ", ".join(different),
+            f"The rank correlation of the means of {BLOCKS} x {BLOCKS} blocks goes down to "
+            f"{min(different.values()):.2f}; two pictures of one scene reach {SMALLEST_RANK_CORRELATION:g} at least.",
+        )
+
+
+def _block_means(stack: Stack, dark: DarkLibrary, noise: NoiseModel) -> NDArray[np.float64] | None:
+    """(BLOCKS^2,) means of blocks above dark, DN; None for a small or faint picture."""
+    net = stack.mean - stack.thinned(dark.at(stack.exposure_s))
+    height, width = (n // BLOCKS for n in net.shape)
+    if min(height, width) < 1:
+        return None
+    blocks = net[: BLOCKS * height, : BLOCKS * width].reshape(BLOCKS, height, BLOCKS, width).mean(axis=(1, 3)).ravel()
+    variance = float(noise.variance(blocks).mean()) / (height * width * len(stack.paths))
+    return blocks if blocks.std() > SMALLEST_CONTRAST * np.sqrt(variance) else None
 
 
 def check_spectra_content(capture: Capture) -> Iterator[Suspicion]:

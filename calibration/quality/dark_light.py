@@ -1,4 +1,4 @@
-"""Check for light in the dark frames, by the pattern of the pixels' sensitivities."""
+"""Checks of dark frames for light in them and for another temperature."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from ..correction import DarkLibrary
-from .fingerprint import NEIGHBOURHOOD_PX
+from .fingerprint import NEIGHBOURHOOD_PX, NORMAL_OVER_MEDIAN, local_spread, surroundings
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_light_in_darks"]
+__all__ = ["check_dark_temperature", "check_light_in_darks"]
 
 #: Smallest correlation of a dark level with the flats' pattern, standard deviations: chance stays below 5.
 SMALLEST_CORRELATION = 8.0
@@ -26,6 +26,18 @@ SMALLEST_PATTERN = 1e-3
 
 #: Details of a level beyond this many robust standard deviations are clipped: hot pixels.
 CLIP_SIGMAS = 4
+
+#: Smallest deviation of the dark current's factor in lit frames, standard deviations.
+TEMPERATURE_SIGMAS = 6.0
+
+#: Smallest suspicious deviation of that factor from 1: charge bends by a few percent, and repeats differ by as much.
+SMALLEST_TEMPERATURE_CHANGE = 0.3
+
+#: Fewest pixels that show the factor: one whose charge comes and goes shows nothing.
+FEWEST_PIXELS = 3
+
+#: Brightest count over full scale at which charge still adds up.
+BRIGHTEST = 0.9
 
 
 def check_light_in_darks(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
@@ -109,3 +121,77 @@ def _mean_product(patterns: Sequence[NDArray[np.float64]]) -> float:
     squares = sum(float(np.mean(pattern**2)) for pattern in patterns)
     count = len(patterns)
     return (float(np.mean(total**2)) - squares) / (count * (count - 1))
+
+
+def check_dark_temperature(stacks: Sequence[Stack], saturation_dn: float) -> Iterator[Suspicion]:
+    """Detect dark frames of a sensor that was warmer or colder than in the lit frames.
+
+    The uneven dark current of the longest dark frames is in each lit frame with a factor of 1, since both have the same
+    current for their exposure. The lit frames are compared before any dark level is subtracted, with the product of two
+    halves of the dark frames, so that no noise is common.
+
+    Parameters
+    ----------
+    stacks
+        All frames; the shortest and the longest dark exposure need two frames each.
+    saturation_dn
+        Full scale, DN.
+
+    Yields
+    ------
+    Suspicion
+        At most one.
+    """
+    darks = sorted((s for s in stacks if s.kind == "dark"), key=lambda s: s.exposure_s)
+    if not darks or min(len(darks[0].frames), len(darks[-1].frames)) < 2:
+        return
+    span = darks[-1].exposure_s - darks[0].exposure_s
+    exposed = [s for s in stacks if s.kind in ("band", "flat", "reference") and s.lattice == darks[0].lattice]
+    if span <= 0 or not exposed:
+        return
+    first, other = (_unevenness([darks[0], darks[-1]], half) / span for half in (0, 1))
+    rate, spread = (first + other) / 2, (first - other) / 2
+    noise = float(NORMAL_OVER_MEDIAN * np.median(np.abs(spread)))
+    not_full = darks[-1].counts.max(axis=0) < BRIGHTEST * saturation_dn
+    charge, expected_charge, variance = (np.zeros_like(rate) for _ in range(3))
+    for stack in exposed:
+        detail = stack.mean - surroundings(stack.mean)
+        weight = stack.exposure_s / np.maximum(local_spread(detail) ** 2, 1 / 12)
+        weight = np.where(not_full & (stack.counts.max(axis=0) < BRIGHTEST * saturation_dn), weight, 0.0)
+        charge += weight * detail * rate
+        expected_charge += weight * stack.exposure_s * first * other
+        variance += weight * stack.exposure_s * (rate**2 + noise**2)
+        variance += (weight * stack.exposure_s) ** 2 * noise**2 * (rate**2 + noise**2)
+    for _ in range(FEWEST_PIXELS):  # without the pixels that deviate most
+        factor, pull = _factor_and_pull(charge, expected_charge, variance)
+        if not abs(pull) > TEMPERATURE_SIGMAS or not abs(factor - 1) > SMALLEST_TEMPERATURE_CHANGE:
+            return
+        worst = int(np.argmax((expected_charge - charge) * np.sign(pull)))
+        charge.flat[worst] = expected_charge.flat[worst] = variance.flat[worst] = 0.0
+    yield Suspicion(
+        f"the dark frames are of a sensor that was {'warmer' if factor < 1 else 'colder'} than in the other frames",
+        "dark",
+        f"The dark current of single pixels is in the photographs, flats and references with a factor of {factor:.2f} "
+        f"+- {abs((factor - 1) / pull):.2f} of what the dark frames of {darks[-1].exposure_s:g} s show; 1 is expected.",
+    )
+
+
+def _unevenness(darks: Sequence[Stack], half: int) -> NDArray[np.float64]:
+    """(y, x) DN by which pixels exceed their surroundings, long dark frames less short ones.
+
+    half : 0 or 1, of the frames in turn.
+    """
+    short, long = (stack.counts[half::2].mean(axis=0) for stack in darks)
+    return np.asarray(long - short - surroundings(long - short), np.float64)
+
+
+def _factor_and_pull(
+    charge: NDArray[np.float64], expected_charge: NDArray[np.float64], variance: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Factor of the dark current in lit frames, and its distance below 1 in standard deviations."""
+    total = float(expected_charge.sum())
+    if total <= 0:
+        return 1.0, 0.0
+    return float(charge.sum()) / total, float((expected_charge - charge).sum()) / max(
+        float(np.sqrt(variance.sum())), 1e-300
+    )

@@ -1,18 +1,20 @@
-"""Check of flats and references for a different distribution of light over the picture."""
+"""Checks of flats and references for their light over the picture and over a mosaic."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import Capture
+from ..capture import Capture, pattern_rows, split_channel
 from ..correction import DarkLibrary
+from ..radiometry import counts_over_constant
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_fields"]
+__all__ = ["check_fields", "check_pattern"]
 
 #: Smallest suspicious range of reference over flat in the picture: sound captures have less than 0.5 %, and the sphere
 #: or panel of a laboratory is even to 1 %.
@@ -39,6 +41,98 @@ PLACES = (
     ("at the left", "in the middle", "at the right"),
     ("at the lower left", "at the bottom", "at the lower right"),
 )
+
+#: Smallest suspicious difference of a pixel's level in even light from that of its channel, over the brightest pixel's.
+#: Unlike greens differ by 3 %, and tables of another copy of a camera by 5 %.
+SMALLEST_LEVEL_ERROR = 0.1
+
+#: Largest such difference with the right pattern.
+LARGEST_RIGHT_ERROR = 0.04
+
+
+def check_pattern(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, channels: Mapping[str, str] | None
+) -> Iterator[Suspicion]:
+    """Detect a mosaic that begins at another pixel than stated.
+
+    In even light the pixels of a channel have one level, and the levels are as the stated sensitivities say.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+    dark
+        The capture's dark frames.
+    channels
+        Channel of each band; None without a mosaic.
+
+    Yields
+    ------
+    Suspicion
+        If these levels fit a shifted pattern, and not the stated one.
+    """
+    if capture.manifest.mosaic is None or channels is None:
+        return
+    cell = np.array([[*row] for row in pattern_rows(capture.manifest.mosaic.pattern)])
+    kind = "reference" if capture.manifest.reference else "flat"
+    fields = {stack.paths: stack for stack in stacks if stack.kind == kind}
+    even = {paths: _levels(stack, dark, cell.shape) for paths, stack in fields.items()}
+    if not even:
+        return
+    units = {paths: _expected(capture, paths, channels) for paths in even}
+    errors = {}
+    for shift in product(*(range(side) for side in cell.shape)):
+        shifted = np.roll(cell, shift, (0, 1))
+        error = max(_level_error(levels, shifted, units[paths]) for paths, levels in even.items())
+        errors[shifted.tobytes()] = error, shifted
+    smallest, present = min(error for error, _ in errors.values()), errors[cell.tobytes()][0]
+    if present < SMALLEST_LEVEL_ERROR or smallest > LARGEST_RIGHT_ERROR:
+        return
+    right = [shifted for error, shifted in errors.values() if error <= LARGEST_RIGHT_ERROR]
+    between = "" if cell.shape == (2, 2) else " "
+    names = " or ".join(f'"{between.join("".join(row) for row in shifted)}"' for shifted in right)
+    yield Suspicion(
+        f"the mosaic begins at another pixel: the pattern is {names}",
+        "mosaic.pattern",
+        f"In even light pixels differ from the level of their channel by up to {present:.0%} of the brightest level; "
+        f"with that pattern by {smallest:.1%}.",
+    )
+
+
+def _levels(stack: Stack, dark: DarkLibrary, repeat: tuple[int, ...]) -> NDArray[np.float64]:
+    """Level of each pixel of the mosaic's repeat in even light, relative to the brightest."""
+    net = stack.frames.mean(axis=0) - dark.at(stack.exposure_s)
+    levels = np.empty(repeat)
+    for row, column in np.ndindex(*repeat):
+        levels[row, column] = np.median(net[row :: repeat[0], column :: repeat[1]])
+    return levels / max(float(levels.max()), 1.0)
+
+
+def _expected(capture: Capture, paths: tuple[str, ...], channels: Mapping[str, str]) -> dict[str, float] | None:
+    """Counts of each channel over C, by the stated sensitivities; None if one is unknown."""
+    units = {}
+    for table in capture.manifest.reference:
+        if table.frames == paths:
+            unit = counts_over_constant(capture, table, table.radiance, channels[table.band])
+            if unit is None:
+                return None
+            units[split_channel(channels[table.band])[0]] = unit
+    return units
+
+
+def _level_error(levels: NDArray[np.float64], cell: NDArray[np.str_], units: Mapping[str, float] | None) -> float:
+    """Largest difference of a pixel's level from that of its channel."""
+    letters = sorted(set(cell.ravel().tolist()))
+    if units and set(letters) <= set(units):
+        expected = np.vectorize(units.__getitem__, otypes=[np.float64])(cell)
+        expected *= np.sum(levels * expected) / np.sum(expected**2)
+    else:
+        expected = np.zeros_like(levels)
+        for letter in letters:
+            expected[cell == letter] = levels[cell == letter].mean()
+    return float(np.abs(levels - expected).max())
 
 
 def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:

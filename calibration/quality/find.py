@@ -9,13 +9,13 @@ from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
 from .constants import check_constant, check_flats_and_references, check_focal_length
-from .content import check_frame_content, check_names, check_spectra_content
+from .content import check_frame_content, check_names, check_same_view, check_spectra_content
 from .counts import check_counts
-from .dark_light import check_light_in_darks
+from .dark_light import check_dark_temperature, check_light_in_darks
 from .darks import check_bias_drift, check_darks
-from .fields import check_fields
+from .fields import check_fields, check_pattern
 from .filters import check_filter_shift
-from .fingerprint import check_fingerprint, check_flat_shapes
+from .fingerprint import check_division, check_fingerprint, check_flat_shapes
 from .points import check_points
 from .repeats import check_noise, check_repeats
 from .schedule import check_brackets, check_exposures, check_schedule
@@ -28,7 +28,11 @@ __all__ = ["find_suspicions"]
 
 
 def _check_counts(
-    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+    capture: Capture,
+    stacks: Sequence[Stack],
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channels: Mapping[str, str] | None,
 ) -> Iterator[Suspicion]:
     """Checks that need whole counts of a sensor, which merged pictures are not."""
     yield from check_counts(capture, stacks, dark, noise)
@@ -39,8 +43,11 @@ def _check_counts(
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     yield from check_fingerprint(stacks, dark)
+    yield from check_division(stacks, dark)
     yield from check_light_in_darks(stacks, dark)
+    yield from check_dark_temperature(stacks, capture.saturation_dn)
     yield from check_fields(capture, stacks, dark)
+    yield from check_pattern(capture, stacks, dark, channels)
 
 
 def find_suspicions(
@@ -96,12 +103,13 @@ def find_suspicions(
         *check_tables(capture),
         *check_scene(capture),
         *check_frame_content(stacks),
+        *check_same_view(capture, stacks, dark, noise),
         *check_spectra_content(capture),
         *check_names(capture, stacks),
         *check_exposures(stacks),
         *check_brackets(bands),
         *check_schedule(stacks),
-        *(() if capture.is_merged else _check_counts(capture, stacks, dark, noise)),
+        *(() if capture.is_merged else _check_counts(capture, stacks, dark, noise, channels)),
         *check_constant(capture, radiometry, noise, fit, channels),
         *check_flats_and_references(capture, bands, radiometry, channels),
         *check_filter_shift(capture, radiometry),

@@ -9,13 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, uniform_filter
+from scipy.ndimage import convolve, gaussian_filter, median_filter, uniform_filter
 
 from ..correction import DarkLibrary
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["NEIGHBOURHOOD_PX", "check_fingerprint", "check_flat_shapes"]
+__all__ = [
+    "NEIGHBOURHOOD_PX",
+    "NORMAL_OVER_MEDIAN",
+    "check_division",
+    "check_fingerprint",
+    "check_flat_shapes",
+    "local_spread",
+    "surroundings",
+]
 
 #: Smallest correlation at another position or orientation, standard deviations: in 8 orientations with a few thousand
 #: shifts each, noise reaches 5.5.
@@ -27,11 +35,21 @@ SMALLEST_CORRELATION_IN_PLACE = 4.5
 #: Smallest median correlation of neighbouring flats, standard deviations: without a pattern nothing can be tested.
 SMALLEST_CORRELATION_OF_FLATS = 20.0
 
-#: Smallest factor of the flats' pattern in a photograph over that in a flat.
-SMALLEST_SHARE = 0.4
+#: Largest suspicious factor of the flats' pattern in photographs: 1 where they are as taken, 0 after a division by the
+#: flat, -1 after two divisions.
+LARGEST_SHARE = 0.5
 
-#: The factor must be below by this many standard deviations.
-SHARE_SIGMAS = 4.0
+#: The factor must be below 1 by this many standard deviations: sound captures have 1 within 2.
+SHARE_SIGMAS = 5.0
+
+#: Edge of the square in which the spread of details is measured, px: wider than an edge of the picture.
+SPREAD_PX = 7
+
+#: Robust standard deviation over the median absolute value of normal noise.
+NORMAL_OVER_MEDIAN = 1.4826
+
+#: Largest weight of a pixel over that of one with the median spread: quiet places say no more of the pattern.
+MOST_WEIGHT = 4.0
 
 #: Smallest suspicious rms structure of a flat over 2 to 6 px: flats of a uniform field stay below 1 %.
 LARGEST_STRUCTURE = 0.04
@@ -84,7 +102,7 @@ class _Patterns(FrozenMappings):
 
 
 def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
-    """Detect frames mirrored, turned or shifted against the flats, or without their pattern.
+    """Detect frames mirrored, turned or shifted against the flats.
 
     Parameters
     ----------
@@ -96,7 +114,7 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
     Yields
     ------
     Suspicion
-        For each table whose pattern is elsewhere, then one for all photographs without the pattern.
+        For each table whose pattern is elsewhere.
     """
     bright = [s for s in stacks if s.kind in ("band", "flat", "reference")]
     flats = [s for s in bright if s.kind == "flat"]
@@ -110,7 +128,6 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
     ]
     if np.median(pairs) < SMALLEST_CORRELATION_OF_FLATS:
         return
-    missing = []
     for stack in bright:
         if stack.lattice not in lattices:
             continue
@@ -122,9 +139,6 @@ def check_fingerprint(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Su
         movement = _movement(pattern, others, correlations)
         if movement is not None:
             yield _moved_frames(stack, movement, in_place)
-        elif stack.kind == "band":
-            missing.append(stack)
-    yield from _check_shares(missing, patterns)
 
 
 def _measure_patterns(bright: Sequence[Stack], flats: Sequence[Stack], dark: DarkLibrary) -> _Patterns:
@@ -145,27 +159,6 @@ def _moved_frames(stack: Stack, movement: tuple[str, float], in_place: float) ->
     )
 
 
-def _check_shares(missing: Sequence[Stack], patterns: _Patterns) -> Iterator[Suspicion]:
-    """Photographs in which the flats' pattern is weaker than it can be by chance.
-
-    missing : photographs without a significant correlation.
-    """
-    unit = patterns.common / patterns.common.std()
-    usual = float(np.median([_share(_detail(patterns.net[s.key]), unit)[0] for s in patterns.flats]))
-    shares = {stack.key: _share(_detail(patterns.net[stack.key]), unit) for stack in missing}
-    without = [
-        key for key, (share, by_chance) in shares.items() if share + SHARE_SIGMAS * by_chance < SMALLEST_SHARE * usual
-    ]
-    if without:
-        yield Suspicion(
-            "the photographs do not show the pixels' sensitivities that the flats show (already divided by a flat, or "
-            "another sensor)",
-            ", ".join(without),
-            f"The flats' pattern is in them with a factor of {shares[without[0]][0] / usual:.2f} +- "
-            f"{shares[without[0]][1] / usual:.2f}; about 1 is expected.",
-        )
-
-
 def _detail(net: NDArray[np.float64]) -> NDArray[np.float64]:
     """(y, x) relative difference of each pixel from its neighbours, mean 0; edges count less."""
     local = uniform_filter(net, NEIGHBOURHOOD_PX)
@@ -184,12 +177,6 @@ def _pattern(net: NDArray[np.float64]) -> NDArray[np.float64]:
     """``_detail`` (y, x) with unit variance."""
     detail = _detail(net)
     return np.asarray(detail / max(float(detail.std()), 1e-12), np.float64)
-
-
-def _share(detail: NDArray[np.float64], pattern: NDArray[np.float64]) -> tuple[float, float]:
-    """Factor of a pattern of unit variance in a detail, and its standard deviation by chance."""
-    factors = _correlations(detail, pattern) / np.sqrt(detail.size)
-    return float(factors[0, 0]), float(factors.std())
 
 
 def _correlations(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -219,6 +206,128 @@ def _movement(
             if other.max() > SMALLEST_CORRELATION_ELSEWHERE:
                 return how, float(other.max())
     return None
+
+
+def _quadratic_weights() -> NDArray[np.float64]:
+    """(5, 5) weights of a pixel's neighbours in the quadratic surface fitted to them."""
+    reach = NEIGHBOURHOOD_PX // 2
+    v, u = (axis.ravel() for axis in np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(float))
+    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+    neighbours = np.flatnonzero((u != 0) | (v != 0))
+    weights = np.zeros(u.size)
+    weights[neighbours] = np.linalg.pinv(design[neighbours])[0]
+    return weights.reshape(NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
+
+
+def surroundings(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Expected values of pixels by their neighbours alone.
+
+    A quadratic surface is fitted to the neighbours of each pixel: gradients of light are in it, a pixel's own
+    sensitivity and charge are not.
+
+    Parameters
+    ----------
+    image
+        (y, x) picture.
+
+    Returns
+    -------
+    NDArray
+        (y, x) in the picture's unit.
+    """
+    return np.asarray(convolve(image, _quadratic_weights(), mode="mirror"), np.float64)
+
+
+def local_spread(detail: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Robust standard deviation of a detail nearby.
+
+    Parameters
+    ----------
+    detail
+        (y, x) differences of pixels from their surroundings.
+
+    Returns
+    -------
+    NDArray
+        (y, x) in the same unit; large at edges of the picture.
+    """
+    return np.asarray(NORMAL_OVER_MEDIAN * median_filter(np.abs(detail), SPREAD_PX), np.float64)
+
+
+def check_division(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
+    """Detect photographs that do not show the pixels' sensitivities which the flats show.
+
+    The flats' pattern is in a photograph as taken with a factor of 1. After a division by the flat the factor is 0, and
+    -1 after two. Halves of the flats have independent noise, so that it does not lower the factor.
+
+    Parameters
+    ----------
+    stacks
+        All frames. Without four flats of one channel nothing is tested.
+    dark
+        Dark frames.
+
+    Yields
+    ------
+    Suspicion
+        One for all photographs, or for single ones.
+    """
+    flats = [s for s in stacks if s.kind == "flat"]
+    lattices = {s.lattice for s in flats}
+    bands = [s for s in stacks if s.kind == "band" and s.lattice in lattices]
+    if len(flats) < 4 or len(lattices) != 1 or not bands:
+        return
+    halves = [np.mean([_relative_detail(flat, dark) for flat in flats[k::2]], axis=0) for k in (0, 1)]
+    details = [_relative_detail(band, dark) for band in bands]
+    noise = [1 / max(float(np.median(np.abs(detail))), 1e-9) ** 2 for detail in details]
+    factor, sigma = _pattern_factor(np.average(details, axis=0, weights=noise), halves)
+    without = [band.key for band in bands] if _is_suspicious(factor, sigma) else []
+    for band, detail in zip(bands, details, strict=True) if not without else ():
+        of_band = _pattern_factor(detail, halves)
+        if _is_suspicious(*of_band):
+            without.append(band.key)
+            factor, sigma = of_band
+    if without:
+        yield Suspicion(
+            "the photographs do not show the pixels' sensitivities that the flats show (already divided by a flat, or "
+            "another sensor)",
+            ", ".join(without),
+            f"The flats' pattern is in them with a factor of {factor:.2f} +- {sigma:.2f}. It is 1 as taken, 0 after a "
+            "division by the flat, and -1 after two.",
+        )
+
+
+def _is_suspicious(factor: float, sigma: float) -> bool:
+    """Whether a factor of the flats' pattern is not that of a photograph as taken."""
+    return factor < LARGEST_SHARE and factor + SHARE_SIGMAS * sigma < 1.0
+
+
+def _relative_detail(stack: Stack, dark: DarkLibrary) -> NDArray[np.float64]:
+    """(y, x) relative difference of each pixel from its surroundings."""
+    net = stack.mean - stack.thinned(dark.at(stack.exposure_s))
+    expected = surroundings(net)
+    floor = DARKEST_SHARE * max(float(np.percentile(net, 99)), 1e-9)
+    return np.asarray((net - expected) / np.maximum(expected, floor), np.float64)
+
+
+def _pattern_factor(detail: NDArray[np.float64], halves: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Factor of a pattern in a detail, and its standard deviation.
+
+    The factors at all other shifts show what chance gives. NaN and infinity without a pattern.
+
+    detail : (y, x). halves : two patterns (y, x) of independent noise.
+    """
+    spread = local_spread(detail)
+    weight = 1 / np.maximum(spread, float(np.median(spread)) / np.sqrt(MOST_WEIGHT)) ** 2
+    clipped = np.clip(detail, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)
+    common = float(np.sum(weight * halves[0] * halves[1]))
+    if not (np.isfinite(common) and common > 0):
+        return float("nan"), float("inf")
+    products = _correlations(weight * clipped, np.mean(halves, axis=0)) * np.sqrt(detail.size)
+    reach = NEIGHBOURHOOD_PX // 2
+    elsewhere = np.roll(products, (reach, reach), axis=(0, 1)).copy()
+    elsewhere[:NEIGHBOURHOOD_PX, :NEIGHBOURHOOD_PX] = np.nan
+    return float(products[0, 0]) / common, float(np.nanstd(elsewhere)) / common
 
 
 def _mean_nearby(image: NDArray[np.float64], usable: NDArray[np.bool_], sigma_px: float) -> NDArray[np.float64]:

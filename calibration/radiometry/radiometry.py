@@ -192,7 +192,7 @@ def _free_constant(capture: Capture) -> Radiometry:
     why = "" if manifest.scale == "free-by-band" or not manifest.is_free_by_band else ", since the lens's colour is not"
     notes = [f'no absolute scale is claimed (scale = "{manifest.scale}"): one factor {each} is not known{why}']
     if assumed := assumed_keys(capture):
-        notes.append(f"{', '.join(assumed)} not stated: taken as 1 at all wavelengths")
+        notes.append(f"{', '.join(assumed)} not stated: taken as 1, in transmittances at all wavelengths")
     if capture.manifest.reference:
         notes.append("the [[reference]] frames are not used for the scale, which is free")
     constant = _ARBITRARY_CONSTANT if nominal is None else nominal

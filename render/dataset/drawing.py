@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
-from cboxlab.scenes.shapes import plate_mesh, quad_mesh
+from cboxlab.scenes.shapes import front_uv, plate_mesh, quad_mesh
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
@@ -24,11 +24,13 @@ from numpy.typing import NDArray
 from ..chain import RenderSettings
 from ..effects import catalogue, names_in
 from ..model import Model, checked_effects
+from .cameras import Rejected, drawn_cameras
 from .distributions import Choice, numbers
 from .paints import light_source, planck_light, reflectance_source
 from .patterns import drawn_tiles, image_tiles, tiled
-from .recipe import ANY, WALLS, CameraTable, PatternTable, Recipe
+from .recipe import ANY, WALLS, PatternTable, Recipe, TextureTable
 from .solids import Solid, any_meet, blocked_share, closed_mesh
+from .textures import image_shares, noise_shares, side_surface, textured, wall_uv
 
 __all__ = ["Box", "draw_box", "part_of"]
 
@@ -87,22 +89,20 @@ class _Geometry(FrozenMappings):
 
     #: (3,) width, height and depth of the room, mm.
     room: NDArray[np.float64]
-    #: Paint or pattern of each wall.
+    #: Paint, pattern or texture of each wall.
     walls: dict[str, str]
     #: (rows, columns) names of the tiles' paints, of each wall with a pattern.
     tiles: dict[str, NDArray[np.str_]]
-    #: Solids with the paint or pattern of each.
+    #: Solids with the paint, pattern or texture of each.
     solids: list[tuple[Solid, str]]
     #: (rows, columns) names of the tiles' paints by side, of each solid with a pattern by its index.
     solid_tiles: dict[int, dict[str, NDArray[np.str_]]]
+    #: (rows, columns) shares of the second paint of each texture in use.
+    textures: dict[str, NDArray[np.float64]]
     #: Lamps' rectangles, with the index of each one's table.
     lamps: list[tuple[_Rectangle, int]]
     #: Cameras by name.
     cameras: dict[str, Camera]
-
-
-class _Rejected(Exception):
-    """A geometry that is drawn again, with the reason."""
 
 
 def _generator(recipe: Recipe, geometry: int, *purpose: int) -> np.random.Generator:
@@ -199,7 +199,7 @@ def _accepted(recipe: Recipe, index: int, folder: Path) -> tuple[_Geometry, Coun
     for _ in range(ATTEMPTS):
         try:
             return _geometry(recipe, generator, folder), rejected
-        except _Rejected as reason:
+        except Rejected as reason:
             rejected[str(reason)] += 1
     reasons = ", ".join(f"{count} times {reason}" for reason, count in rejected.most_common())
     raise InputError(
@@ -211,7 +211,7 @@ def _accepted(recipe: Recipe, index: int, folder: Path) -> tuple[_Geometry, Coun
 
 
 def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _Geometry:
-    """One draw. Raises _Rejected for one that does not fit."""
+    """One draw. Raises Rejected for one that does not fit."""
     sizes = recipe.room
     room = np.array([d.draw(generator) for d in (sizes.width_mm, sizes.height_mm, sizes.depth_mm)])
     walls = {wall: recipe.walls[wall].draw(generator) for wall in WALLS}  # type: ignore[index]
@@ -235,7 +235,7 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
             low = solid.reach_mm + recipe.gap_mm
             free = room[[0, 2]] - 2 * low
             if free.min() < 0 or 2 * half[1] > room[1] - recipe.gap_mm:
-                raise _Rejected("a block is larger than the room")
+                raise Rejected("a block is larger than the room")
             x, z = low + free * np.array([table.x.draw(generator), table.z.draw(generator)])
             paint = table.paint.draw(generator)
             if paint in recipe.pattern:
@@ -247,22 +247,24 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
             size = np.array([lamp.width_mm.draw(generator), lamp.depth_mm.draw(generator)])
             free = room[[0, 2]] - 2 * recipe.gap_mm - size
             if free.min() < 0:
-                raise _Rejected("a lamp is larger than the ceiling")
+                raise Rejected("a lamp is larger than the ceiling")
             corner = recipe.gap_mm + free * np.array([lamp.x.draw(generator), lamp.z.draw(generator)])
             lamps.append((_Rectangle(*map(float, (*corner, *size))), index))
     if len(lamps) > 1 and not all(a.apart(b, 1.0) for i, (a, _) in enumerate(lamps) for b, _ in lamps[:i]):
-        raise _Rejected("lamps overlap")
+        raise Rejected("lamps overlap")
     plain = [solid for solid, _ in solids]
     if any_meet(plain, recipe.gap_mm):
-        raise _Rejected("a block stands in another")
+        raise Rejected("a block stands in another")
     for rectangle, _ in lamps:
         corner = np.array([rectangle.x, room[1], rectangle.z])
         if blocked_share(corner, np.array([rectangle.width, rectangle.depth]), plain) > recipe.most_blocked:
-            raise _Rejected("a lamp is hidden")
+            raise Rejected("a lamp is hidden")
     cameras: dict[str, Camera] = {}
     for camera in recipe.camera:
-        cameras.update(_cameras(camera, room, generator))
-    return _Geometry(room, walls, tiles, solids, solid_tiles, lamps, cameras)
+        cameras.update(drawn_cameras(camera, room, generator))
+    used = {*walls.values(), *(paint for _, paint in solids)}
+    textures = {name: _shares(table, generator, folder) for name, table in recipe.texture.items() if name in used}
+    return _Geometry(room, walls, tiles, solids, solid_tiles, textures, lamps, cameras)
 
 
 def _tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) -> NDArray[np.str_]:
@@ -275,6 +277,13 @@ def _tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) 
     return np.array(pattern.paints)[index]
 
 
+def _shares(texture: TextureTable, generator: np.random.Generator, folder: Path) -> NDArray[np.float64]:
+    """(rows, columns) shares of a texture's second paint."""
+    if texture.image is not None:
+        return image_shares(texture.image, folder, "recipe: texture.image")
+    return noise_shares(texture.features.draw(generator), texture.contrast.draw(generator), generator)
+
+
 def _side_tiles(pattern: PatternTable, generator: np.random.Generator, folder: Path) -> dict[str, NDArray[np.str_]]:
     """Names of the tiles' paints of each side of a block; the hidden bottom is plain."""
     sides = {side: _tiles(pattern, generator, folder) for side in ("front", "right", "back", "left", "top")}
@@ -284,40 +293,6 @@ def _side_tiles(pattern: PatternTable, generator: np.random.Generator, folder: P
 def _tile_record(sides: dict[str, NDArray[np.str_]] | None) -> dict[str, Any]:
     """Record of the tiles of a block's sides; empty for one without a pattern."""
     return {} if sides is None else {"tiles": {side: tiles.tolist() for side, tiles in sides.items()}}
-
-
-def _cameras(table: CameraTable, room: NDArray[np.float64], generator: np.random.Generator) -> dict[str, Camera]:
-    """Cameras of a table by name: one, or a grid of one pose."""
-    left, up, distance = (d.draw(generator) for d in (table.left_mm, table.up_mm, table.distance_mm))
-    position = np.array([room[0] / 2 + left, room[1] / 2 + up, -distance])
-    target = room * np.array([d.draw(generator) for d in table.look_at])
-    roll, field, k1 = (d.draw(generator) for d in (table.roll_deg, table.field_deg, table.k1))
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    if not right.any():
-        raise _Rejected("a camera looks along the vertical")
-    right /= np.linalg.norm(right)
-    down = np.cross(forward, right)
-    c, s = np.cos(np.radians(roll)), np.sin(np.radians(roll))
-    right, down = c * right + s * down, c * down - s * right
-    cameras = {}
-    for row in range(table.down):
-        for column in range(table.across):
-            shift = (column - (table.across - 1) / 2) * right + (row - (table.down - 1) / 2) * down
-            alone = table.across == table.down == 1
-            camera = Camera(
-                width_px=table.width_px,
-                height_px=table.height_px,
-                focal_length_px=table.width_px / 2 / float(np.tan(np.radians(field) / 2)),
-                principal_point_px=np.array([(table.width_px - 1) / 2, (table.height_px - 1) / 2]),
-                k1=k1,
-                rotation=np.array([right, down, forward]),
-                position_mm=position + table.spacing_mm * shift,
-            )
-            if np.isnan(camera.directions([0, table.width_px - 1], [0, table.height_px - 1])).any():
-                raise _Rejected("a lens with k1 below 0 has no rays for the corners of its picture")
-            cameras[table.name if alone else f"{table.name}-{row + 1}-{column + 1}"] = camera
-    return cameras
 
 
 def _walls(geometry: _Geometry) -> list[Surface]:
@@ -341,7 +316,9 @@ def _walls(geometry: _Geometry) -> list[Surface]:
         if (tiles := geometry.tiles.get(name)) is not None:
             walls += tiled(name, [(np.array(corners[name], float), tiles)])
         else:
-            walls.append(Surface(name, geometry.walls[name], *mesh))
+            paint, at = geometry.walls[name], np.array(corners[name], float)
+            uv = wall_uv(mesh[0], at) if paint in geometry.textures else None
+            walls.append(Surface(name, paint, *mesh, texture_uv=uv))
     return walls
 
 
@@ -359,8 +336,14 @@ def _blocks(geometry: _Geometry) -> list[Surface]:
         if index in geometry.solid_tiles:
             corners, tiles = solid.sides_mm, geometry.solid_tiles[index]
             surfaces += tiled(name, [(corners[side], tiles[side]) for side in tiles])
-        else:
+        elif paint not in geometry.textures:
             surfaces.append(Surface(name, paint, *solid.mesh, ball=solid.ball))
+        elif solid.ball or solid.shape is not None:
+            vertices, faces = solid.mesh
+            uv = front_uv(solid.inside(vertices) / solid.half_mm)
+            surfaces.append(Surface(name, paint, vertices, faces, texture_uv=uv, ball=solid.ball))
+        else:
+            surfaces.append(side_surface(name, paint, list(solid.sides_mm.values())))
     return surfaces
 
 
@@ -376,7 +359,8 @@ def _materials(
     used = {*geometry.walls.values(), *(paint for _, paint in geometry.solids)}
     every = [*geometry.tiles.values(), *(tiles for each in geometry.solid_tiles.values() for tiles in each.values())]
     used |= {str(paint) for tiles in every for paint in np.unique(tiles)}
-    materials, record = {}, {}
+    parts = {paint for name in geometry.textures for paint in recipe.texture[name].paints}
+    spectra_of, materials, record = {}, {}, {}
     for name, table in recipe.paint.items():
         source = table.reflectance.draw(generator)
         spectra = reflectance_source(source, folder, f"recipe: paint.{name}.reflectance")
@@ -384,9 +368,14 @@ def _materials(
         spectrum = reflectance()
         most = float(spectrum.values.max())
         scale = min(table.scale.draw(generator), 1 / most if most > 0 else np.inf)
+        spectra_of[name] = spectrum.scaled(scale)
         if name in used:
-            materials[name] = Material(name, spectrum.scaled(scale))
+            materials[name] = Material(name, spectra_of[name])
+        if name in used | parts:
             record[name] = {"reflectance": label, "scale": scale}
+    for name, shares in geometry.textures.items():
+        first, second = recipe.texture[name].paints
+        materials[name] = textured(name, shares, (spectra_of[first], spectra_of[second]))
     return materials, record
 
 

@@ -3,12 +3,17 @@
 A surface that reflects by Lambert's law sends L = rho E / pi. The final gather sums E by material of the surface seen,
 so that the split is exact and free of division by dark paints. In a pixel with several surfaces E and albedo are means
 over the surfaces' areas; the product of means is the mean of products only where one material fills the pixel.
+
+Where a texture is seen, albedo is the mean over the pixel of the texture itself, and E the mean weighted by the albedo:
+their product is the radiance in every such pixel.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from types import MappingProxyType
 
 import numpy as np
 from cboxlab.scenes.scene import Scene
@@ -39,7 +44,9 @@ class LightParts:
         return self.reflections.sum(axis=0)
 
 
-def light_parts(image: RenderedImage, scene: Scene) -> LightParts:
+def light_parts(
+    image: RenderedImage, scene: Scene, mixed_shares: Mapping[int, NDArray[np.float64]] = MappingProxyType({})
+) -> LightParts:
     """Parts of the light of a picture.
 
     Parameters
@@ -48,6 +55,8 @@ def light_parts(image: RenderedImage, scene: Scene) -> LightParts:
         Image of a final gather, without effects on light transport.
     scene
         Its scene.
+    mixed_shares
+        (y, x, k) mean share of each material of a mixed surface in each pixel, by the surface (``mixed_pixels``).
 
     Returns
     -------
@@ -80,14 +89,24 @@ def light_parts(image: RenderedImage, scene: Scene) -> LightParts:
                 light = block[..., low:high] @ arriving[low:high]
                 irradiance += np.pi * light
                 reflections[part] += reflectance * light
-    return LightParts(reflections, irradiance, _albedo(image, scene))
+    albedo, shares = _albedo(image, scene, mixed_shares)
+    weighted = (shares[..., list(mixed_shares)].sum(axis=-1, keepdims=True) > 0) & (albedo > 0)
+    np.divide(np.pi * reflections[1:].sum(axis=0), albedo, out=irradiance, where=weighted)
+    return LightParts(reflections, irradiance, albedo)
 
 
-def _albedo(image: RenderedImage, scene: Scene) -> NDArray[np.float64]:
-    """(y, x, w) reflectance of each pixel's surfaces and lamps, by their areas."""
+def _albedo(
+    image: RenderedImage, scene: Scene, mixed_shares: Mapping[int, NDArray[np.float64]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(y, x, w) reflectance of each pixel by areas, and (y, x, surface) areas."""
     names, count = list(scene.materials), len(scene.surfaces)
     index = [names.index(surface.material) for surface in scene.surfaces]
     of_surface = scene.reflectances(image.wavelength_nm)
     rows = np.concatenate([of_surface[index], scene.lamp_areas[None] @ of_surface[len(names) :]])
     shares = np.stack([image.coverage[..., image.facet_surface == s].sum(axis=-1) for s in range(count + 1)], axis=-1)
-    return np.asarray(shares.astype(np.float64) @ rows)
+    albedo = np.asarray(shares.astype(np.float64) @ rows)
+    for number, each in mixed_shares.items():
+        surface = scene.surfaces[number]
+        parts = of_surface[[names.index(part) for part in surface.parts]]  # type: ignore[attr-defined]
+        albedo += shares[..., number, None] * (each @ parts - rows[number])
+    return albedo, shares

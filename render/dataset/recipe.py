@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict
 
 from .distributions import Numbers, Texts, WholeNumbers, Within, numbers
 from .patterns import MOST_TILES
+from .textures import MOST_FEATURES
 
 __all__ = [
     "ANY",
@@ -28,6 +29,7 @@ __all__ = [
     "PictureTable",
     "Recipe",
     "SensorTable",
+    "TextureTable",
 ]
 
 #: Most paints of a recipe: memory and time of a picture grow with the cube of their number.
@@ -94,6 +96,20 @@ class PatternTable(_Table):
     rows: WholeNumbers(1, MOST_TILES) = _constant(8)  # type: ignore[valid-type]
     columns: WholeNumbers(1, MOST_TILES) = _constant(8)  # type: ignore[valid-type]
     #: Grey image with a pixel for each tile; None for other kinds.
+    image: str | None = None
+
+
+class TextureTable(_Table):
+    """Reflectance between those of two paints, which varies over walls and blocks without steps."""
+
+    kind: Literal["noise", "image"] = "noise"
+    #: The two paints: that of the image's black, or of shares 0, first.
+    paints: Annotated[list[Name], Field(min_length=2, max_length=2)]
+    #: Bright and dark places of a noise along each edge of a surface.
+    features: Within(1, MOST_FEATURES) = numbers([2.0, 12.0])  # type: ignore[valid-type]
+    #: Range of a noise's shares about one half.
+    contrast: Within(0, 1) = _constant(1.0)  # type: ignore[valid-type]
+    #: Grey image, black for the first paint and white for the second; None for other kinds.
     image: str | None = None
 
 
@@ -232,7 +248,8 @@ class Recipe(_Table):
     room: RoomTable = RoomTable()
     paint: Annotated[dict[Name, PaintTable], Field(min_length=1, max_length=MOST_PAINTS)]
     pattern: dict[Name, PatternTable] = {}
-    #: Paint or pattern of each wall; the ceiling, which has holes for the lamps, takes paints alone.
+    texture: dict[Name, TextureTable] = {}
+    #: Paint, pattern or texture of each wall; the ceiling, which has holes for the lamps, takes no pattern.
     walls: dict[Literal["floor", "ceiling", "back", "right", "left"], Texts]
     block: list[BlockTable] = []
     lamp: Annotated[list[LampTable], Field(min_length=1)]
@@ -258,6 +275,8 @@ class Recipe(_Table):
         content = self.model_dump(mode="json", exclude={"boxes", "description", "license"})
         if not self.pattern:
             del content["pattern"]  # sets that were begun before there were patterns
+        if not self.texture:
+            del content["texture"]  # as above
         content["effect"] = [{**entry.parameters, "id": entry.id, "p": entry.probability} for entry in self.effect]
         result = hashlib.sha256(json.dumps(content, sort_keys=True).encode())
         for name in self.files:
@@ -272,5 +291,6 @@ class Recipe(_Table):
         tables = [name[: name.index(".csv") + 4] for name in names if ".csv" in name]
         parts = [block.mesh for block in self.block if block.mesh is not None]
         parts += [pattern.image for pattern in self.pattern.values() if pattern.image is not None]
+        parts += [texture.image for texture in self.texture.values() if texture.image is not None]
         others = [*(entry.id for entry in self.effect), *(sensor.camera for sensor in self.sensor)]
         return sorted({*tables, *parts, *(name for name in others if name.endswith(".toml"))})

@@ -16,8 +16,9 @@ from .distributions import numbers
 from .light_parts import REFLECTIONS
 from .paints import light_source, reflectance_source
 from .patterns import MOST_BLOCK_TILES, image_tiles
-from .recipe import ANY, TRUTHS, WALLS, BlockTable, EffectTable, PatternTable, Recipe
+from .recipe import ANY, TRUTHS, WALLS, BlockTable, EffectTable, PatternTable, Recipe, TextureTable
 from .solids import closed_mesh
+from .textures import image_shares
 
 __all__ = ["load_recipe"]
 
@@ -53,15 +54,18 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
     faults = []
     if missing := [wall for wall in WALLS if wall not in recipe.walls]:
         faults.append(InputError(f"{path}: walls", f"no {', no '.join(missing)}", f"all of {', '.join(WALLS)}"))
-    paints, patterns = list(recipe.paint), list(recipe.pattern)
+    paints, smooth = list(recipe.paint), [*recipe.paint, *recipe.texture]
     users = [
-        (f"walls.{wall}", choice.names, paints if wall == "ceiling" else [*paints, *patterns])
+        (f"walls.{wall}", choice.names, smooth if wall == "ceiling" else [*smooth, *recipe.pattern])
         for wall, choice in recipe.walls.items()
     ]
     users += [
-        (f"block[{index}].paint", block.paint.names, [*paints, *patterns] if block.shape == "box" else paints)
+        (f"block[{index}].paint", block.paint.names, [*smooth, *recipe.pattern] if block.shape == "box" else smooth)
         for index, block in enumerate(recipe.block)
     ]
+    for name, texture in recipe.texture.items():
+        users.append((f"texture.{name}.paints", tuple(texture.paints), paints))
+        faults += _texture_faults(f"{path}: texture.{name}", name, texture, recipe, path.parent)
     for name, pattern in recipe.pattern.items():
         users.append((f"pattern.{name}.paints", tuple(pattern.paints), paints))
         faults += _pattern_faults(f"{path}: pattern.{name}", name, pattern, recipe, path.parent)
@@ -92,7 +96,7 @@ def _faults(path: Path, recipe: Recipe) -> list[InputError]:
             faults.append(InputError(f"{path}: {kind}", f"names {', '.join(names)}", "each name once"))
     faults += [fault for fault in _source_faults(path, recipe) if fault is not None]
     for index, entry in enumerate(recipe.effect):
-        faults += _effect_faults(f"{path}: effect[{index}]", entry, [*recipe.paint, ANY], path.parent)
+        faults += _effect_faults(f"{path}: effect[{index}]", entry, recipe, path.parent)
     return faults
 
 
@@ -124,18 +128,39 @@ def _mesh_faults(where: str, block: BlockTable, folder: Path) -> list[InputError
 
 def _pattern_faults(where: str, name: str, pattern: PatternTable, recipe: Recipe, folder: Path) -> list[InputError]:
     """Faults of a pattern."""
-    if name in recipe.paint:
-        return [InputError(where, f"'{name}', the name of a paint", "another name")]
-    if len(set(pattern.paints)) < len(pattern.paints):
-        return [InputError(f"{where}.paints", ", ".join(pattern.paints), "each paint once")]
-    if (pattern.kind == "image") != (pattern.image is not None):
-        excess = "without an image" if pattern.image is None else "with an image"
-        return [InputError(where, f"the kind '{pattern.kind}' {excess}", "image = FILE for the kind 'image' alone")]
+    if faults := _table_faults(where, name, pattern, recipe):
+        return faults
     if pattern.image is not None:
         try:
             image_tiles(pattern.image, len(pattern.paints), folder, f"{where}.image")
         except InputError as fault:
             return [fault]
+    return []
+
+
+def _texture_faults(where: str, name: str, texture: TextureTable, recipe: Recipe, folder: Path) -> list[InputError]:
+    """Faults of a texture."""
+    if faults := _table_faults(where, name, texture, recipe):
+        return faults
+    if name in recipe.pattern:
+        return [InputError(where, f"'{name}', the name of a pattern", "another name")]
+    if texture.image is not None:
+        try:
+            image_shares(texture.image, folder, f"{where}.image")
+        except InputError as fault:
+            return [fault]
+    return []
+
+
+def _table_faults(where: str, name: str, table: PatternTable | TextureTable, recipe: Recipe) -> list[InputError]:
+    """Faults of the name, the paints and the image of a pattern or texture."""
+    if name in recipe.paint:
+        return [InputError(where, f"'{name}', the name of a paint", "another name")]
+    if len(set(table.paints)) < len(table.paints):
+        return [InputError(f"{where}.paints", ", ".join(table.paints), "each paint once")]
+    if (table.kind == "image") != (table.image is not None):
+        excess = "without an image" if table.image is None else "with an image"
+        return [InputError(where, f"the kind '{table.kind}' {excess}", "image = FILE for the kind 'image' alone")]
     return []
 
 
@@ -158,7 +183,7 @@ def _tile_faults(where: str, block: BlockTable, recipe: Recipe, folder: Path) ->
     return faults
 
 
-def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder: Path) -> list[InputError]:
+def _effect_faults(where: str, entry: EffectTable, recipe: Recipe, folder: Path) -> list[InputError]:
     """Faults of an effect, of the ends of its distributions, and of its materials' names.
 
     Names of surfaces and blocks are checked in each box.
@@ -180,9 +205,13 @@ def _effect_faults(where: str, entry: EffectTable, materials: list[str], folder:
     try:
         effect = named_effect(entry.id, folder)
         for end in ends:
-            apply_checked(effect, end, where, {"material": materials})
+            applied = apply_checked(effect, end, where, {"material": [*recipe.paint, *recipe.texture, ANY]})
     except InputError as fault:
         return [fault]
+    if applied.stage == "transport" and recipe.texture:
+        excess = f"'{entry.id}', an effect on light transport, in a recipe with textures"
+        hint = "Make a second data set with the effect, or take patterns."
+        return [InputError(f"{where}.id", excess, "effects on scene, camera, filters or counts", hint)]
     return []
 
 

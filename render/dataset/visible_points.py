@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 
 from ..device import SobolPoints, device_array, dr, mi
 from ..image import NOTHING
-from ..radiosity import build_lamp_samplers, lamp_point
+from ..radiosity import MixedSurface, build_lamp_samplers, build_mixtures, lamp_point
 from ..visibility import RAY_OFFSET_MM, build_tracer, intersect, pixel_rays, visible
 
-__all__ = ["VisiblePoints", "shadow_fraction", "visible_points"]
+__all__ = ["VisiblePoints", "mixed_pixels", "shadow_fraction", "visible_points"]
 
 #: Rays of a pixel towards each lamp.
 SHADOW_SAMPLES = 64
+
+#: Rays along each edge of a pixel, over whose points the shares of a texture are averaged.
+TEXTURE_RAYS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,3 +134,56 @@ def shadow_fraction(scene: Scene, camera: Camera, seed: int, samples: int = SHAD
         light, dark = np.array(total), np.array(blocked)
         shares.append(np.divide(dark, light, out=np.full(count, np.nan, np.float32), where=light > 0))
     return np.stack(shares).reshape(-1, camera.height_px, camera.width_px)
+
+
+def mixed_pixels(scene: Scene, camera: Camera) -> dict[int, NDArray[np.float64]]:
+    """Mean shares of the materials of mixed surfaces in the pixels of a camera.
+
+    Each pixel has a grid of rays. A pixel without a point of a surface has the surface's mean shares.
+
+    Parameters
+    ----------
+    scene
+        Scene of ``mixed_scenes``.
+    camera
+        The camera.
+
+    Returns
+    -------
+    dict
+        (y, x, k) mean share of each material of a surface, by the index of the mixed surface.
+    """
+    tracer = build_tracer(scene)
+    mixtures = build_mixtures(tracer)
+    if mixtures is None:
+        return {}
+    mixed = {number: s for number, s in enumerate(scene.surfaces) if isinstance(s, MixedSurface)}
+    count, lanes = len(tracer.material_names), camera.width_px * camera.height_px
+    of_triangle = device_array(mi.UInt32, tracer.surface)
+    rays = pixel_rays(camera, dr.arange(mi.UInt32, lanes))
+    columns = {n: [tracer.material_names.index(part) for part in s.parts] for n, s in mixed.items()}
+
+    def body(i: mi.UInt32, sums: list[list[mi.Float]]) -> tuple:
+        u, v = (mi.Float(i % TEXTURE_RAYS) + 0.5) / TEXTURE_RAYS, (mi.Float(i // TEXTURE_RAYS) + 0.5) / TEXTURE_RAYS
+        hit = intersect(tracer, rays(u, v), coherent=True)
+        surface = dr.gather(mi.UInt32, of_triangle, hit.triangle, hit.reflecting)
+        shares = mixtures.shares(hit, count, hit.reflecting)
+        more = []
+        for (number, indices), old in zip(columns.items(), sums, strict=True):
+            on = hit.reflecting & (surface == number)
+            new = [mi.Float(1), *(shares[m] for m in indices)]
+            more.append([a + dr.select(on, b, 0) for a, b in zip(old, new, strict=True)])
+        return i + 1, more
+
+    last = dr.opaque(mi.UInt32, TEXTURE_RAYS**2)
+    zeros = [[dr.zeros(mi.Float, lanes) for _ in range(1 + len(indices))] for indices in columns.values()]
+    _, sums = dr.while_loop((dr.zeros(mi.UInt32, lanes), zeros), lambda i, *_: i < last, body)
+    dr.eval(sums)
+    result = {}
+    for (number, surface), (hits, *parts) in zip(mixed.items(), sums, strict=True):
+        points = np.array(hits, np.float64)[:, None]
+        total = np.stack([np.array(part, np.float64) for part in parts], axis=-1)
+        means = np.broadcast_to(surface.shares.mean(axis=(0, 1)), total.shape)
+        shares = np.divide(total, points, out=means.copy(), where=points > 0)
+        result[number] = shares.reshape(camera.height_px, camera.width_px, -1)
+    return result

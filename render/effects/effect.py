@@ -6,6 +6,7 @@ An effect is one physical cause. It acts at one stage of the chain, by a pure fu
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
@@ -26,6 +27,21 @@ _LONGEST_TITLE = 50
 
 #: Meaning of the names among a parameter's choices: any such name of the scene or capture is allowed.
 Kind = Literal["material", "surface", "block", "band"]
+
+#: Endings by which parameters' names state units, where they are not the unit in small letters.
+_UNITS_IN_NAMES: Mapping[str, str] = {
+    "px per 100 nm": "px_per_100nm",
+    "m^-1": "per_m",
+    "min^-1": "per_minute",
+    "s": "seconds",
+    "1e-6 nm^-1": "ppm_per_nm",
+}
+
+#: Label of a number whose name is its unit alone.
+_SIZE = "size"
+
+#: Signs of exponents in print.
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 #: Inverse square below which a number counts as infinite, for numbers of order 1: 1e-12 is a number of a million.
 _SMALLEST_INVERSE_SQUARE = 1e-12
@@ -89,6 +105,26 @@ class Parameter:
             raise ValueError(f"{self.name}: a null value at infinity needs the scale 'inverse square'")
         if self.kind and not self.choices:
             raise ValueError(f"{self.name}: a parameter of a kind needs choices, those of the published box")
+
+    @property
+    def label(self) -> str:
+        """Name in words without its unit, for reports and pages.
+
+        Examples
+        --------
+        >>> Parameter("extinction_per_m", "m^-1").label
+        'extinction'
+        """
+        ending = _UNITS_IN_NAMES.get(self.unit, self.unit.lower())
+        return _SIZE if self.name == ending else self.name.removesuffix(f"_{ending}").replace("_", " ")
+
+    @property
+    def printed_unit(self) -> str:
+        """Unit with raised exponents, for reports and pages; empty for none."""
+        if self.unit == "1":
+            return ""
+        powers = re.sub(r"\b1e(-?\d+)", r"× 10^\1", "°" if self.unit == "deg" else self.unit)
+        return re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_RAISED), powers)
 
     @property
     def starting_values(self) -> tuple[float, ...]:

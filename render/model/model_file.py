@@ -342,16 +342,18 @@ def write_model(path: Path, model: Model) -> None:
     Parameters
     ----------
     path
-        The model file, .toml.
+        The model file, .toml: a new one, or a model file, which is replaced.
     model
         The model; ``load_model`` reads the same model back.
 
     Raises
     ------
     InputError
-        If the scene has a property that scene files cannot state.
+        If a file of another kind would be replaced, or the scene has a property that scene files cannot state.
     """
     path = required_path("path", path, "a model file to write")
+    if path.exists() and read_toml(path, "a model file in TOML").get("format") != "model/1":
+        raise InputError(path, "a file that is no model file", "a new file or a model file", "Name another one.")
     model = with_scene_file(model, path.with_name(f"{path.stem}-scene.toml"))
     with replacing(path) as temporary:
         temporary.write_text(model_text(model, path.parent), encoding="utf-8")

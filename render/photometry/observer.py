@@ -37,8 +37,8 @@ def why_no_luminance(wavelength_nm: NDArray[np.float64]) -> str | None:
     if first <= FIRST_NM and last >= LAST_NM and count >= FEWEST:
         return None
     return (
-        f"no luminances: {count} wavelength{'s' * (count != 1)} from {first:g} to {last:g} nm; they take {FEWEST} or "
-        f"more that reach from {FIRST_NM:g} to {LAST_NM:g} nm"
+        f"no luminances: {count} wavelength{'s' * (count != 1)} from {first:g} to {last:g} nm. Luminances need "
+        f"{FEWEST} or more, from {FIRST_NM:g} to {LAST_NM:g} nm"
     )
 
 

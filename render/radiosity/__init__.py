@@ -10,6 +10,7 @@ from .lamp import (
     lamp_radiance,
     lamp_seen,
 )
+from .mixtures import MixedSurface, build_mixtures, mixed_scenes
 from .patched_scene import PatchedScene, build_patched_scene
 from .patches import patch_of
 from .solution import solve_exchange
@@ -17,8 +18,10 @@ from .solution import solve_exchange
 __all__ = [
     "LampSampler",
     "LightField",
+    "MixedSurface",
     "PatchedScene",
     "build_lamp_samplers",
+    "build_mixtures",
     "build_patched_scene",
     "direct_light",
     "gather",
@@ -26,6 +29,7 @@ __all__ = [
     "lamp_point",
     "lamp_radiance",
     "lamp_seen",
+    "mixed_scenes",
     "patch_of",
     "render_final_gather",
     "solve_exchange",

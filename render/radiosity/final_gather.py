@@ -39,6 +39,7 @@ from ..visibility import PlanarPixels, Tracer, facet_coverage, planar_pixels
 from .direct_cells import DirectCells, build_direct_cells
 from .face_controls import FaceControls, build_face_controls
 from .gathering import Gathering, Planes
+from .mixtures import MixedSurface, Mixtures, build_mixtures, patch_shares
 from .patched_scene import ExchangeInputs, PatchedScene, build_patched_scene
 from .patches import Patches, build_patches, patch_of
 from .solution import indirect_basis
@@ -85,6 +86,8 @@ class LightField(PatchedScene):
     near: float
     #: Largest number of reflections; None for no limit.
     max_bounces: int | None
+    #: Mixtures of the surfaces; None for a scene without any.
+    mixtures: Mixtures | None
 
     @property
     def direct(self) -> tuple[DirectCells, ...]:
@@ -133,11 +136,12 @@ def solve_light(
     reflectances = scene.reflectances(wavelength_nm)[: tracer.reflectors]
     finer = build_patches(tracer, edge, PARTS)
     max_reflections = None if max_bounces is None else max(max_bounces - 1, 1)
+    shares = patch_shares(tracer, patches, len(reflectances))
     paints, parents = reflectances[: _later_reflectors(tracer)], _parents(patches, finer)
     lookups = []
     for index in range(len(lamps)):
         checkpoint()
-        coefficients, indirect = indirect_basis(exchange, index, patches.material, reflectances, max_reflections)
+        coefficients, indirect = indirect_basis(exchange, index, shares, reflectances, max_reflections)
         coefficients = exchange.slopes.at(coefficients, parents, finer.centre)
         lookups.append(_lookup_table(coefficients, indirect, paints))
     lookups = _padded_to_one_rank(lookups)
@@ -164,6 +168,7 @@ def solve_light(
         # the continuation adds a reflection, which is not allowed with a limit on bounces
         near=NEAR_PATCHES * edge if max_bounces is None else 0.0,
         max_bounces=max_bounces,
+        mixtures=build_mixtures(tracer),
     )
 
 
@@ -359,6 +364,7 @@ def _gatherings(light: LightField) -> list[Gathering]:
             materials=_later_reflectors(light.tracer),
             bounces=3 if light.max_bounces is None else min(light.max_bounces, 3),
             near=dr.opaque(mi.Float, light.near),
+            mixtures=light.mixtures,
         )
         for index, table in enumerate(light.tables)
     ]
@@ -381,7 +387,8 @@ def _view(light: LightField, camera: Camera) -> _View:
     """Data that all passes of a picture share, kept for the last picture."""
     coverage = facet_coverage(light.tracer, camera)
     checkpoint()
-    planar = planar_pixels(light.tracer, camera, coverage)
+    plain = np.array([not isinstance(s, MixedSurface) for s in light.tracer.scene.surfaces] + [True])
+    planar = planar_pixels(light.tracer, camera, coverage * plain[light.tracer.facet_surface])
     checkpoint()
     lamps = _gatherings(light)
     shares = (

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 from cboxlab.scenes.camera import Camera
 
 from ..device import SobolPoints, cosine_hemisphere, dr, mi
-from ..visibility import RAY_OFFSET_MM, Tracer, intersect, pixel_rays
+from ..visibility import RAY_OFFSET_MM, Hit, Tracer, intersect, pixel_rays
 from .direct_cells import DirectCells
 from .face_controls import CONTROLLED, FaceControls
 from .lamp import LampSampler, direct_light, lamp_seen
+from .mixtures import Mixtures
 from .patches import Patches, patch_of
 
 __all__ = ["Gathering", "Planes"]
@@ -124,6 +125,8 @@ class Gathering:
     bounces: int
     #: Length below which gathering rays are continued, mm.
     near: mi.Float
+    #: Mixtures of the surfaces; None for a scene without any.
+    mixtures: Mixtures | None = None
 
     @property
     def per_material(self) -> int:
@@ -153,13 +156,13 @@ class Gathering:
         def body(i: mi.UInt32, sums: list[mi.Float]) -> tuple[mi.UInt32, list[mi.Float]]:
             ray = sampling.ray(i)
             hit = intersect(self.tracer, ray)
-            shaded, material = hit.reflecting, hit.material
+            shaded = hit.reflecting
+            part = self._part_of(hit, self._shares(hit, self.firsts, shaded), shaded)
             values = self._reflected(sampling, i, hit.position, hit.normal, shaded, None)
             new = [sums[0] + sampling.gathers * lamp_seen(self.lamp, hit, ray.d)]
             for m in range(self.firsts):
-                active = shaded & (material == m)
                 material_sums = sums[1 + m * self.per_material : 1 + (m + 1) * self.per_material]
-                new += [old + dr.select(active, value, 0) for old, value in zip(material_sums, values, strict=True)]
+                new += [old + part(m, value) for old, value in zip(material_sums, values, strict=True)]
             return i + 1, new
 
         total = dr.opaque(mi.UInt32, samples // sampling.gathers)
@@ -320,16 +323,18 @@ class Gathering:
             ),
             lambda *state: state[-1],
         )
-        second = [dr.select(reflects & (material == m), arriving, 0) for m in range(self.materials)]
+        mixed = self._shares(far, self.materials, reflects)
+        part = self._part_of(far, mixed, reflects)
+        second = [part(m, arriving) for m in range(self.materials)]
         nothing = [mi.Float(0)] * self.materials**2
         if self.bounces < 3:
             return [mi.Float(0), *second, *nothing, *([mi.Float(0)] * self.rank)]
         close = reflects & (far.distance < self.near) & (material < self.materials)
         read = [*nothing, *self._read(mi.UInt32(0), far.triangle, far.uv, reflects & ~close)]
         later = dr.if_stmt(
-            (close, i, far.position, far.normal, material, read),
+            (close, i, far.position, far.normal, material, mixed, read),
             close,
-            lambda active, i, at, towards, of, _: self._continued(points, i, at, towards, of, active),
+            lambda active, i, at, towards, of, mixed, _: self._continued(points, i, at, towards, of, mixed, active),
             lambda *state: state[-1],
         )
         values = [mi.Float(0), *second, *later]
@@ -344,6 +349,17 @@ class Gathering:
         direction = cosine_hemisphere(normal, points.point(i, 0), points.point(i, 1))
         return mi.Ray3f(position + normal * RAY_OFFSET_MM, direction)
 
+    def _shares(self, hit: Hit, count: int, active: mi.Bool) -> list[mi.Float]:
+        """Shares of the materials at hits; empty for a scene without mixtures."""
+        return [] if self.mixtures is None else self.mixtures.shares(hit, count, active)
+
+    @staticmethod
+    def _part_of(hit: Hit, shares: list[mi.Float], active: mi.Bool) -> Callable[[int, mi.Float], mi.Float]:
+        """Function of a material and light at hits that returns the part of its share."""
+        if shares:
+            return lambda m, value: shares[m] * value
+        return lambda m, value: dr.select(active & (hit.material == m), value, 0)
+
     def _continued(
         self,
         points: SobolPoints,
@@ -351,14 +367,26 @@ class Gathering:
         position: mi.Point3f,
         normal: mi.Vector3f,
         material: mi.UInt32,
+        mixed: list[mi.Float],
         close: mi.Bool,
     ) -> list[mi.Float]:
-        """Values of one more ray from a second reflection: direct and the patches' light at its end."""
+        """Values of one more ray from a second reflection: direct and the patches' light at its end.
+
+        The second reflection is by a material, or by several with the shares ``mixed``.
+        """
         onward = cosine_hemisphere(normal, points.point(i, 8), points.point(i, 9))
         last = intersect(self.tracer, mi.Ray3f(position + normal * RAY_OFFSET_MM, onward), close)
         reflects = last.reflecting
         u, v = points.point(i, 10), points.point(i, 11)
         arriving = direct_light(self.tracer, self.lamp, last.position, last.normal, u, v, reflects)
+        if mixed:
+            part = self._part_of(last, self._shares(last, self.materials, reflects), reflects)
+            third = [share * part(n, arriving) for share in mixed for n in range(self.materials)]
+            rows = [
+                [share * value for value in self._read(mi.UInt32(m + 1), last.triangle, last.uv, reflects)]
+                for m, share in enumerate(mixed)
+            ]
+            return [*third, *(sum(column, mi.Float(0)) for column in zip(*rows, strict=True))]
         third = [
             dr.select(reflects & (material == m) & (last.material == n), arriving, 0)
             for m in range(self.materials)

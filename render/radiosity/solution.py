@@ -303,7 +303,7 @@ def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray]) -> NDAr
 def indirect_basis(
     exchange: Exchange,
     lamp: int,
-    material: NDArray,
+    shares: NDArray,
     reflectances: NDArray,
     max_reflections: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -324,8 +324,8 @@ def indirect_basis(
         Exchange between p patches.
     lamp
         Index of the lamp.
-    material
-        (p,) index of the material of each patch.
+    shares
+        (p, material) share of each material in each patch: 1 for that of a plain one.
     reflectances
         (material, w) reflectances.
     max_reflections
@@ -337,33 +337,34 @@ def indirect_basis(
         Coefficients (p, k) and spectra (k, w); coefficients @ spectra is the radiance, relative to the lamp's.
     """
     direct = exchange.direct[:, lamp, None]
-    if not (direct * reflectances[material]).any():
-        return np.zeros((len(material), 1)), np.zeros((1, reflectances.shape[1]))
+    if not (direct * (shares @ reflectances)).any():
+        return np.zeros((len(shares), 1)), np.zeros((1, reflectances.shape[1]))
     if max_reflections is None:
-        shapes, amplitudes = _reduced_solution(exchange.form_factors, direct, material, reflectances)
+        shapes, amplitudes = _reduced_solution(exchange.form_factors, direct, shares, reflectances)
     else:
-        rho = reflectances[material]
+        rho = shares @ reflectances
         b = solve_exchange(exchange, rho, direct, max_reflections)
         shapes, amplitudes = b / np.maximum(rho, 1e-12) - direct, np.eye(b.shape[1])
     factors, spectra = [], []
-    for index, reflectance in enumerate(reflectances):
-        q, r = np.linalg.qr(shapes[material == index])
+    masks = shares.T > 0
+    for share, mask, reflectance in zip(shares.T, masks, reflectances, strict=True):
+        q, r = np.linalg.qr(share[mask, None].astype(shapes.dtype) * shapes[mask])
         factors.append(q)
         spectra.append((r @ amplitudes) * reflectance)
     left_vectors, singular, right_vectors = np.linalg.svd(np.concatenate(spectra), full_matrices=False)
     rank = max(1, int(np.sum(singular > TOLERANCE * singular[0])))
     mixed = np.split(left_vectors[:, :rank] * singular[:rank], np.cumsum([len(x) for x in spectra])[:-1])
-    coefficients = np.empty((len(material), rank))
-    for index, (q, mixing) in enumerate(zip(factors, mixed, strict=True)):
-        coefficients[material == index] = q @ mixing
+    coefficients = np.zeros((len(shares), rank))
+    for mask, q, mixing in zip(masks, factors, mixed, strict=True):
+        coefficients[mask] += q @ mixing
     return coefficients, right_vectors[:rank]
 
 
 def _reduced_solution(
-    form_factors: NDArray, direct: NDArray, material: NDArray, reflectances: NDArray
+    form_factors: NDArray, direct: NDArray, shares: NDArray, reflectances: NDArray
 ) -> tuple[NDArray, NDArray]:
     """F times the basis (p, n), and the amplitudes (n, w) of b in it."""
-    rho = reflectances[material]
+    rho = shares @ reflectances
     snapshots = np.unique(np.linspace(0, rho.shape[1] - 1, _SNAPSHOTS).astype(int))
     bounces = [(rho[:, snapshots] * direct).astype(np.float32)]
     for _ in range(_BOUNCES):
@@ -373,7 +374,7 @@ def _reduced_solution(
     transported = form_factors @ space.astype(np.float32)
     for _ in range(_MOST_EXTENSIONS):
         checkpoint()
-        amplitudes, residual, relative = _galerkin(space, transported, material, reflectances, direct)
+        amplitudes, residual, relative = _galerkin(space, transported, shares, reflectances, direct)
         unsolved = relative > TOLERANCE
         if not unsolved.any():
             break
@@ -395,18 +396,18 @@ def _orthonormal(columns: NDArray) -> NDArray:
 
 
 def _galerkin(
-    space: NDArray, transported: NDArray, material: NDArray, reflectances: NDArray, direct: NDArray
+    space: NDArray, transported: NDArray, shares: NDArray, reflectances: NDArray, direct: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Amplitudes of b = rho (e + F b) in a subspace, the residual, and its relative norm.
 
     `space` (p, n) is an orthonormal basis S and `transported` is F S. The amplitudes c (n, w) solve S^T (1 - rho F) S c
     = S^T rho e, a system of n equations at each wavelength. The residual is (p, w), and its norm over that of b (w,).
     """
-    masks = [material == m for m in range(len(reflectances))]
-    operators = np.stack([space[mask].T @ transported[mask] for mask in masks])
-    sources = np.stack([space[mask].T @ direct[mask, 0] for mask in masks])
+    parts = [(space[mask] * share[mask, None], mask) for share, mask in zip(shares.T, shares.T > 0, strict=True)]
+    operators = np.stack([part.T @ transported[mask] for part, mask in parts])
+    sources = np.stack([part.T @ direct[mask, 0] for part, mask in parts])
     system = np.eye(space.shape[1]) - np.einsum("mw,mij->wij", reflectances, operators)
     amplitudes = np.linalg.solve(system, (reflectances.T @ sources)[..., None])[..., 0].T
     b = space @ amplitudes
-    residual = reflectances[material] * (direct + transported @ amplitudes) - b
+    residual = (shares @ reflectances) * (direct + transported @ amplitudes) - b
     return amplitudes, residual, np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(b, axis=0), 1e-300)

@@ -132,6 +132,42 @@ def test_what_only_an_effect_states_is_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_scene_replaces_nothing_but_a_scene(tmp_path):
+    """A manifest, a model, and meshes that another program wrote stay as they are."""
+    box = cornell_box()
+    ceiling = box.surface("ceiling")
+    cut = replace(ceiling, faces=ceiling.faces[:-1])
+    box = replace(box, surfaces=tuple(cut if s is ceiling else s for s in box.surfaces))
+    for text in ('format = "capture/1"\n', 'format = "model/1"\n', "", "[", 'format = "scene/1"\n'):
+        (tmp_path / "capture.toml").write_text(text)
+        with pytest.raises(InputError, match="a file that is no scene file"):
+            box.write(tmp_path / "capture.toml")
+        assert [path.name for path in tmp_path.iterdir()] == ["capture.toml"]
+        assert (tmp_path / "capture.toml").read_text() == text
+    mesh = tmp_path / "room-ceiling.obj"
+    mesh.write_text("v 0 0 0\n")
+    with pytest.raises(InputError, match=r"room-ceiling\.obj.*exists already"):
+        box.write(tmp_path / "room.toml")
+    assert mesh.read_text() == "v 0 0 0\n" and not (tmp_path / "room.toml").exists()
+    mesh.unlink()
+    box.write(tmp_path / "room.toml")
+    (tmp_path / "room.toml").unlink()  # as a run that was killed between both files leaves it
+    box.write(tmp_path / "room.toml")
+    moved = replace(cut, vertices_mm=cut.vertices_mm + 1.0)
+    other = replace(box, surfaces=tuple(moved if s is cut else s for s in box.surfaces))
+    assert_same(load_scene(other.write(tmp_path / "room.toml")), other)
+
+
+def test_a_name_that_no_scene_file_has_is_not_written(tmp_path):
+    box = cornell_box()
+    ceiling = box.surface("ceiling")
+    odd = replace(ceiling, name="../ceiling", faces=ceiling.faces[:-1])
+    box = replace(box, surfaces=tuple(odd if s is ceiling else s for s in box.surfaces))
+    with pytest.raises(InputError, match=r"surface\[1\]\.name: found '\.\./ceiling'"):
+        box.write(tmp_path / "room.toml")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_scene_prints_in_five_lines():
     lines = repr(cornell_box()).splitlines()
     assert len(lines) == 5 and "tall-block (white)" in lines[1] and "13650 mm2" in lines[3]

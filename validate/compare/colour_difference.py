@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "COLOUR_DIFFERENCES",
     "HEADLINE",
+    "NOISE_SEED",
     "ColourDifference",
     "DifferenceStatistics",
     "White",
@@ -30,6 +31,9 @@ __all__ = [
 #: Percentile of the rendered luminance outside the lamp that is used as white (Yn): close to the largest value, but
 #: not decided by single pixels.
 WHITE_PERCENTILE = 99.5
+
+#: Seed of the noise from which colour differences are expected: any, but the same in every comparison.
+NOISE_SEED = 0
 
 #: Number of colour differences drawn for the expectation from noise: enough for 0.3% on a mean.
 DRAWS = 1 << 16
@@ -217,17 +221,16 @@ def expected_from_noise(
     truth = lab((xyz_per_dn @ signal).T, white)
     measured = lab(np.einsum("cb,pbn->pnc", xyz_per_dn, noisy), white)
     repeated = np.broadcast_to(truth, measured.shape)
-    return {
-        name: _average([statistics(picture) for picture in difference.between(measured, repeated)])
-        for name, difference in COLOUR_DIFFERENCES.items()
-    }
+    return {name: _averaged(difference.between(measured, repeated)) for name, difference in COLOUR_DIFFERENCES.items()}
 
 
-def _average(figures: list[DifferenceStatistics]) -> DifferenceStatistics:
-    """Mean of each statistic over pictures."""
-    return DifferenceStatistics(
-        *(float(np.mean([getattr(f, name) for f in figures])) for name in ("mean", "p95", "maximum"))
-    )
+def _averaged(differences: NDArray[np.float64]) -> DifferenceStatistics:
+    """Mean of each statistic over (picture, n) differences; pixels with NaN are left out."""
+    finite = np.compress(np.isfinite(differences).all(axis=0), differences, axis=1)
+    if finite.size == 0:
+        return statistics([])
+    by_picture = finite.mean(axis=1), np.percentile(finite, 95, axis=1), finite.max(axis=1)
+    return DifferenceStatistics(*(float(np.mean(values)) for values in by_picture))
 
 
 def srgb_matrix(white: White) -> NDArray[np.float64]:

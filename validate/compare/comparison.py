@@ -7,24 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from cboxlab.calibration.instrument import Mask, cell_means, one_pixel_of_each_cell
+from cboxlab.calibration.instrument import Mask
 from cboxlab.utils.distributions import chi2_tail, fisher_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 from .colour_difference import (
     COLOUR_DIFFERENCES,
+    NOISE_SEED,
     DifferenceStatistics,
     White,
     expected_from_noise,
     lab,
     statistics,
-    white_of,
 )
+from .pixel_colours import pixel_colours
 from .regions import INTERIOR_DISTANCE_PX, edge_distance_px
-
-#: Seed of the noise from which colour differences are expected: any, but the same in every comparison.
-_NOISE_SEED = 0
 
 __all__ = ["BandRow", "ChiSquare", "Comparison", "Expectation", "RelativeDifference", "SurfaceRow", "compare"]
 
@@ -240,7 +238,7 @@ def _surface(
         relative_sigma = np.where(mean_rendered > 0, sigma / mean_rendered, np.nan)
     xyz_measured, xyz_rendered = xyz_per_dn @ mean_measured, xyz_per_dn @ mean_rendered
     lab_measured, lab_rendered = lab(xyz_measured, white), lab(xyz_rendered, white)
-    noise = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, _NOISE_SEED)
+    noise = expected_from_noise(mean_rendered[:, None], sigma[:, None], xyz_per_dn, white, NOISE_SEED)
     return SurfaceRow(
         chi2,
         n,
@@ -254,6 +252,35 @@ def _surface(
         xyz_measured,
         xyz_rendered,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """Residuals, and what their chi-square is compared with."""
+
+    #: (band, y, x) residuals; NaN for samples that are not used.
+    values: NDArray[np.float64]
+    #: (band, y, x) samples that are used.
+    used: NDArray[np.bool_]
+    #: Degrees of freedom of each sample, 1 less its share of the fitted parameters.
+    freedom: float
+    #: Relative standard deviation of the noise's variance, common to all residuals.
+    variance_sigma: float
+
+    def chi_square(self, where: NDArray[np.bool_]) -> ChiSquare:
+        """Chi-square of the samples used in a mask that broadcasts to (band, y, x)."""
+        values = self.values[np.broadcast_to(where, self.values.shape) & self.used]
+        return ChiSquare(float(np.sum(values**2)), values.size, values.size * self.freedom, self.variance_sigma)
+
+
+def _band(
+    chi2: ChiSquare, measured: NDArray, rendered: NDArray, variance: NDArray, where: NDArray[np.bool_]
+) -> BandRow:
+    """Row of one band from its (y, x) images, over the pixels of surfaces."""
+    unexplained = float(np.sum(((measured - rendered) ** 2 - variance)[where]))
+    power = float(np.sum(rendered[where] ** 2))
+    beyond_noise = float(np.sqrt(max(unexplained, 0.0) / power)) if power > 0 else float("nan")
+    return BandRow(chi2, _relative(measured, rendered, variance, where), beyond_noise)
 
 
 def _check(
@@ -346,67 +373,36 @@ def compare(
         residual = np.where(used, (photograph - model) / np.sqrt(variance), np.nan)
         sigma_ratio = np.sqrt(noise / sensor)[used & (model > 0)]
     parameters_each = expectation.fitted_parameters / max(int(used.sum()), 1)
-
-    def chi_square(where: NDArray[np.bool_]) -> ChiSquare:
-        values = residual[np.broadcast_to(where, residual.shape) & used]
-        dof = values.size * (1.0 - parameters_each)
-        return ChiSquare(float(np.sum(values**2)), values.size, dof, expectation.variance_sigma)
-
+    residuals = _Residuals(residual, used, 1.0 - parameters_each, expectation.variance_sigma)
     distance = edge_distance_px(surface, single_surface)
-    inner = distance >= INTERIOR_DISTANCE_PX
-    chi2_edges, chi2_interiors = chi_square(~inner), chi_square(inner)
+    inner, on_surface = distance >= INTERIOR_DISTANCE_PX, surface >= 0
+    chi2_edges, chi2_interiors = residuals.chi_square(~inner), residuals.chi_square(inner)
     excess = max(chi2_edges.excess, 0.0), max(chi2_interiors.excess, 0.0)
-
-    on_surface = surface >= 0
-    if cell is None:
-        complete = used.all(axis=0)
-        colour_photograph, colour_model, colour_variance = photograph, model, variance
-    else:
-        cells = [cell_means(image, variance, used, cell) for image in (photograph, model)]
-        complete = cells[0].complete
-        colour_photograph, colour_model, colour_variance = cells[0].signal, cells[1].signal, cells[0].variance
-    coloured = complete & on_surface
-    single = coloured if cell is None else one_pixel_of_each_cell(coloured, cell)
-    xyz_photograph = np.einsum("cb,byx->yxc", weights, colour_photograph)
-    xyz_model = np.einsum("cb,byx->yxc", weights, colour_model)
-    # pixels at the lamp's edge would make it as bright as the picture is coarse
-    bright = next(pixels for pixels in (coloured & inner, coloured, on_surface) if pixels.any())
-    white = white_of(lamp_xyz, xyz_model[bright, 1])
-    lab_photograph, lab_model = lab(xyz_photograph, white), lab(xyz_model, white)
-    blank = np.where(coloured, 0.0, np.nan)
-    colour_maps = {name: blank + d.between(lab_photograph, lab_model) for name, d in COLOUR_DIFFERENCES.items()}
-    colour_noise = expected_from_noise(
-        colour_model[:, single], np.sqrt(colour_variance[:, single]), weights, white, _NOISE_SEED
-    )
-    luminance_variance = np.einsum("b,byx->yx", weights[1] ** 2, colour_variance)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = xyz_photograph[..., 1] / xyz_model[..., 1]
-        luminance_map = blank + np.where(xyz_model[..., 1] > 0, ratio - 1.0, np.nan)
-
-    by_band = {}
-    for i, band in enumerate(bands):
-        where = used[i] & on_surface
-        unexplained = float(np.sum(((photograph[i] - model[i]) ** 2 - variance[i])[where]))
-        power = float(np.sum(model[i][where] ** 2))
-        by_band[band] = BandRow(
-            chi_square(np.arange(len(bands))[:, None, None] == i),
-            _relative(photograph[i], model[i], variance[i], where),
-            float(np.sqrt(max(unexplained, 0.0) / power)) if power > 0 else float("nan"),
+    images = photograph, model, variance
+    colours = pixel_colours(images, used, on_surface, inner, weights, lamp_xyz, cell)
+    by_band = {
+        band: _band(
+            residuals.chi_square(np.arange(len(bands))[:, None, None] == i),
+            photograph[i],
+            model[i],
+            variance[i],
+            used[i] & on_surface,
         )
+        for i, band in enumerate(bands)
+    }
     by_surface = {
         name: _surface(
-            chi_square(surface == i),
-            (coloured if cell is None else on_surface) & inner & (surface == i),
+            residuals.chi_square(surface == i),
+            (colours.coloured if cell is None else on_surface) & inner & (surface == i),
             photograph,
             model,
             variance,
             used=None if cell is None else used,
             xyz_per_dn=weights,
-            white=white,
+            white=colours.white,
         )
         for i, name in enumerate(surface_names)
     }
-
     image, stack = ("y", "x"), ("band", "y", "x")
     maps = xr.Dataset(
         {
@@ -415,10 +411,12 @@ def compare(
             "sigma": (stack, np.sqrt(variance), {"units": "DN"}),
             "residual_over_sigma": (stack, residual, {"units": "1"}),
             "mask": (stack, mask, measured.mask.attrs),
-            "xyz_measured": ((*image, "xyz"), xyz_photograph),
-            "xyz_rendered": ((*image, "xyz"), xyz_model),
-            **{name: (image, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colour_maps.items()},
-            "luminance_relative_difference": (image, luminance_map, {"units": "1"}),
+            "xyz_measured": ((*image, "xyz"), colours.xyz_measured),
+            "xyz_rendered": ((*image, "xyz"), colours.xyz_rendered),
+            **{
+                name: (image, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colours.maps.items()
+            },
+            "luminance_relative_difference": (image, colours.luminance_map, {"units": "1"}),
             "surface": (image, surface.astype(np.int16)),
             "edge_distance_px": (image, distance, {"units": "px"}),
         },
@@ -429,18 +427,20 @@ def compare(
         bands=bands,
         maps=maps,
         xyz_per_dn=weights,
-        white=white,
-        chi2=chi_square(np.array(True)),
+        white=colours.white,
+        chi2=residuals.chi_square(np.array(True)),
         chi2_edges=chi2_edges,
         chi2_interiors=chi2_interiors,
         share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
         by_band=by_band,
         by_surface=by_surface,
-        colour={name: statistics(values[single]) for name, values in colour_maps.items()},
-        colour_noise=colour_noise,
-        luminance=_relative(xyz_photograph[..., 1], xyz_model[..., 1], luminance_variance, single),
+        colour={name: statistics(values[colours.single]) for name, values in colours.maps.items()},
+        colour_noise=colours.noise,
+        luminance=_relative(
+            colours.xyz_measured[..., 1], colours.xyz_rendered[..., 1], colours.luminance_variance, colours.single
+        ),
         render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
-        pixels_used=int((complete if cell is None else used.any(axis=0)).sum()),
+        pixels_used=int((colours.complete if cell is None else used.any(axis=0)).sum()),
         masked={
             reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum())
             for reason in Mask

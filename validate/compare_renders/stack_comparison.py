@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..compare import write_map
 from .cameras import LARGEST_SHIFT_PX, NOTED_SHIFT_PX, shift_px
-from .regress import Common, PooledMean, as_percent, in_common_quantity, regress_sides
+from .regress import Common, PooledMean, as_percent, compared_areas, in_common_quantity
 from .stacks import ImageStack, on_common_pixels, stack_of_side
 
 __all__ = [
@@ -38,8 +38,6 @@ __all__ = [
 WORST_PIXELS = 5
 #: Names of planes repeated in a message.
 _MAX_LISTED = 6
-#: Kinds of pooled means that are listed.
-_LISTED_MEANS = ("whole", "surface", "stratum")
 
 
 @dataclass(frozen=True)
@@ -288,10 +286,9 @@ def _pooled(
     if first.side is None or second.side is None:
         return (), None, None
     try:
-        outcome, comparison = regress_sides(second.side, first.side)
+        means, comparison = compared_areas(second.side, first.side)
     except InputError:  # no wavelength in common, or no light: the planes alone are compared
         return (), None, None
-    means = tuple(row for row in outcome.pools if row.kind in _LISTED_MEANS)
     noise = np.moveaxis(comparison.noise.variance, -1, 0)
     common = comparison.common if comparison.common.interpolation.any() else None
     planes = sum(name in second.names for name in first.names)

@@ -16,6 +16,8 @@ from cboxlab.rendering.dataset import (
     SensorTable,
     joined_scene,
     light_parts,
+    mixed_pixels,
+    mixed_scenes,
     shadow_fraction,
     split_image,
     visible_points,
@@ -86,7 +88,8 @@ def render_pictures(
     inputs = [model_cube_inputs(box.model, box.cameras[camera_name]) for box in boxes]
     scenes, camera, bounces = [scene for scene, _, _ in inputs], *inputs[0][1:]
     strips = strip_cameras(camera, max(1, STRIP_PIXELS // camera.width_px))
-    views = [_View(scenes, strip, bounces, camera_name, number) for number, strip in enumerate(strips)]
+    mixed = mixed_scenes(scenes)
+    views = [_View(mixed, scenes[0], strip, bounces, camera_name, number) for number, strip in enumerate(strips)]
     progresses = [share(progress, n / len(views), (n + 1) / len(views)) for n in range(len(views))]
     pictures = [_strip_pictures(boxes, view, recipe, part) for view, part in zip(views, progresses, strict=True)]
     # of several strips one at a time is rendered, with all its boxes
@@ -99,8 +102,10 @@ def render_pictures(
 class _View:
     """Some rows of a picture of boxes that share rays."""
 
-    #: Scenes of the boxes.
+    #: Scenes of the boxes, with mixed surfaces for textures.
     scenes: list[Scene]
+    #: Scene of the first box with its textures.
+    textured: Scene
     #: Camera of the rows.
     camera: Camera
     #: Largest number of reflections; None for no limit.
@@ -119,7 +124,8 @@ def _strip_pictures(boxes: Sequence[Box], view: _View, recipe: Recipe, progress:
     first = MOST_PASSES * (_order(boxes[0], view.camera_name, recipe) + pictures * view.strip)
     job = RenderJob(joined, camera, grid, seed=seed, max_bounces=view.bounces, first_batch=first)
     image = render_to_precision(job, recipe.picture.noise, progress=progress, pictures=len(boxes))
-    geometry = _geometry(image, joined, camera, seed + view.strip)
+    geometry = _geometry(image, view.textured, camera, seed + view.strip)
+    mixed_shares = mixed_pixels(joined, camera)
     for number, (box, scene) in enumerate(zip(boxes, scenes, strict=True)):
         part = split_image(image, len(boxes), each_nm)[number]
         changes = coated(part, scene, camera, box.model.effects, box.seed + view.strip, view.bounces)
@@ -128,7 +134,7 @@ def _strip_pictures(boxes: Sequence[Box], view: _View, recipe: Recipe, progress:
             finer = render_to_precision(job, limit * limit / reached * _RESERVE, pictures=len(boxes))
             part = split_image(finer, len(boxes), each_nm)[number]
             changes = coated(part, scene, camera, box.model.effects, box.seed + view.strip, view.bounces)
-        yield _picture(recipe, scene, image=part, changes=changes, geometry=geometry)
+        yield _picture(recipe, scene, image=part, changes=changes, geometry=geometry, mixed_shares=mixed_shares)
 
 
 def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
@@ -138,11 +144,17 @@ def _order(box: Box, camera_name: str, recipe: Recipe) -> int:
 
 
 def _picture(
-    recipe: Recipe, scene: Scene, *, image: RenderedImage, changes: Coated, geometry: Mapping[str, Any]
+    recipe: Recipe,
+    scene: Scene,
+    *,
+    image: RenderedImage,
+    changes: Coated,
+    geometry: Mapping[str, Any],
+    mixed_shares: Mapping[int, NDArray[np.float64]],
 ) -> xr.Dataset:
     """Picture of a box from its image without effects on light transport, and with them."""
     median, high = relative_errors(changes.image, (_MEDIAN, _HIGH))
-    data = {**_light(image, changes, scene), **geometry}
+    data = {**_light(image, changes, scene, mixed_shares), **geometry}
     cube = xr.Dataset(
         {name: value for name, value in data.items() if name in _variables(recipe)},
         coords={"wavelength": ("wavelength", recipe.picture.wavelength_nm, {"units": "nm"})},
@@ -189,13 +201,15 @@ def _variables(recipe: Recipe) -> set[str]:
     return {"radiance", "standard_error", "surface", "material", *recipe.picture.truths}
 
 
-def _light(image: RenderedImage, changes: Coated, scene: Scene) -> dict[str, Any]:
+def _light(
+    image: RenderedImage, changes: Coated, scene: Scene, mixed_shares: Mapping[int, NDArray[np.float64]]
+) -> dict[str, Any]:
     """Radiance, its errors and its parts; `changes` has the effects of light transport."""
     every = np.eye(image.wavelength_nm.size)
     changed = changes.image
     mean, variance = changed.project(every)
     axes, unit = ("y", "x", "wavelength"), {"units": RADIANCE_UNIT}
-    parts = light_parts(image, scene)
+    parts = light_parts(image, scene, mixed_shares)
     added = changed.mean(every) - image.mean(every) if changed is not image else np.zeros_like(mean)
     irradiance, specular = parts.irradiance, changes.specular
     if changes.coats is not image:

@@ -32,21 +32,23 @@ _COMPONENTS = 6
 
 #: The page; it refers to no other files.
 _PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title><style>
+<html lang="en"><head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width,initial-scale=1"><title>{{ title }}</title><style>
 body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}
 figure{display:inline-block;margin:.3rem;text-align:center}figcaption{font-size:12px;color:#555}
 table{border-collapse:collapse}td,th{padding:.15rem .7rem;text-align:left;border-bottom:1px solid #ddd}
+div.wide{overflow-x:auto}
 img.thumb{width:128px;image-rendering:pixelated}
 @media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}td,th{border-color:#444}figcaption{color:#aaa}}
 </style></head><body><h1>{{ title }}</h1>
 {% for line in lines %}<p>{{ line }}</p>{% endfor %}
-{% if faults %}<h2>Pictures that failed a check</h2><table>
-{% for name, fault in faults %}<tr><td>{{ name }}</td><td>{{ fault }}</td></tr>{% endfor %}</table>{% endif %}
+{% if faults %}<h2>Pictures that failed a check</h2><div class="wide"><table>
+{% for name, fault in faults %}<tr><td>{{ name }}</td><td>{{ fault }}</td></tr>{% endfor %}</table></div>{% endif %}
 <h2>Pictures</h2>{% for name, data in pictures %}
 <figure><img class="thumb" alt="{{ name }}" src="data:image/png;base64,{{ data }}"><figcaption>{{ name }}</figcaption>
 </figure>{% endfor %}
 {% for name, data in plots %}<h2>{{ name }}</h2>
-<img alt="{{ name }}" src="data:image/png;base64,{{ data }}">{% endfor %}
+<div class="wide"><img alt="{{ name }}" src="data:image/png;base64,{{ data }}"></div>{% endfor %}
 </body></html>
 """
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import multiprocessing
 import os
 import platform
+import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any
 
 from cboxlab.rendering.device import dr
@@ -20,7 +25,7 @@ from cboxlab.utils.errors import InputError
 from .layout import versions
 from .tasks import Task, run_task
 
-__all__ = ["in_processes", "on_local_cluster", "on_scheduler", "run_with_versions"]
+__all__ = ["FolderTask", "in_processes", "on_local_cluster", "on_scheduler", "run_from_folder", "run_with_versions"]
 
 #: Ends of worker processes without a finished task between them, after which the run is given up.
 _MOST_ENDS = 3
@@ -31,8 +36,14 @@ _WORKER_S = 60.0
 #: Time that a scheduler which ended has to answer again, s.
 _RESTART_S = 60.0
 
+#: Held by the task that a worker runs: limits on threads hold for a process, so its other threads wait.
+_ONE_AT_A_TIME = threading.Lock()
+
 #: Packages whose messages about lost connections are kept off the terminal.
 _DASK_LOGGERS = ("distributed", "asyncio", "tornado")
+
+#: Tasks that a scheduler holds at once: enough for a hundred machines, and little of its memory.
+_MOST_HELD = 4000
 
 #: Interval at which a run looks whether it was cancelled, s.
 _LOOK_S = 0.5
@@ -182,6 +193,38 @@ def run_with_versions(expected: Mapping[str, str], run: Callable[[Any], Any], ta
     return run(task)
 
 
+@dataclass(frozen=True)
+class FolderTask:
+    """Call of a function in a module that no package has, such as a benchmark."""
+
+    #: Absolute path of the module's folder, the same on every worker.
+    folder: str
+    #: Name of the module.
+    module: str
+    #: Name of the function.
+    function: str
+    #: Arguments of the call.
+    arguments: tuple[Any, ...]
+
+
+def run_from_folder(task: FolderTask) -> Any:
+    """Call the function of a task.
+
+    Parameters
+    ----------
+    task
+        The task.
+
+    Returns
+    -------
+    object
+        Result of the call.
+    """
+    if task.folder not in sys.path:
+        sys.path.insert(0, task.folder)
+    return getattr(importlib.import_module(task.module), task.function)(*task.arguments)
+
+
 class _SchedulerEnded(Exception):
     """The connection to the scheduler was lost."""
 
@@ -257,7 +300,7 @@ def _run_on_worker(task: Task) -> list[dict[str, Any]]:
     """
     import dask
 
-    with dask.config.set(scheduler="threads"), ThreadPoolExecutor(1) as thread:
+    with _ONE_AT_A_TIME, dask.config.set(scheduler="threads"), ThreadPoolExecutor(1) as thread:
         return thread.submit(run_task, task).result()
 
 
@@ -268,23 +311,30 @@ def _on_client(
 
     A worker that ends or joins changes nothing else.
     """
-    tasks_of = {client.submit(run, task, pure=False): task for task in tasks}
-    waiting = set(tasks_of)
+    later = iter(tasks)
+    waiting = {client.submit(run, task, pure=False): task for task in islice(later, _MOST_HELD)}
     try:
         while waiting:
             try:
-                over, waiting = dask.wait(waiting, timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+                over, _ = dask.wait(list(waiting), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 over = set()
             for future in over:
-                yield tasks_of[future], future.result()
+                yield waiting.pop(future), future.result()
+            waiting |= {client.submit(run, task, pure=False): task for task in islice(later, len(over))}
             idle()
     except OSError as error:
         if error.filename is not None:
             raise  # a file of the data set, such as on a full disk
         raise _SchedulerEnded from None
-    except (dask.client.FutureCancelledError, dask.client.FuturesCancelledError, CancelledError):
+    except (CancelledError, dask.client.ClosedClientError):  # Dask's errors of cancelled futures are of the first kind
         raise _SchedulerEnded from None
+    except (ImportError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "deserialization" not in str(error):
+            raise
+        fault = f"a scheduler or worker that cannot read a task ({error.__cause__ or error})"
+        hint = "Install the same version of cboxlab where the scheduler and its workers run."
+        raise InputError("scheduler", fault, "the same packages on every machine", hint) from None
     except dask.KilledWorker:
         fault = "a task during which several workers ended"
         raise InputError("scheduler", fault, "memory for the pictures", "Use fewer or smaller workers.") from None

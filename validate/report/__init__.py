@@ -15,7 +15,7 @@ from .figures import FIGURES, comparison_figure
 from .metrics import PathStep
 from .plots import STYLE, picture_row
 from .table_sections import correlation_section
-from .trend import TrendResult, read_trend_result, trend_record, write_trend
+from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
 from .verdict import chi2_by_place, verdict
 from .write import validation_record, write_validation
 
@@ -38,6 +38,7 @@ __all__ = [
     "read_trend_result",
     "step_name",
     "trend_record",
+    "trend_rows",
     "validation_record",
     "verdict",
     "write_diagnosis",

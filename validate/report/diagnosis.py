@@ -15,9 +15,9 @@ from cboxlab.utils.files import replacing
 from ..compare import HEADLINE
 from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step, Verdict
 from ..diagnose.explain import advice
-from .blocks import with_error
 from .explanation import explanation_record, explanation_sentence, laboratory_sentences
 from .metrics import PathStep
+from .numerals import chi2_text, with_error
 
 __all__ = [
     "diagnosis_record",
@@ -160,17 +160,16 @@ def path_steps(diagnosis: Diagnosis) -> list[PathStep]:
 
 
 def _parameter_text(effect: AppliedEffect, sigma: Mapping[str, float]) -> str:
-    """Values of an effect with standard deviations, and units that the names lack."""
-    units = {each.name: each.unit for each in effect.effect.parameters}
+    """Values of an effect with standard deviations and units."""
+    parameters = {each.name: each for each in effect.effect.parameters}
     parts = []
     for name, value in effect.values.items():
         if isinstance(value, str):
             parts.append(value)
             continue
-        unit = units.get(name, "1")
-        is_in_name = not {"per", "seconds", unit.lower()}.isdisjoint(name.split("_"))
-        unit = "" if unit == "1" or is_in_name else f" {unit}"
-        parts.append(f"{name} {with_error(value, sigma.get(name, np.nan))}{unit}")
+        parameter = parameters[name]
+        size = with_error(value, sigma.get(name, np.nan))
+        parts.append(f"{parameter.label} {size} {parameter.printed_unit}".rstrip())
     return ", ".join(parts)
 
 
@@ -329,11 +328,11 @@ def error_sentence(diagnosis: Diagnosis) -> str:
     noise = f"(noise alone {last.colour_noise[HEADLINE.id].mean:.2f})"
     if len(diagnosis.path) == 1:
         return (
-            f"χ² per degree of freedom is {first.chi2.per_dof:.3g}, mean {HEADLINE.label} "
+            f"χ² per degree of freedom is {chi2_text(first.chi2.per_dof)}, mean {HEADLINE.label} "
             f"{first.colour[HEADLINE.id].mean:.2f} {noise}."
         )
     return (
-        f"χ² per degree of freedom falls from {first.chi2.per_dof:.4g} to {last.chi2.per_dof:.4g}, "
+        f"χ² per degree of freedom falls from {chi2_text(first.chi2.per_dof)} to {chi2_text(last.chi2.per_dof)}, "
         f"mean {HEADLINE.label} from {first.colour[HEADLINE.id].mean:.2f} to "
         f"{last.colour[HEADLINE.id].mean:.2f} {noise}."
     )
@@ -470,12 +469,12 @@ def limit_text(limit: Limit) -> str:
         linear scale. The choices of the effect follow in brackets.
     """
     of = ", ".join(c if isinstance(c, str) else f"{name} {c:g}" for name, c in limit.choices.items())
-    unit = "" if limit.unit == "1" else f" {limit.unit}"
     parameter = next(p for p in catalogue()[limit.effect].numbers if p.name == limit.parameter)
     size = f"off by {limit.distance:.2g}"
     if parameter.scale != "linear":
         size = f"of {parameter.from_coordinate(parameter.null_coordinate + limit.distance):.3g}"
-    return f"{limit.parameter} {size}{unit}{f' ({of})' if of else ''}"
+    size = f"{parameter.label} {size} {parameter.printed_unit}".rstrip()
+    return f"{size} ({of})" if of else size
 
 
 def further_sentences(diagnosis: Diagnosis) -> list[str]:

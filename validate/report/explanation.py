@@ -10,7 +10,8 @@ from cboxlab.rendering.fitted_fields import field_record
 
 from ..diagnose.explain import NONE, SOUND, Explanation, advice, appearance
 from ..diagnose.families import families
-from .blocks import Cell, ReportSection, ReportTable, number, significant
+from .blocks import Cell, ReportSection, ReportTable
+from .numerals import number, significant
 from .plots import map_row, residual_scale
 
 __all__ = ["explanation_record", "explanation_sections", "explanation_sentence", "laboratory_sentences"]

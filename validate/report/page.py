@@ -21,6 +21,7 @@ from ..compare import COLOUR_DIFFERENCES, Comparison, band_centres
 from .bands import named_bands
 from .blocks import Cell, ReportSection, ReportTable, Story
 from .metrics import ValidationFacts
+from .numerals import chi2_text
 from .picture_sections import band_maps, maps_section, residual_section, scatter_section, weights_section
 from .plots import Drawing, MapRow
 from .story import story_without
@@ -67,7 +68,7 @@ def _block_kind(block: object) -> str:
 def _figures(c: Comparison) -> list[tuple[str, str, str]]:
     """(name, value, note) of the headline figures."""
     return [
-        ("χ² per degree of freedom", f"{c.chi2.per_dof:.3g}", f"noise alone 1 ± {c.chi2.per_dof_sigma:.2g}"),
+        ("χ² per degree of freedom", chi2_text(c.chi2.per_dof), f"noise alone 1 ± {c.chi2.per_dof_sigma:.2g}"),
         *(
             (
                 f"mean {COLOUR_DIFFERENCES[name].label}",

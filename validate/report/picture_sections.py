@@ -15,9 +15,11 @@ from matplotlib.colors import LogNorm
 
 from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from .bands import NamedBand, named_bands
-from .blocks import ReportSection, ReportTable, number, significant
+from .blocks import ReportSection, ReportTable
+from .numerals import chi2_text, number, significant
 from .plots import (
     COLOUR,
+    CURVES,
     INK,
     LINE,
     LUMINANCE,
@@ -106,7 +108,7 @@ def band_maps(c: Comparison, bands: Sequence[NamedBand]) -> MapRow:
     residual = c.maps["residual_over_sigma"].values
     rows = list(c.by_band.values())
     most = sorted((i for i, _ in bands), key=lambda i: -rows[i].chi2.per_dof)[:_MAX_BANDS]
-    maps = {f"{name}, χ²/dof {significant(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most}
+    maps = {f"{name}, χ²/dof {chi2_text(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most}
     caption = "" if len(maps) == len(rows) else f"The {len(maps)} bands of {len(rows)} with the highest χ²/dof."
     return map_row(maps, residual_scale("(measured − rendered) / σ"), caption)
 
@@ -264,7 +266,7 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
         ylim=(0, 1.12),
     )
     thin: dict[str, Any] = {"linewidth": 1.0, "linestyle": (0, (4, 2))}
-    for axis, (name, colour) in enumerate((("x̄", "#b5534b"), ("ȳ", "#5b8f55"), ("z̄", "#4a74b4"))):
+    for axis, (name, colour) in enumerate(zip(("x̄", "ȳ", "z̄"), CURVES, strict=True)):
         right.plot(w.wavelength_nm, w.target[axis], color=colour, **thin)
         right.plot(w.wavelength_nm, w.reconstructed[axis], color=colour, label=name)
     right.plot([], [], color=INK, label="CIE 1931", **thin)
@@ -272,7 +274,7 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
     right.legend(ncols=2)
     error = w.reconstructed - w.target
     rms = np.sqrt(np.mean(error**2, axis=1) / np.mean(w.target**2, axis=1))
-    header = ["", *(w.bands[i] for i in order), "rms error of the curve, %", "noise gain"]
+    header = ["weights of", *(w.bands[i] for i in order), "rms error of the curve, %", "noise gain"]
     rows = [
         [
             axis,

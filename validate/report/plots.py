@@ -6,7 +6,7 @@ import base64
 import hashlib
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
+
+from .numerals import chi2_text, number
 
 __all__ = [
     "COLOUR",
@@ -43,6 +45,9 @@ INK = "#0a0b0c"
 
 #: Colour of points and lines; legible on light and dark pages.
 LINE = "#4382ad"
+
+#: Colours of three curves, after Okabe and Ito: distinct without red and green, legible on light and dark pages.
+CURVES = ("#d55e00", "#009e73", "#0072b2")
 
 #: Width of a plot, inches: 400 px.
 _WIDTH_INCH = 4.17
@@ -281,6 +286,7 @@ STYLE: dict[Any, Any] = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # a position that is looked for takes one more layout of all ticks
     "text.color": INK,
     "axes.edgecolor": INK,
     "axes.labelcolor": INK,
@@ -403,14 +409,18 @@ def falling_curve(
     """
     figures = []
     steps = np.arange(len(labels))
-    for values, title in ((chi2_per_dof, "χ² per degree of freedom"), (colour, f"mean {colour_label}")):
+    plots: tuple[tuple[Sequence[float], str, Callable[[float], str]], ...] = (
+        (chi2_per_dof, "χ² per degree of freedom", chi2_text),
+        (colour, f"mean {colour_label}", number),
+    )
+    for values, title, text in plots:
         figure, ax = new_figure(2.9)
         ax.plot(steps, values, "-o", color=LINE, markersize=5)
         ax.set_title(title)
         ax.set_xticks(steps, [label.replace(" ", "\n", 1) for label in labels])
         ax.margins(x=0.18, y=0.2)
         for step, value in zip(steps, values, strict=True):
-            ax.annotate(f"{value:.3g}", (step, value), (6, 5), textcoords="offset points")
+            ax.annotate(text(value), (step, value), (6, 5), textcoords="offset points")
         if min(values) > 0 and max(values) > 5 * min(values):
             ax.set_yscale("log")
             plain_log_ticks(ax.yaxis)

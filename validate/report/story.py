@@ -13,7 +13,7 @@ from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from ..diagnose import Diagnosis, LikelyCause
 from ..diagnose.explain import advice
 from .bands import NamedBand
-from .blocks import Cell, Headline, ReportSection, ReportTable, Story, number, significant
+from .blocks import Cell, Headline, ReportSection, ReportTable, Story
 from .diagnosis import (
     error_sentence,
     evidence_sentences,
@@ -29,6 +29,7 @@ from .diagnosis import (
     values_text,
 )
 from .explanation import explanation_sections
+from .numerals import chi2_text, number, significant
 from .plots import STYLE, Drawing, MapRow, falling_curve, map_row, residual_scale
 from .verdict import verdict
 
@@ -308,8 +309,8 @@ def _before_and_after(diagnosis: Diagnosis) -> ReportTable:
     rows = [
         (
             "χ² per degree of freedom",
-            significant(first.chi2.per_dof, 4),
-            significant(last.chi2.per_dof, 4),
+            chi2_text(first.chi2.per_dof),
+            chi2_text(last.chi2.per_dof),
             f"1 ± {significant(last.chi2.per_dof_sigma, 2)}",
         ),
         *(

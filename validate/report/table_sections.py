@@ -22,8 +22,9 @@ from ..compare import (
     regions_of,
 )
 from .bands import NamedBand
-from .blocks import Cell, ReportSection, ReportTable, number, percent, significant, to_error
+from .blocks import Cell, ReportSection, ReportTable
 from .metrics import ValidationFacts
+from .numerals import chi2_text, number, percent, significant, to_error
 from .plots import MapRow
 from .verdict import verdict
 
@@ -39,8 +40,7 @@ _DEFINITION = (
 
 def _chi2(chi2: ChiSquare) -> Cell:
     beyond = chi2.dof > 0 and chi2.p_value < 1e-3
-    digits = 3 if chi2.per_dof < 10 else 1
-    return Cell(number(chi2.per_dof, digits), f"± {number(chi2.per_dof_sigma, 3)}", beyond)
+    return Cell(chi2_text(chi2.per_dof), f"± {number(chi2.per_dof_sigma, 3)}", beyond)
 
 
 def _regions(

@@ -15,18 +15,25 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 
-from .blocks import ReportSection, ReportTable, with_error
+from .blocks import ReportSection, ReportTable
+from .numerals import with_error
 from .page import report_environment
 from .plots import INK, LINE, STYLE, Drawing, drawing, new_figure
 
-__all__ = ["TrendResult", "read_trend_result", "trend_record", "write_trend"]
+__all__ = ["TrendResult", "read_trend_result", "trend_record", "trend_rows", "write_trend"]
+
+#: Unit at the end of the names of shares, which are printed in percent.
+_PERCENT_SIGN = "%"
+
+#: Factor from shares to percent.
+_PERCENT = 100.0
 
 #: Figures of metrics.json by the keys that lead to them: name, value, standard deviation or None.
 _FIGURES: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
     ("χ² per degree of freedom", ("chi2_per_dof",), ("chi2_per_dof_sigma",)),
     ("mean ΔE*ab", ("delta_e_ab", "mean"), None),
     ("mean CIEDE2000", ("delta_e_2000", "mean"), None),
-    ("rms luminance difference", ("luminance", "rms_relative_difference"), None),
+    (f"rms luminance difference, {_PERCENT_SIGN}", ("luminance", "rms_relative_difference"), None),
     ("lamp scale", ("lamp_scale", "value"), ("lamp_scale", "sigma")),
     ("camera, focal length, px", ("camera_refitted", "focal_length_px"), None),
     ("camera, k1", ("camera_refitted", "k1"), None),
@@ -64,7 +71,8 @@ def _at(record: Any, keys: Sequence[str]) -> float:
 def _numbers(metrics: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
     """Name, and value with standard deviation, of every number."""
     for name, keys, sigma in _FIGURES:
-        yield name, (_at(metrics, keys), math.nan if sigma is None else _at(metrics, sigma))
+        factor = _PERCENT if name.endswith(_PERCENT_SIGN) else 1.0
+        yield name, (factor * _at(metrics, keys), math.nan if sigma is None else _at(metrics, sigma))
     position = (metrics.get("camera_refitted") or {}).get("position_mm") or ()
     for axis, value in zip(_AXES, position, strict=False):
         yield f"camera, {axis}, mm", (_at({"value": value}, ("value",)), math.nan)
@@ -180,6 +188,25 @@ def _texts(pairs: Sequence[tuple[float, float]]) -> list[str]:
     ]
 
 
+def trend_rows(results: Sequence[TrendResult]) -> list[tuple[str, ...]]:
+    """Every number of the results as text.
+
+    Parameters
+    ----------
+    results
+        The results in their order.
+
+    Returns
+    -------
+    list of tuple
+        Name of a number, then its value of each result with its standard deviation where known.
+    """
+    return [
+        (name, *_texts([result.numbers.get(name, (math.nan, math.nan)) for result in results]))
+        for name in _names(results)
+    ]
+
+
 def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
     """Write the page that compares results; an incomplete file is removed.
 
@@ -190,13 +217,11 @@ def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
     results
         The results in their order.
     """
-    rows = [
-        (name, *_texts([result.numbers.get(name, (math.nan, math.nan)) for result in results]))
-        for name in _names(results)
-    ]
     captures = ", ".join(dict.fromkeys(result.capture for result in results))
     sections = [
-        ReportSection("Every number", blocks=(ReportTable(("number", *(result.name for result in results)), rows),)),
+        ReportSection(
+            "Every number", blocks=(ReportTable(("number", *(result.name for result in results)), trend_rows(results)),)
+        ),
         ReportSection(
             "Trends",
             ("Bars are one standard deviation where it is known. The dashed line is noise alone.",),

@@ -10,6 +10,7 @@ import numpy as np
 from ..compare import HEADLINE, Comparison, Region, regions_of
 from .bands import NamedBand
 from .metrics import ValidationFacts
+from .numerals import chi2_text
 
 __all__ = ["ReportVerdict", "chi2_by_place", "verdict", "warnings"]
 
@@ -73,7 +74,8 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
     colour, noise = c.colour[HEADLINE.id], c.colour_noise[HEADLINE.id]
     by_gain = f", {c.chi2.variance_sigma:.2g} of it by the error of the measured gain" if c.chi2.variance_sigma else ""
     details = [
-        f"χ² per degree of freedom is {c.chi2.per_dof:.3g}; noise alone gives 1 ± {c.chi2.per_dof_sigma:.2g}{by_gain}.",
+        f"χ² per degree of freedom is {chi2_text(c.chi2.per_dof)}; noise alone gives "
+        f"1 ± {c.chi2.per_dof_sigma:.2g}{by_gain}.",
         f"The mean colour difference per pixel is {HEADLINE.label} {colour.mean:.2f}; "
         f"noise alone gives {noise.mean:.2f}.",
     ]
@@ -93,8 +95,8 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
         if surface is not None and band is not None:
             name = {c.bands[i]: label for i, label in bands}.get(band.name, band.name)
             details.append(
-                f"The worst region is {surface.name} (χ²/dof {surface.chi2.per_dof:.3g}), the worst band {name} "
-                f"({band.chi2.per_dof:.3g})."
+                f"The worst region is {surface.name} (χ²/dof {chi2_text(surface.chi2.per_dof)}), the worst band {name} "
+                f"({chi2_text(band.chi2.per_dof)})."
             )
     return ReportVerdict(level, headline, tuple(details))
 
@@ -112,7 +114,7 @@ def chi2_by_place(c: Comparison) -> str:
     str
         Regions with their values, separated by commas.
     """
-    return ", ".join(f"{r.name} {r.chi2.per_dof:.3f}" for r in regions_of(c)["place"] if r.chi2.count)
+    return ", ".join(f"{r.name} {chi2_text(r.chi2.per_dof)}" for r in regions_of(c)["place"] if r.chi2.count)
 
 
 def _worst(regions: Sequence[Region]) -> Region | None:
@@ -139,8 +141,8 @@ def warnings(c: Comparison, run: ValidationFacts) -> list[str]:
     reasons = []
     if c.chi2.per_dof < TOO_SMALL and c.chi2.per_dof < 1 - _TOO_SMALL_SIGMAS * c.chi2.per_dof_sigma:
         reasons.append(
-            f"χ² per degree of freedom is {c.chi2.per_dof:.2f}: the stated noise is larger than that of the images. "
-            "Errors of the model may remain undetected."
+            f"χ² per degree of freedom is {chi2_text(c.chi2.per_dof)}: the stated noise is larger than that of the "
+            "images. Errors of the model may remain undetected."
         )
     if c.render_sigma_over_sensor_sigma > 1:
         reasons.append(

@@ -80,7 +80,8 @@ def fitted_correlations(bases: Sequence[Base], effects: Sequence[AppliedEffect])
     )
     error = np.sqrt(np.diag(covariance))
     values[np.ix_(sensitive, sensitive)] = np.clip(covariance / np.outer(error, error), -1, 1)
-    return Correlations(tuple(f"{effects[i].id} {name}" for i, name, _ in numbers), values)
+    labels = [{p.name: p.label for p in effect.effect.parameters} for effect in effects]
+    return Correlations(tuple(f"{effects[i].id} {labels[i][name]}" for i, name, _ in numbers), values)
 
 
 def _change(

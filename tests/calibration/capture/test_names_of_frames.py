@@ -33,6 +33,9 @@ from cboxlab.calibration.capture.frame_names import common_words, kind_in_words,
         ("f550-s", None),
         ("f550-1.4.5s", None),
         ("f550-1,000,5s", None),
+        # the seconds of all pictures of a sum
+        ("Stack_32bits_550frames_2200s", None),
+        ("f550_stacked_40s", None),
     ],
 )
 def test_exposures(stem, exposure):

@@ -110,6 +110,8 @@ TABLE = [
     (("reference", "f550", None, None), "sphere_550"),
     (("reference", "f650", None, None), "reference_f650"),
     (("target", None, None, 0), "chessboard-0"),
+    (("target", None, None, 3), "board_3"),
+    ((None, None, None, 3), "onboard_3"),
     (("target", None, None, 1), "charuco_1"),
     (("target", None, None, None), "target_M31"),
     (("target", "f550", None, None), "checkerboard_550"),

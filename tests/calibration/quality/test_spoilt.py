@@ -78,6 +78,23 @@ def test_exchanged_references_are_reported_with_both_bands(tmp_path, with_exposu
         assert (what, f"reference ({table['band']})") in alarms
 
 
+@pytest.mark.parametrize("kind", ["flat", "reference"])
+def test_exchanged_flats_of_levels_that_differ_little_are_named(tmp_path, kind):
+    """Two flats exchanged, 3 % apart: with each other's flat both bands agree with the others again."""
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    for name in ("flat", "reference"):
+        table = draft.tables(name)[4]
+        for path in table["frames"]:
+            draft.put(path, 100 + 0.97 * (draft.image(path).astype(float) - 100))
+        table["exposure_s"] *= 0.97
+    draft.save()
+    assert not [s for s in suspicions(draft.folder) if "exchanged" in s.what]
+    first, other = draft.tables(kind)[1], draft.tables(kind)[4]
+    draft.swap(first, other)
+    alarms = [s.what for s in suspicions(draft.folder) if "exchanged" in s.what]
+    assert alarms and all(f"the {kind}s of {first['band']} and {other['band']} are exchanged" == a for a in alarms)
+
+
 def test_noise_of_rows_is_no_encoding_and_no_changed_repeat(tmp_path):
     """Rows with a noise of 8 DN in all frames: larger than shot noise in the dark, smaller in the light."""
     draft, rng = (

@@ -17,7 +17,7 @@ def write_fits(path, image, **header):
     unit(rows, fits.Header(header)).writeto(path)
 
 
-def write_dng(path, image, exposure=(1, 4), rows=BAYER, white=4095, masked_columns=0):
+def write_dng(path, image, exposure=(1, 4), rows=BAYER, white=4095, masked_columns=0, black=0):
     """The fewest tags by which LibRaw knows a DNG, with a mosaic of any repeat, and masked columns on the left."""
     pytest.importorskip("rawpy", reason="needs rawpy (extra 'readers')")
     matrix = [number for value in np.eye(3).ravel() for number in (int(value * 10000), 10000)]
@@ -30,7 +30,7 @@ def write_dng(path, image, exposure=(1, 4), rows=BAYER, white=4095, masked_colum
         (50708, "s", 5, "Test", True),
         (50721, 10, 9, tuple(matrix), True),
         (50717, "H", 1, white, True),
-        (50714, "H", 1, 0, True),
+        (50714, "H", 1, black, True),
         (50778, "H", 1, 21, True),
         (50728, 5, 3, (1,) * 6, True),
         (33434, 5, 1, exposure, True),

@@ -43,6 +43,19 @@ def test_a_model_of_a_scene_in_memory_writes_the_scene_next_to_it(tmp_path):
     assert copy.files[0] == tmp_path / "model-scene.toml" and len(copy.files) == len(list(tmp_path.iterdir())) - 1
 
 
+@pytest.mark.parametrize("text", ['format = "scene/1"\n', 'format = "capture/1"\n', "", "["])
+def test_a_model_replaces_nothing_but_a_model(tmp_path, text):
+    path = tmp_path / "model.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match="model file"):
+        write_model(path, Model())
+    assert path.read_text() == text
+    path.unlink()
+    write_model(path, Model())
+    write_model(path, Model(name="another"))
+    assert load_model(path).name == "another"
+
+
 @pytest.mark.parametrize(
     ("effect", "values", "text"),
     [

@@ -247,7 +247,7 @@ def test_white_furnace():
 def test_black_walls_pass_nothing_on():
     _, patches, exchange = exchange_of(closed_cube(), 500.0, 64, seed=3)
     direct_only = replace(exchange, direct=np.ones_like(exchange.direct))
-    coefficients, spectra = indirect_basis(direct_only, 0, patches.material, np.zeros((1, 5)))
+    coefficients, spectra = indirect_basis(direct_only, 0, np.ones((len(patches), 1)), np.zeros((1, 5)))
     assert np.all(coefficients @ spectra == 0.0)
 
 
@@ -342,7 +342,9 @@ def test_the_short_basis_holds_at_every_wavelength(paints):
         reflectances = np.full(reflectances.shape, 0.99)
     rho = reflectances[patches.material]
     for cut in (None, 3):
-        coefficients, spectra = indirect_basis(exchange, 0, patches.material, reflectances, cut)
+        coefficients, spectra = indirect_basis(
+            exchange, 0, np.eye(len(reflectances))[patches.material], reflectances, cut
+        )
         expected = solve_exchange(exchange, rho, max_reflections=cut) - rho * exchange.direct
         error = np.abs(coefficients @ spectra - expected)
         assert error.max() < 1e-4 * expected.max()

@@ -10,8 +10,9 @@ import pytest
 from cboxlab.validation.compare import COLOUR_DIFFERENCES, read_map, regions_of, write_maps
 from cboxlab.validation.compare.colour_difference import ColourDifference
 from cboxlab.validation.compare.comparison import compare
-from cboxlab.validation.report.blocks import Cell, Headline, ReportSection, ReportTable, Story, number, with_error
+from cboxlab.validation.report.blocks import Cell, Headline, ReportSection, ReportTable, Story
 from cboxlab.validation.report.metrics import metrics
+from cboxlab.validation.report.numerals import number, with_error
 from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import falling_curve, map_row, residual_scale
 from cboxlab.validation.report.verdict import verdict

@@ -52,7 +52,7 @@ def catalogue_values(name):
 
 CAUSES = [
     _cause("veiling-glare", GLARE, 0.93, 1.0, 0.0),
-    _cause("dark-offset", {"level": 3.0}, 0.41, 0.38, 21.4),
+    _cause("dark-offset", {"dn": 3.0}, 0.41, 0.38, 21.4),
 ]
 
 
@@ -102,7 +102,7 @@ def test_the_runner_up_is_answered():
 
 
 def test_effects_that_cannot_be_separated_have_a_further_capture():
-    close = [CAUSES[0], _cause("dark-offset", {"level": 3.0}, 0.92, 0.98, 2.1)]
+    close = [CAUSES[0], _cause("dark-offset", {"dn": 3.0}, 0.92, 0.98, 2.1)]
     separation = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
     lines = story(_diagnosis(("veiling-glare",), close, (separation,)), NAMED)
     steps = " ".join(lines.next.steps)
@@ -149,8 +149,8 @@ def test_bands_together_have_the_noise_of_one():
     ("effect", "parameter", "unit", "distance", "phrase"),
     [
         ("veiling-glare", "fraction", "1", 9.4e-5, "fraction off by 9.4e-05"),
-        ("dark-offset", "dn", "DN", 0.086, "dn off by 0.086 DN"),
-        ("filter-shift", "effective_index", "1", 0.0025, "effective_index of 20"),  # 20^-2
+        ("dark-offset", "dn", "DN", 0.086, "size off by 0.086 DN"),
+        ("filter-shift", "effective_index", "1", 0.0025, "effective index of 20"),  # 20^-2
     ],
 )
 def test_limits_are_said_in_the_effects_own_numbers(effect, parameter, unit, distance, phrase):

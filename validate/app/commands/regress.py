@@ -27,9 +27,9 @@ def regress(
     baseline: Annotated[
         str,
         typer.Argument(
-            help="Spectral cube (.nc, .exr, .hdr) or colour picture of any scene (.exr, .hdr). Independent ones of the "
-            "same view can be joined by commas, or be a folder. It may also be a command that writes them to {out}, a "
-            "model file (.toml), or cornell-box.",
+            help="Spectral cube (.nc, .exr, .hdr) or colour picture of any scene (.exr, .hdr). Several independent "
+            "pictures of one view: joined by commas, or a folder. Other inputs: a command that writes pictures to "
+            "{out}, a model file (.toml), or cornell-box.",
             show_default=False,
         ),
     ],
@@ -59,7 +59,7 @@ def regress(
     ] = False,
     declare: DeclarePairOption = None,
 ) -> None:
-    """Test whether a rendering algorithm changed its result.
+    """Test whether two renderings have the same light, and name the change.
 
     The exit code is 0 for the same light, 1 for different light, and 2 for bad input.
     """

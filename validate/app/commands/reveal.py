@@ -20,7 +20,9 @@ __all__ = ["reveal"]
 
 def reveal(
     folder: Annotated[Path, typer.Argument(help="Capture that `cbox capture --hide` wrote.", show_default=False)],
-    diagnosis: Annotated[Path | None, typer.Option(help="File that `cbox diagnose --json` wrote, to score it.")] = None,
+    diagnosis: Annotated[
+        Path | None, typer.Option(help="File that `cbox diagnose --json` wrote, to compare it with the answer.")
+    ] = None,
     expected_hash: Annotated[
         str | None,
         typer.Option(
@@ -31,7 +33,7 @@ def reveal(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Open the sealed answer of a capture, and score a diagnosis against it.
+    """Open the sealed answer of a capture, and compare a diagnosis with it.
 
     If the seal has another hash than --hash, the answer stays closed and the exit code is 1.
     """

@@ -105,12 +105,10 @@ def pattern_view(bench: Workbench, effect: str) -> bytes:
     Returns
     -------
     bytes
-        The record has the effect, and the name, unit and value of each number.
+        The record has the effect, and the name, label, unit and value of each number.
     """
     patterns = bench.patterns(effect)
-    numbers = [
-        {"name": each.parameter.name, "unit": _unit(each.parameter), "value": _number(each.value)} for each in patterns
-    ]
+    numbers = [{**_names(each.parameter), "value": _number(each.value)} for each in patterns]
     return _packed(bench, {"effect": effect, "numbers": numbers}, [each.change_sigma for each in patterns])
 
 
@@ -198,7 +196,7 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
         if bench.is_open:
             prepared = bench.study.prepared[0]
             names = names_in(prepared.scene, tuple(prepared.calibration.capture.band_ids))
-        return {"name": p.name, "choices": list(names.get(p.kind, p.choices) if p.kind else p.choices)}
+        return {**_names(p), "choices": list(names.get(p.kind, p.choices) if p.kind else p.choices)}
     low, high = p.coordinate_bounds
     if math.isinf(high):
         high = low + 20 * p.step
@@ -206,9 +204,8 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
         reach = _REACH * p.step
         low, high = max(low, p.null_coordinate - reach), min(high, p.null_coordinate + reach)
     return {
-        "name": p.name,
+        **_names(p),
         "choices": [],
-        "unit": _unit(p),
         "scale": p.scale,
         "low": _number(p.low),
         "high": _number(p.high),
@@ -217,9 +214,9 @@ def _parameter_record(p: Parameter, bench: Workbench) -> dict[str, Any]:
     }
 
 
-def _unit(p: Parameter) -> str:
-    """Unit of a number; empty for none."""
-    return "" if p.unit == "1" else p.unit
+def _names(p: Parameter) -> dict[str, str]:
+    """Name of a parameter, and its label and unit as the page prints them."""
+    return {"name": p.name, "label": p.label, "unit": p.printed_unit}
 
 
 def _profile_record(bench: Workbench) -> dict[str, Any] | None:
@@ -229,8 +226,7 @@ def _profile_record(bench: Workbench) -> dict[str, Any] | None:
     which, profile = bench.profile
     return {
         "which": which,
-        "name": profile.parameter.name,
-        "unit": _unit(profile.parameter),
+        **_names(profile.parameter),
         "values": [_number(float(value)) for value in profile.values],
         "coordinates": [profile.parameter.to_coordinate(float(value)) for value in profile.values],
         "chi2_per_dof": [_number(float(value)) for value in profile.chi2_per_dof[bench.capture]],

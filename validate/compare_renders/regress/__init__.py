@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .pooled import SYSTEMATIC, PooledMean
     from .sides import Side, SurfaceIndices, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
     from .strata import BLOCKS, strata_of
-    from .verdict import FALSE_ALARMS, regress_sides
+    from .verdict import FALSE_ALARMS, compared_areas, regress_sides
 
 __all__ = [
     "BLOCKS",
@@ -41,6 +41,7 @@ __all__ = [
     "as_percent",
     "assert_same_light",
     "change_text",
+    "compared_areas",
     "cube_paths",
     "cut_camera",
     "cut_side",

@@ -184,20 +184,32 @@ def regress_pictures(
     view = None if view is None else _cut_view(view, baseline)
     surfaces = baseline.surfaces or candidate.surfaces
     surfaces_stated = surfaces is not None
-    variants = None if surfaces_stated else _variants(view, baseline, candidate, notes)
+    # a scene that nobody stated is looked for only where the pictures differ
+    variants = None if surfaces_stated or view is None else _variants(view, baseline, candidate, notes)
     if variants is not None:
         surfaces = variants.surface_map()
     outcome, comparison = regress_sides(baseline, candidate, surfaces, false_alarms)
+    if not outcome.same and not surfaces_stated and view is None:
+        variants = _variants(view, baseline, candidate, notes)
+        if variants is not None:
+            mapped = regress_sides(baseline, candidate, variants.surface_map(), false_alarms)
+            # the verdict is that of the first look, which needs no assumption
+            outcome, comparison = (outcome, comparison) if mapped[0].same else mapped
     progress.part(0.2)
     changes: tuple[NamedChange, ...] = ()
     if outcome.is_pattern:
         from .naming import pattern_alone
 
         changes = (pattern_alone(outcome.cancelling or ""),)
+    elif outcome.deciding and all(row.kind == "layer" for row in outcome.deciding):
+        from .naming import pattern_alone
+
+        layers = " and ".join(row.name for row in outcome.deciding)
+        changes = (pattern_alone(f"the light is the same, the {layers} layer differs"),)
     elif not outcome.same:
         from .naming import named_changes
 
-        if surfaces_stated:  # the pictures have not been compared with a scene yet
+        if variants is None and surfaces_stated:  # the pictures have not been compared with a scene yet
             variants = _variants(view, baseline, candidate, notes)
         changes = _mislabelled(baseline, candidate, surfaces, false_alarms)
         changes = changes or named_changes(comparison, variants, progress)

@@ -87,6 +87,8 @@ class Outcome(FrozenMappings):
     notes: tuple[str, ...] = ()
     #: Kind of each input by its name, for reports.
     kinds: Mapping[str, str] = field(default_factory=dict)
+    #: Whether a side states no noise, so that a texture of single pixels counts as noise.
+    single_pictures: bool = False
 
     @property
     def same(self) -> bool:
@@ -102,6 +104,28 @@ class Outcome(FrozenMappings):
     def would_have_seen(self) -> float:
         """Relative size of an even change of the light that is found in 90 of 100 runs like this."""
         return min(row.detectable for row in (self.picture_mean, *self.of_kind("even")))
+
+    @property
+    def would_have_seen_in_parts(self) -> float:
+        """Relative size of a change of one part of the picture that is found in 90 of 100 runs.
+
+        It is that of the median surface, or of the median of 8 x 8 blocks where no surface is known. NaN without parts.
+        """
+        rows = self.of_kind("surface") or self.of_kind("block")
+        return float(np.median([row.detectable for row in rows])) if rows else math.nan
+
+    @property
+    def unseen(self) -> str:
+        """Size of changes that these pictures cannot show, in words; empty where they differ."""
+        size = self.would_have_seen_in_parts
+        if not self.same or not math.isfinite(size):
+            return ""
+        part = "a surface" if self.of_kind("surface") else "one of 8 x 8 blocks"
+        text = f"Changes of {part} below {100 * size:.2g} % of its light could not be seen"
+        if self.single_pictures:
+            text += ", nor another texture of single pixels, which single pictures show as noise"
+            text += ": compare several pictures of other seeds on each side"
+        return f"{text}."
 
     @property
     def equivalence_95(self) -> float:
@@ -191,6 +215,8 @@ class Outcome(FrozenMappings):
         if self.same:
             text.append(f"The mean light agrees within {self.equivalence_95:.3%} at 95 %.")
         text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
+        if self.unseen:
+            text.append(self.unseen)
         if self.cancelling:
             text.append(f"Pattern whose means cancel: {self.cancelling}.")
         for index, change in enumerate(self.changes[:_MOST_NAMES]):
@@ -243,6 +269,7 @@ class Outcome(FrozenMappings):
             "sigma": mean.sigma,
             "equivalence_95": self.equivalence_95,
             "would_have_seen": self.would_have_seen,
+            "would_have_seen_in_parts": self.would_have_seen_in_parts,
             "named": [
                 {"change": n.change, "parameters": n.parameters, "probability": n.probability} for n in self.changes
             ],
@@ -256,6 +283,7 @@ class Outcome(FrozenMappings):
                 for kind in ("pattern", *CANCELLING, *STRUCTURE)
                 for row in self.of_kind(kind)
             },
+            "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
             "even": {row.name: _record(row) for row in self.of_kind("even")},
             "blocks": {row.name: _record(row) for row in self.of_kind("block")},
@@ -450,6 +478,7 @@ def summary(outcome: Outcome) -> str:
         return (
             f"same: mean light agrees within {outcome.equivalence_95:.3%} at 95 %; "
             f"{outcome.would_have_seen:.3%} would have been seen"
+            + (f". {outcome.unseen}" if outcome.single_pictures else "")
         )
     cause = f", {name_line(outcome)}" if outcome.changes else ""
     return f"different: mean light {as_percent(mean.difference, 'the baseline', unit='%')} +- {mean.sigma:.3%}{cause}"

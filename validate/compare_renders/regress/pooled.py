@@ -36,6 +36,7 @@ __all__ = [
     "SYSTEMATIC",
     "PooledMean",
     "Pooling",
+    "area_means",
     "cancelling_patterns",
     "difference_of",
     "pooled_means",
@@ -178,6 +179,29 @@ class Pooling:
         )
 
 
+def area_means(pooling: Pooling) -> tuple[PooledMean, ...]:
+    """Tests of the sums over wavelengths in each area of the picture.
+
+    Parameters
+    ----------
+    pooling
+        Difference, noise and parts of the picture.
+
+    Returns
+    -------
+    tuple of PooledMean
+        The entire picture, surfaces, edges, border and lamp. Areas with too few pixels or without light are left out.
+    """
+    strata, summed, surfaces = pooling.strata, pooling.summed, pooling.strata.surfaces
+    parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
+    pools = [
+        _pool_of(pooling, summed, "whole", "whole picture", strata.body, 1),
+        *(_pool_of(pooling, summed, "surface", n, mask, len(surfaces)) for n, mask in surfaces.items()),
+        *(_pool_of(pooling, summed, "stratum", n, mask, len(parts)) for n, mask in parts.items()),
+    ]
+    return tuple(row for row in pools if row is not None)
+
+
 def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMean, ...]:
     """Tests of all pools.
 
@@ -196,27 +220,19 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     tuple of PooledMean
         The entire picture first. Pools with too few pixels or without light are left out.
     """
-    strata, surfaces, bands = pooling.strata, pooling.strata.surfaces, len(band_names)
-    summed = pooling.summed
-    pools = [_pool_of(pooling, summed, "whole", "whole picture", strata.body, 1)]
-    pools += [_pool_of(pooling, summed, "surface", n, mask, len(surfaces)) for n, mask in surfaces.items()]
-    pools += [
-        _pool_of(pooling, pooling.band(number), "band", name, strata.body, bands)
-        for number, name in enumerate(band_names)
-    ]
-    parts = {"edges": strata.edges, "border": strata.border, "lamp": strata.lamp & strata.used}
-    pools += [_pool_of(pooling, summed, "stratum", n, mask, len(parts)) for n, mask in parts.items()]
+    strata, summed, bands, areas = pooling.strata, pooling.summed, len(band_names), area_means(pooling)
+    by_band = [_pool_of(pooling, pooling.band(i), "band", n, strata.body, bands) for i, n in enumerate(band_names)]
     blocks = []
     for i in range(BLOCKS**2):
         name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
         blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
     tested = _steadied(pooling, [row for row in blocks if row is not None])
-    findings = {
-        "spread": block_spread(tested, pooling.noise.clustering),
-        "order": mirror_order(pooling.trimmed.level, pooling.trimmed.difference),
-    }
+    level, change = pooling.trimmed.level, pooling.trimmed.difference
+    findings = {"spread": block_spread(tested, pooling.noise.clustering), "order": mirror_order(level, change)}
     return (
-        *(row for row in pools if row is not None),
+        *(row for row in areas if row.kind != "stratum"),
+        *(row for row in by_band if row is not None),
+        *(row for row in areas if row.kind == "stratum"),
         *tested,
         *(pool_of_finding(k, f, pooling.false_alarms * SHARES[k]) for k, f in findings.items() if f is not None),
         *_even(pooling),

@@ -8,8 +8,9 @@ import numpy as np
 from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import minimum_filter
 
+from .changed_layers import changed_layers
 from .grids import Common, common_wavelengths
 from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
@@ -17,7 +18,9 @@ from .outliers import Trimmed, trimmed
 from .patterns import Difference, periodic, slow_change, tile_steps, without_period, without_slow
 from .pooled import (
     SHARES,
+    PooledMean,
     Pooling,
+    area_means,
     cancelling_patterns,
     difference_of,
     pooled_means,
@@ -25,7 +28,7 @@ from .pooled import (
 from .sides import Side, SurfaceIndices, quieter_part, roughness_of, sound_side
 from .strata import Strata, strata_of
 
-__all__ = ["FALSE_ALARMS", "RegressionData", "compared_sides", "regress_sides"]
+__all__ = ["FALSE_ALARMS", "RegressionData", "compared_areas", "compared_sides", "regress_sides"]
 
 #: Largest part of the verdicts on equal pictures that say "different": one in a thousand runs.
 FALSE_ALARMS = 1e-3
@@ -47,10 +50,6 @@ _BATCH_MARGIN = 1.5
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
-#: Relative change of an albedo, a normal or a depth that is noted: samples inside a pixel change it by less.
-_GUIDE_CHANGE = 0.02
-#: Part of the smooth pixels from which such a change is noted.
-_GUIDE_PART = 0.005
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
 _MAX_PIXEL_DEGREES = 8.0
 
@@ -203,6 +202,48 @@ def _without_slow(comparison: RegressionData, false_alarms: float) -> Regression
     return replace(comparison, noise=noise, pooling=replace(comparison.pooling, noise=noise))
 
 
+def compared_areas(baseline: Side, candidate: Side) -> tuple[tuple[PooledMean, ...], RegressionData]:
+    """Means of two sides in each area of the picture, without a verdict.
+
+    Parameters
+    ----------
+    baseline, candidate
+        The sides.
+
+    Returns
+    -------
+    means
+        Those of ``area_means``, the entire picture first.
+    comparison
+        Sides, parts, noise, outliers.
+
+    Raises
+    ------
+    InputError
+        If the sides cannot be compared, or if the baseline has no light.
+    """
+    _, comparison = _with_and_without_pattern(baseline, candidate, None, FALSE_ALARMS)
+    means = area_means(comparison.pooling)
+    _require_light(means, baseline)
+    return means, comparison
+
+
+def _with_and_without_pattern(
+    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None, false_alarms: float
+) -> tuple[RegressionData, RegressionData]:
+    """Comparison of two sides as it is, and without a periodic pattern that decides."""
+    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
+    return as_found, _without_pattern(as_found, false_alarms)
+
+
+def _require_light(pools: tuple[PooledMean, ...], baseline: Side) -> None:
+    """Raise InputError without a mean of the entire picture."""
+    if not pools or pools[0].kind != "whole":
+        raise InputError(
+            baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
+        )
+
+
 def regress_sides(
     baseline: Side, candidate: Side, surfaces: SurfaceIndices | None = None, false_alarms: float = FALSE_ALARMS
 ) -> tuple[Outcome, RegressionData]:
@@ -225,14 +266,10 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
-    comparison = _without_pattern(as_found, false_alarms)
+    as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
-    if not pools or pools[0].kind != "whole":
-        raise InputError(
-            baseline.source, "a picture without light, or of a few pixels", "a lit scene, 12 pixels or more"
-        )
+    _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
     notes = [
@@ -241,18 +278,25 @@ def regress_sides(
         *comparison.common.notes,
         *_remarks(as_found),
     ]
+    layers = changed_layers(*_sides(as_found), false_alarms)
+    notes += [
+        f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
+        for row in layers
+        if row.different
+    ]
     if comparison.removed:
         notes.append(f"means are tested without the {comparison.removed}")
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
-        pools=(*pools, *cancelling),
+        pools=(*pools, *cancelling, *layers),
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
         pixels_differing=_differing(as_found),
         relative=_relative(as_found),
         notes=tuple(notes),
+        single_pictures=comparison.noise.estimated,
     )
     return outcome, comparison
 
@@ -274,7 +318,6 @@ def _remarks(comparison: RegressionData) -> list[str]:
         notes.append("both sides have the same random numbers: they are compared cube by cube")
     if comparison.noise.estimated:
         notes.append(f"noise assumed: {_typical_noise(comparison):.2%} of the light per pixel")
-    notes += _changed_guides(comparison)
     if not comparison.strata.mapped:
         notes.append("no surface map: edges and lamp are found in the picture, and no surface has a name")
     if np.array_equal(comparison.common.candidate.radiance, comparison.common.baseline.radiance):
@@ -299,33 +342,6 @@ def _typical_noise(comparison: RegressionData) -> float:
         return 0.0
     level = comparison.trimmed.level.sum(axis=-1)[used]
     return float(np.median(np.sqrt(comparison.noise.total[used]) / np.maximum(level, 1e-300)))
-
-
-def _changed_guides(comparison: RegressionData) -> list[str]:
-    """Notes on albedo, normals and depth that differ away from edges.
-
-    Paints, geometry or the camera have then changed.
-    """
-    baseline, candidate = _sides(comparison)
-    inside = comparison.strata.smooth
-    notes = []
-    for kind in sorted(set(baseline.guides) & set(candidate.guides)):
-        first, second = (np.nan_to_num(side.guides[kind], posinf=0.0) for side in (baseline, candidate))
-        if first.shape != second.shape:
-            continue
-        size = np.abs(first).max(axis=-1)
-        step = _GUIDE_CHANGE * np.maximum(size, 1e-3 * max(float(size.max()), 1e-30))
-        # samples inside a pixel differ where a guide is not even
-        even = inside & (_span(first) < step) & (_span(second) < step)
-        apart = even & (np.abs(second - first).max(axis=-1) > step)
-        if apart.sum() > _GUIDE_PART * max(int(inside.sum()), 1):
-            notes.append(f"the {kind} differs in {apart.sum() / inside.sum():.1%} of the pixels away from edges")
-    return notes
-
-
-def _span(guide: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(y, x) largest range of a guide's component in 3 x 3 pixels."""
-    return np.asarray((maximum_filter(guide, (3, 3, 1)) - minimum_filter(guide, (3, 3, 1))).max(axis=-1))
 
 
 def _relative(comparison: RegressionData) -> NDArray[np.float64]:

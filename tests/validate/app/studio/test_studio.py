@@ -192,7 +192,7 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     page.run("document.querySelector('[data-effect] .row button').click()")
     page.until(f"Number(document.getElementById('chi2').textContent) < {at} && !page.job")
     assert page.run("page.record.effects[0].values.fraction") == pytest.approx(GLARE, abs=0.003)
-    assert "fitted ±" in page.run("document.getElementById('effects').innerText")
+    assert "fitted 0.0" in page.run("document.querySelector('.bounds').innerText")
     press(page, "undo")
     page.until(f"document.getElementById('chi2').textContent == '{at:g}'")
     press(page, "redo")

@@ -11,7 +11,7 @@ from cboxlab.rendering.files.colour_pictures import as_xyz_picture
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders.regress import read_side, regress_inputs, regress_pictures, side_of
 from cboxlab.validation.compare_renders.stored_references import measured_reference, require_same_light
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, minimum_filter
 
 SIZE = 64
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
@@ -139,7 +139,7 @@ def test_a_changed_albedo_is_noted(tmp_path):
         for i, a in enumerate((paint, paint * np.where(OBJECT == 1, 1.1, 1.0)[..., None]))
     ]
     outcome = regress_inputs(*files)
-    assert any("the albedo differs in" in note for note in outcome.notes)
+    assert any("the albedo layer differs in" in note for note in outcome.notes)
     assert len(outcome.of_kind("surface")) == 3
     assert not any(
         "differs" in note
@@ -147,6 +147,26 @@ def test_a_changed_albedo_is_noted(tmp_path):
             files[0], written(tmp_path / "2.exr", colours(noisy(7)) | colours(paint, "alb"))
         ).notes
     )
+
+
+def test_an_object_that_layers_alone_show_is_a_difference(tmp_path):
+    """A small object as bright as the wall behind it: the light is the same, depth and index are not."""
+    depth = np.where(OBJECT == 1, 3.0, 2.0) + 0.001 * np.arange(OBJECT.shape[1])
+    without, index = depth.copy(), OBJECT.copy()
+    y, x = (int(axis[len(axis) // 2]) for axis in np.nonzero(minimum_filter(OBJECT == 0, 9)))
+    depth[y - 2 : y + 3, x - 2 : x + 3] = 1.5
+    index[y - 2 : y + 3, x - 2 : x + 3] = 7
+
+    def layers(seed, depth, index):
+        return written(tmp_path / f"{seed}.exr", colours(noisy(seed)) | {"dd.Y": depth, "idx.I": index.astype(float)})
+
+    thing = layers(1, depth, index)
+    outcome = regress_inputs(thing, layers(2, without, OBJECT))
+    assert [row.name for row in outcome.of_kind("layer") if row.different] == ["depth", "objects"]
+    assert outcome.changes[0].parameters["description"] == "the light is the same, the depth and objects layer differs"
+    assert regress_inputs(thing, layers(3, depth, index)).same
+    # numbers in another order, and a depth in millimetres, are other definitions
+    assert regress_inputs(thing, layers(4, 1000 * depth, 9 - index)).same
 
 
 def test_errors_of_a_g_buffer_are_used(tmp_path):

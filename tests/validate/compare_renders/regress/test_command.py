@@ -54,6 +54,16 @@ def test_equal_cubes_end_with_0(cubes, tmp_path):
     assert record["would_have_seen"] > 0
 
 
+def test_equal_pictures_of_no_stated_scene_are_compared_without_rendering_one(cubes, monkeypatch):
+    def build_variants(*_):
+        raise AssertionError("rendered")
+
+    monkeypatch.setattr(f"{regress_inputs.__module__.rpartition('.')[0]}.variants.build_variants", build_variants)
+    assert regress_inputs(str(cubes / "a.nc"), str(cubes / "same.nc")).same
+    with pytest.raises(AssertionError, match="rendered"):
+        regress_inputs(str(cubes / "a.nc"), str(cubes / "brighter.nc"))
+
+
 def test_another_lamp_ends_with_1_and_is_named(cubes, tmp_path):
     assert ended("regress", cubes / "a.nc", cubes / "brighter.nc", "--json", tmp_path / "r.json") == 1
     record = json.loads((tmp_path / "r.json").read_text())

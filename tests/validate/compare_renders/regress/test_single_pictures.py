@@ -113,6 +113,49 @@ def test_other_noise_on_each_side_is_no_slow_change_and_no_displacement(pair):
         assert other_contrast(difference).probability > 1e-4
 
 
+def log_denoised(picture):
+    """Means of logarithms, as denoisers take them."""
+    return np.exp(gaussian_filter(np.log(np.maximum(picture, 1e-4)), (1.2, 1.2, 0)))
+
+
+@pytest.mark.parametrize("filtered", [log_denoised, lambda p: median_filter(p, (3, 3, 1))], ids=["denoiser", "median"])
+def test_a_denoiser_of_one_side_is_seen_by_the_structure_it_takes(filtered):
+    result = outcome(SHARP, filtered, "counts", 7)
+    (row,) = result.of_kind("contrast")
+    assert row.different
+    assert row.name == "fine structure of the candidate weaker"
+    equal = outcome(filtered(SHARP), lambda p: p, "counts", 7)
+    assert not equal.of_kind("contrast")[0].different
+
+
+@pytest.mark.parametrize(("noise", "height", "blur"), [("independent", 4, 0.0), ("filtered", 8, 0.5)])
+def test_a_missing_object_of_few_pixels_is_seen_in_its_place(noise, height, blur):
+    """A darker object of 24 pixels, or of 48 behind a pixel filter."""
+    thing = np.ones((SIZE, SIZE, 1))
+    thing[20 : 20 + height, 30:36] = 0.5
+    seen = gaussian_filter(thing, (blur, blur, 0)) if blur else thing
+    result = outcome(LIGHT * thing, lambda p: p / seen, noise, 8)
+    (row,) = result.of_kind("part")
+    assert row.different
+    x, y = (int(word) for word in row.name.split()[-3::2])
+    assert max(abs(x - 32.5), abs(y - 19.5 - height / 2)) <= 4
+    assert row.difference > 0
+    assert outcome(LIGHT * thing, lambda p: p, noise, 8).same
+
+
+def test_the_same_light_states_what_could_not_be_seen():
+    result = outcome(LIGHT, lambda p: p, "independent", 9)
+    assert result.same
+    size = float(result.unseen.split("below ")[1].split(" %")[0]) / 100
+    assert size == pytest.approx(result.would_have_seen_in_parts, rel=0.06)
+    assert "other seeds" in result.unseen
+    # a block of 36 pixels with 7 % of noise, at the threshold of 64 tests of Student's t
+    assert 4 * 0.07 / 6 < size < 16 * 0.07 / 6
+    block = np.ones((SIZE, SIZE, 1))
+    block[12:18, 24:30] = 1 + 1.2 * size
+    assert not outcome(LIGHT, lambda p: p * block, "independent", 9).same
+
+
 def repeated_noise(rng, size=96, tile=16):
     """(y, x) noise that a renderer repeats in each tile."""
     return np.tile(rng.standard_normal((tile, tile)), (size // tile,) * 2)

@@ -13,13 +13,29 @@ from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render_image
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare_renders.regress import read_side, regress_pictures, regress_sides, side_of
+from cboxlab.validation.compare_renders.regress import (
+    compared_areas,
+    read_side,
+    regress_pictures,
+    regress_sides,
+    side_of,
+)
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 from scipy.ndimage import binary_dilation, convolve1d
 
 
 def verdict(first, second):
     return regress_sides(first, second)[0]
+
+
+def test_means_of_areas_are_those_of_the_verdict():
+    """A comparison without a verdict takes less time; its means, errors and thresholds are the same to the bit."""
+    sides = noisy(1), noisy(2, 1.01 * rendered()[0])
+    outcome, full = regress_sides(*sides)
+    means, comparison = compared_areas(*sides)
+    assert means == tuple(row for row in outcome.pools if row.kind in ("whole", "surface", "stratum"))
+    assert len(means) > 5
+    np.testing.assert_array_equal(comparison.noise.variance, full.noise.variance)
 
 
 @pytest.mark.parametrize(

@@ -14,11 +14,11 @@ function numberText(value) {
   return typeof value === "number" ? String(+value.toPrecision(6)) : value === null ? "" : value;
 }
 
-/** Name of a parameter in words, without the unit that ends it. */
-function shortName({ name, unit }) {
-  const words = name.split("_"), last = unit ? unit.replaceAll(" ", "") : null;
-  const end = words.findIndex((_, i) => i > 0 && words.slice(i).join("") === last);
-  return words.slice(0, end < 0 ? words.length : end).join(" ");
+/** Value and standard deviation, to two significant digits of the latter. */
+function withError(value, sigma) {
+  if (typeof value !== "number" || !(sigma > 0)) return numberText(value);
+  const places = Math.min(Math.max(1 - Math.floor(Math.log10(sigma)), 0), 20);
+  return `${value.toFixed(places)} ± ${sigma.toFixed(places)}`.replaceAll("-", "−");
 }
 
 /** The coordinate in which an effect grows evenly; "inf" has the coordinate 0 of an inverse square. */
@@ -67,16 +67,16 @@ function parameterControls(parameter, id, moved, begun, profile) {
   if (parameter.choices.length) {
     const list = make("select", { id }, parameter.choices.map((name) => make("option", { value: name }, name)));
     list.addEventListener("change", () => moved(list.value, true));
-    const label = make("label", { for: id }, parameter.name.replaceAll("_", " "));
+    const label = make("label", { for: id }, parameter.label);
     return { element: make("div", { class: "parameter" }, [label, list]), show: (value) => { list.value = value; } };
   }
   const [least, most] = positions(parameter);
   const step = 10;
   const slider = make("input", { type: "range", id, min: least, max: most, step: "any" });
-  const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.name + ", number" });
-  const label = make("label", { for: id }, shortName(parameter) + (parameter.unit ? ", " + parameter.unit : ""));
+  const number = make("input", { type: "text", inputmode: "decimal", size: 8, "aria-label": parameter.label + ", number" });
+  const label = make("label", { for: id }, parameter.label + (parameter.unit ? ", " + parameter.unit : ""));
   const bounds = make("div", { class: "bounds" });
-  const curve = make("button", { class: "small", "aria-label": `χ² over this number: ${parameter.name}` }, "χ² over this number");
+  const curve = make("button", { class: "small", "aria-label": `χ² over this number: ${parameter.label}` }, "χ² over this number");
   curve.addEventListener("click", profile);
   const drawing = make("div", { class: "profile" });
   const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];
@@ -107,7 +107,7 @@ function parameterControls(parameter, id, moved, begun, profile) {
   const show = (value, sigma) => {
     at(value);
     slider.value = positionOf(parameter, value);
-    const fitted = sigma === undefined ? [] : [`fitted ± ${numberText(+sigma.toPrecision(2))}`];
+    const fitted = sigma === undefined ? [] : [`fitted ${withError(value, sigma)}`];
     bounds.textContent = [...fitted, ...known].join("; ");
   };
   const showProfile = (found, value) => drawing.replaceChildren(...(found ? profileDrawing(parameter, found, value) : []));

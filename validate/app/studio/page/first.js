@@ -58,7 +58,8 @@ function fieldOf({ where, key, example, why }, number) {
     for (const each of page.offers) each();
     attempt(check);
   });
-  return make("div", { class: "field" }, [make("label", {}, [make("span", {}, `${name}, such as ${example}: ${why}`), input]), repeat]);
+  return make("div", { class: "field" }, [make("label", {}, [
+    make("span", {}, [make("strong", {}, why[0].toUpperCase() + why.slice(1)), ` (${name}, such as ${example})`]), input]), repeat]);
 }
 
 /** Faults and text with the entries so far; an entry that is no value is marked. */
@@ -119,7 +120,7 @@ $("write").addEventListener("click", () => attempt(async () => {
   const folder = encodeURIComponent($("folder").value);
   $("saved").replaceChildren(`Written: ${path}. Next: `,
     make("a", { href: `points.html?capture=${folder}` }, "mark corners in its photograph"), ", or ",
-    make("a", { href: "./" }, "open it in the workbench"), ".");
+    make("a", { href: `./?capture=${folder}` }, "open it in the workbench"), ".");
 }));
 const asked = new URLSearchParams(location.search).get("folder");
 if (asked !== null) {

@@ -73,7 +73,7 @@ function list() {
   const rows = page.picture.corners.map((corner) => {
     const input = make("input", { type: "radio", name: "corner", value: corner.id });
     input.checked = corner.id === page.chosen;
-    input.addEventListener("change", () => { page.chosen = corner.id; draw(); });
+    input.addEventListener("change", () => { page.chosen = corner.id; draw(); drawPlan(); });
     const at = page.marks.get(corner.id);
     const [du, dv] = at ? at.residual_px : [null, null];
     const residual = du === null ? "" : `; residual ${du.toFixed(2)}, ${dv.toFixed(2)}`;
@@ -83,6 +83,40 @@ function list() {
       make("span", {}, `${corner.name} (${corner.position_mm.map(numberText).join(", ")} mm): ${text}`)]);
   });
   $("corners").replaceChildren(...rows);
+  drawPlan();
+}
+
+/** Outline of points in a plane: their convex hull, by Andrew's chain. */
+function outline(points) {
+  const sorted = [...points].sort(([a, b], [c, d]) => a - c || b - d);
+  const half = (list) => list.reduce((chain, p) => {
+    const turns = ([a, b], [c, d]) => (c - a) * (p[1] - b) - (d - b) * (p[0] - a) > 0;
+    while (chain.length > 1 && !turns(chain.at(-2), chain.at(-1))) chain.pop();
+    return [...chain, p];
+  }, []).slice(0, -1);
+  return [...half(sorted), ...half(sorted.reverse())];
+}
+
+/** The scene from the front and from above, with the chosen corner: the camera looks along +z, and x grows to the left. */
+function drawPlan() {
+  const corners = page.picture.corners, size = 130;
+  const axes = [0, 1, 2].map((k) => corners.map((corner) => corner.position_mm[k]));
+  const low = axes.map((values) => Math.min(...values)), most = Math.max(...axes.map((values, k) => Math.max(...values) - low[k])) || 1;
+  const at = (corner, up, left) => [
+    left + size * (1 - (corner.position_mm[0] - low[0]) / most), 20 + size * (1 - (corner.position_mm[up] - low[up]) / most)];
+  const surfaces = new Map();
+  for (const corner of corners)
+    for (const name of corner.name.split(", ")) surfaces.set(name, [...(surfaces.get(name) || []), corner]);
+  const chosen = corners.find((corner) => corner.id === page.chosen);
+  const views = [["from the front", 1, 6], ["from above", 2, 176]].map(([title, up, left]) =>
+    `<text x="${left}" y="13">${title}</text>` +
+    [...surfaces.values()].map((of) => `<polygon points="${outline(of.map((corner) => at(corner, up, left))).join(" ")}"/>`).join("") +
+    `<circle cx="${at(chosen, up, left)[0]}" cy="${at(chosen, up, left)[1]}" r="5"/>`);
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  const label = `The chosen corner at x ${chosen.position_mm[0]}, y ${chosen.position_mm[1]}, z ${chosen.position_mm[2]} mm: x to the left, y up, z away from the camera`;
+  for (const [key, value] of Object.entries({ viewBox: "0 0 330 158", role: "img", "aria-label": label })) svg.setAttribute(key, value);
+  svg.innerHTML = views.join("");
+  $("plan").replaceChildren(svg, make("figcaption", { class: "soft" }, `${label}.`));
 }
 
 function draw() {
@@ -113,7 +147,18 @@ function draw() {
       context.stroke();
     }
   };
-  for (const [id, [u, v]] of Object.entries(page.expected)) if (!page.marks.has(id)) cross(u, v, "#56b4e9", 3);
+  for (const [id, [u, v]] of Object.entries(page.expected)) {
+    if (page.marks.has(id)) continue;
+    cross(u, v, "#56b4e9", 3);
+    if (id !== page.chosen) continue;
+    for (const [line, stroke] of [[4, "#000"], [2, "#56b4e9"]]) {
+      context.lineWidth = line;
+      context.strokeStyle = stroke;
+      context.beginPath();
+      context.arc((u + 0.5) * page.zoom, (v + 0.5) * page.zoom, 10, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  }
   for (const [id, { u, v }] of page.marks) cross(u, v, id === page.chosen ? "#fff" : "#e69f00", 8);
   $("zoom").textContent = "× " + page.zoom;
 }
@@ -150,7 +195,8 @@ $("remove").addEventListener("click", () => {
 $("write").addEventListener("click", () => attempt(async () => {
   const { path, lines, added } = await ask("write");
   const text = lines.replace("\n", " ");
-  $("saved").textContent = `Written: ${path}. ` + (added ? `Added to capture.toml: ${text}` : `capture.toml needs: ${text}`);
+  $("saved").replaceChildren(`Written: ${path}. ${added ? `Added to capture.toml: ${text}` : `capture.toml needs: ${text}`}. Next: `,
+    make("a", { href: `./?capture=${encodeURIComponent($("capture").value)}` }, "open it in the workbench"), ".");
 }));
 attempt(async () => {
   const found = await (await fetch("api/places")).json();

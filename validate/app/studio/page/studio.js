@@ -21,6 +21,9 @@ const page = {
   opened: {}, // chi-square of each capture when it was opened; empty in a page that is loaded later
 };
 
+/** Title of a page without a study. */
+const BEGIN = "Open a capture to begin";
+
 /** What the page says when the server has ended. */
 const NO_ANSWER = "The program does not answer. Start `cbox studio` again. Unsaved work is offered there under Open.";
 
@@ -121,9 +124,9 @@ function showParts() {
   const table = (kind, names, sums) => make("table", {}, [
     make("thead", {}, make("tr", {}, [make("th", { scope: "col" }, kind), make("th", { scope: "col" }, "χ² per sample")])),
     make("tbody", {}, names.map((name, i) => make("tr", {}, [make("th", { scope: "row" }, name),
-      make("td", {}, sums[i][1] ? numberText(+(sums[i][0] / sums[i][1]).toPrecision(3)) : "–")])))]);
+      make("td", {}, sums[i][1] ? (sums[i][0] / sums[i][1]).toPrecision(3) : "–")])))]);
   $("parts-tables").replaceChildren(
-    table("Band", bands.map(({ id, nm }) => (nm === null ? id : `${nm.toFixed(0)} nm`)), byBand), table("Surface", surfaces, bySurface));
+    table("Band", page.viewer.bandNames, byBand), table("Surface", surfaces, bySurface));
 }
 
 /** Words and button of a flip to earlier pictures; null for the present ones. */
@@ -159,7 +162,7 @@ async function showPattern() {
   const size = numbers.length / record.numbers.length;
   const value = ({ value: number, unit }) => `${typeof number === "number" ? numberText(+number.toPrecision(3)) : number} ${unit}`.trim();
   const maps = record.numbers.map((each, i) => ({
-    id: PATTERN + each.name, name: `${effect}, ${shortName(each)} ${value(each)}`, unit: "σ", perBand: true,
+    id: PATTERN + each.name, name: `${effect}, ${each.label} ${value(each)}`, unit: "σ", perBand: true,
     values: numbers.slice(i * size, (i + 1) * size),
   }));
   await page.viewer.update({ maps });
@@ -203,11 +206,14 @@ function show(record) {
   page.revision = page.shownRevision = record.revision;
   document.body.dataset.open = record.open;
   if (!record.open) {
-    $("title").textContent = "Open a capture to begin";
+    $("title").textContent = BEGIN;
     $("figures").textContent = "";
     openPanel("open", true);
     enable(false);
-    return void attempt(fillInputs);
+    return void attempt(async () => {
+      await fillInputs();
+      $("open-capture").value ||= new URLSearchParams(location.search).get("capture") || "";
+    });
   }
   $("title").textContent = `${record.captures[record.capture]} against ${record.model}`;
   const how = record.rendered ? "rendered" : record.improvable ? "predicted, to be rendered" : "predicted";
@@ -271,11 +277,11 @@ async function move(body) {
 function showCorrelations(found) {
   $("correlations").hidden = !found;
   if (!found) return void $("correlations").replaceChildren();
-  const cell = (value) => make("td", value !== null && Math.abs(value) > 0.9 ? { class: "strong" } : {},
+  const cell = (value, i, j) => make("td", i !== j && value !== null && Math.abs(value) > 0.9 ? { class: "strong" } : {},
     value === null ? "–" : value.toFixed(2).replace("-", "−"));
-  const head = make("tr", {}, [make("td"), ...found.names.map((_, i) => make("th", { scope: "col" }, String(i + 1)))]);
+  const head = make("tr", {}, [make("th", { scope: "col" }, "number"), ...found.names.map((_, i) => make("th", { scope: "col" }, String(i + 1)))]);
   const rows = found.values.map((row, i) => make("tr", {},
-    [make("th", { scope: "row" }, `${i + 1} ${found.names[i]}`), ...row.map(cell)]));
+    [make("th", { scope: "row" }, `${i + 1} ${found.names[i]}`), ...row.map((value, j) => cell(value, i, j))]));
   $("correlations").replaceChildren(make("h3", {}, "Correlations"), make("table", {}, [head, ...rows]),
     ...found.sentences.map((text) => make("p", { class: "soft" }, text)));
 }
@@ -325,6 +331,7 @@ function showJob(job) {
     $("times").textContent = job.times;
     $("cancel").hidden = job.background;
   }
+  if (!page.record?.open) $("title").textContent = job?.job === "open" ? "Opening …" : BEGIN;
   if (Boolean(before) !== Boolean(page.job)) enable(!page.job);
 }
 
@@ -408,8 +415,9 @@ async function fillInputs() {
       button("Discard", `Discard ${text}`, () => attempt(async () => { await request("discard", { study: path }); await fillInputs(); }))]);
   }));
   const near = [...found.captures.map((path) => [path, "capture"]), ...found.studies.map((path) => [path, "study"])];
-  $("found").hidden = near.length === 0;
-  $("found-list").replaceChildren(...near.slice(0, LISTED).map(([path, kind]) => make("li", {}, [`${path}, ${kind}`,
+  $("found").hidden = false;
+  const nothing = `None below ${page.record.root}. Start cbox studio with --folder for another folder.`;
+  $("found-list").replaceChildren(...(near.length ? [] : [make("li", {}, nothing)]), ...near.slice(0, LISTED).map(([path, kind]) => make("li", {}, [`${path}, ${kind}`,
     button("Open", `Open ${path}`, () => job("open", { capture: path, model: kind === "capture" ? $("open-model").value : "" }))])),
     ...(near.length > LISTED ? [make("li", {}, `and ${near.length - LISTED} more: type the name above`)] : []));
 }

@@ -12,6 +12,7 @@ from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
 from .slow import slow_change, without_slow
+from .small_part import small_part
 from .spread import block_spread
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
@@ -44,6 +45,7 @@ __all__ = [
     "reused_numbers",
     "ripple",
     "slow_change",
+    "small_part",
     "textures",
     "tile_steps",
     "without_period",

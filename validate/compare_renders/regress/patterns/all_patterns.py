@@ -14,6 +14,7 @@ from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
 from .slow import slow_change
+from .small_part import small_part
 from .texture import textures
 from .wave import ripple
 
@@ -66,6 +67,7 @@ def all_patterns(
         ("contrast", other_contrast(difference, steps)),
         ("displacement", moved_slightly(difference, steps)),
         ("reused", reused_numbers(difference)),
+        ("part", small_part(difference)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)

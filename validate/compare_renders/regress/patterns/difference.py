@@ -13,12 +13,18 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from .correlation import of_filter
+
 __all__ = ["Difference", "Finding", "self_normalised", "sigma_of"]
 
 #: Radiance below which a pixel counts as dark, over the mean.
 _DARK = 1e-3
 #: Pixels a side of the median that gives the local level: wider than a cell of the finest checkerboard.
 _LEVEL_PX = 5
+#: Pixels that correlation makes one, above which the noise is none of a pixel filter: three pixels wide.
+_WIDEST_FILTER = 6.0
+#: Scatters at which single pixels are cut in the look at the correlation of noise.
+_CUT = 6.0
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,18 @@ class Difference(FrozenMappings):
         local = median_filter(self.level + 0.5 * self.total, _LEVEL_PX, mode="nearest")
         floor = _DARK * max(float(local.mean()), 1e-300)
         return np.where(self.smooth, self.total / np.maximum(local, floor), 0.0)
+
+    @cached_property
+    def of_pixel_filter(self) -> bool:
+        """Whether the noise reaches over three pixels at most, as that of a pixel filter.
+
+        That of a denoiser reaches further.
+        """
+        if not self.smooth.any() or self.clustering > _WIDEST_FILTER:
+            return False
+        off = self.relative - np.median(self.relative[self.smooth])
+        scatter = 1.4826 * float(np.median(np.abs(off[self.smooth])))
+        return of_filter(np.clip(off / max(scatter, 1e-300), -_CUT, _CUT), self.smooth) is not None
 
 
 def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[float, float]:

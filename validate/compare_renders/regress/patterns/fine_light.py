@@ -16,8 +16,9 @@ from .difference import Difference, Finding, self_normalised
 
 __all__ = ["block_sums", "fine_light", "moved_slightly", "other_contrast"]
 
-#: Pixels a side of the window whose mean is subtracted for the contrast: blurs are clearest in the finest structure.
-_CONTRAST_PX = 3
+#: Pixels a side of the windows whose means are subtracted for the contrast: narrow filters change the finest structure
+#: alone, denoisers leave it and change wider structure.
+_CONTRAST_PX = (3, 5, 7)
 #: The same for the place: wider structure has less noise.
 _PLACE_PX = 5
 #: Width of the filter that gives the local level of the light, px: a product of a pixel's noise with it is small.
@@ -49,21 +50,27 @@ def other_contrast(difference: Difference, steps: float = 0.0) -> Finding | None
     Finding or None
         The size is the part of the contrast that the weaker side lacks. None for small pictures.
     """
-    fine = fine_light(difference, _CONTRAST_PX)
+    findings = [f for window in _CONTRAST_PX for f in _contrast(difference, steps, window)]
+    return min(findings, key=lambda finding: finding.probability, default=None)
+
+
+def _contrast(difference: Difference, steps: float, window_px: int) -> list[Finding]:
+    """Tests of both sides in one window; none for small pictures."""
+    fine = fine_light(difference, window_px)
     blocks = _blocks(fine)
     if blocks is None or _by_steps(fine, steps):
-        return None
+        return []
     sums, weight = blocks
     before, after, product = sums
     weight = weight * np.clip(2 * product / np.maximum(before + after, 1e-300) - _ALIKE, 0.0, None)
     findings = []
     for name, weaker in (("weaker", after), ("stronger", before)):
         statistic, share = self_normalised(weight * (product - weaker), _alike(difference))
-        probability = min(1.0, share) if statistic > 0 else 1.0
+        probability = min(1.0, len(_CONTRAST_PX) * share) if statistic > 0 else 1.0
         size = 1 - float((weight * product).sum() / max(float((weight * (before + after - weaker)).sum()), 1e-300))
         label = f"fine structure of the candidate {name}"
         findings.append(_finding(label, difference, max(size, 0.0), statistic, before.size, probability))
-    return min(findings, key=lambda finding: finding.probability)
+    return findings
 
 
 def moved_slightly(difference: Difference, steps: float = 0.0) -> Finding | None:

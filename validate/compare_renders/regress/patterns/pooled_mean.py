@@ -13,7 +13,7 @@ __all__ = ["CANCELLING", "POWER", "SHARES", "STRUCTURE", "PooledMean", "pool_of_
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
     "whole": 0.09,
-    "even": 0.26,
+    "even": 0.239,
     "surface": 0.17,
     "band": 0.09,
     "stratum": 0.05,
@@ -33,13 +33,15 @@ SHARES = {
     "contrast": 0.03,
     "displacement": 0.02,
     "reused": 0.01,
+    "part": 0.02,
+    "layer": 0.001,
 }
 
 #: Kinds of pools that find what means do not show.
 CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "reused")
 
-#: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure.
-STRUCTURE = ("slow", "contrast", "displacement")
+#: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure, small parts.
+STRUCTURE = ("slow", "contrast", "displacement", "part")
 
 #: Part of all runs in which a difference of the stated detectable size is found.
 POWER = 0.9

@@ -3,7 +3,8 @@
 Means of small blocks know little of them, and noise that a filter or a denoiser spreads over pixels hides them there.
 Polynomials of the second order over the picture collect the difference instead. Their power is compared with that of
 waves of two to sixteen half periods, so that no variance has to be known. Noise of a wide denoiser grows towards slow
-waves. Its growth among the waves is taken to continue.
+waves. Its growth among the waves is taken to continue. Noise of a pixel filter does not grow, and small blocks are then
+independent. The scatter of a polynomial's parts from block to block is the test.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ _GROWN = 5.0
 _LEVEL = 8.0
 #: Blocks along each side of the picture, between which noise is independent.
 _BLOCKS = 8
+#: The same for noise of a pixel filter, which reaches over few pixels.
+_SMALL_BLOCKS = 16
+#: Fewest pixels a side of such a block.
+_LEAST_BLOCK_PX = 4
 #: Half periods of the fastest wave.
 _FASTEST = 16.0
 #: Scatters at which single pixels are cut, after a common factor: a firefly has power at all frequencies.
@@ -80,10 +85,13 @@ def slow_change(difference: Difference) -> Finding | None:
     power = (orthogonal.T @ goal[bright]) ** 2
     free = len(polynomials) - 1
     slow = float(power[1 : free + 1].mean())
-    probability = max(
-        _by_waves(slow, free, power[free + 1 :], halves),
-        _by_blocks(orthogonal[:, 1 : free + 1] * goal[bright][:, None], bright),
-    )
+    terms = orthogonal[:, 1 : free + 1] * goal[bright][:, None]
+    if difference.of_pixel_filter:
+        shortest = min(used.shape)
+        blocks = min(_SMALL_BLOCKS, shortest // _LEAST_BLOCK_PX)
+        probability = _by_blocks(terms, bright, blocks, 1 + difference.clustering * (blocks / shortest) ** 2)
+    else:
+        probability = max(_by_waves(slow, free, power[free + 1 :], halves), _by_blocks(terms, bright, _BLOCKS))
     size = float(np.sqrt(slow * free / max(float((weight**2).sum()), 1e-300)))
     sigma = sigma_of(size, probability, len(waves))
     amplitudes = {"amplitudes": rough}
@@ -184,12 +192,13 @@ def _by_waves(slow: float, free: int, power: NDArray[np.float64], halves: NDArra
     return max(level, next_to_it**2)
 
 
-def _by_blocks(terms: NDArray[np.float64], bright: NDArray[np.bool_]) -> float:
+def _by_blocks(terms: NDArray[np.float64], bright: NDArray[np.bool_], blocks: int, alike: float = 1.0) -> float:
     """Probability of the clearest polynomial, by the scatter of its parts from block to block.
 
     The parts of equal pictures have random signs. Noise that a small part of the picture has alone makes few of them.
+    blocks : along each side of the picture. alike : number of neighbouring blocks that correlation makes one.
     """
-    rows, columns = (np.arange(size) * _BLOCKS // size for size in bright.shape)
-    block = (rows[:, None] * _BLOCKS + columns)[bright]
-    sums = [np.asarray(np.bincount(block, part, _BLOCKS**2), float) for part in terms.T]
-    return min(1.0, len(sums) * min(self_normalised(part)[1] for part in sums))
+    rows, columns = (np.arange(size) * blocks // size for size in bright.shape)
+    block = (rows[:, None] * blocks + columns)[bright]
+    sums = [np.asarray(np.bincount(block, part, blocks**2), float) for part in terms.T]
+    return min(1.0, len(sums) * min(self_normalised(part, alike)[1] for part in sums))

@@ -174,10 +174,17 @@ function lightBar(record) {
   ]);
 }
 
+/** Names of bands: their wavelengths where these are known and differ, else their identifiers. */
+function bandNames(bands) {
+  const names = bands.map(({ nm }) => (nm === null ? null : `${nm.toFixed(0)} nm`));
+  return !names.includes(null) && new Set(names).size === names.length ? names : bands.map(({ id }) => id);
+}
+
 function bandTable(record) {
-  const head = ["band", "nm", "measured, DN", "predicted, DN", "σ, DN", "difference, σ"];
-  const rows = record.bands.map((band) => [
-    band.id, band.nm === null ? "–" : band.nm.toFixed(0), shown(band.measured, 5), shown(band.rendered, 5),
+  const head = ["band", "measured, DN", "predicted, DN", "σ, DN", "difference, σ"];
+  const names = bandNames(record.bands);
+  const rows = record.bands.map((band, b) => [
+    names[b], shown(band.measured, 5), shown(band.rendered, 5),
     shown(band.sigma, 3), band.reasons.length ? band.reasons.join(", ") : signed(band.residual),
   ]);
   return valueTable(head, rows);

@@ -144,11 +144,12 @@ function histogramChart(picture, region) {
 }
 
 function regionTable(figures) {
-  const head = ["band", "nm", "pixels", "measured, DN", "its scatter", "σ of the mean", "predicted, DN", "its scatter", "difference, %"];
-  const rows = figures.map((f) => [
-    f.id, f.nm === null ? "–" : f.nm.toFixed(0), String(f.pixels), shown(f.measured, 5), shown(f.scatter, 3),
-    shown(f.sigma, 3), shown(f.rendered, 5), shown(f.scatter_rendered, 3),
-    `${signed(f.percent)} ± ${shown(f.percent_sigma, 2)}`,
+  const names = bandNames(figures);
+  const alike = figures.every((f) => f.pixels === figures[0].pixels);
+  const head = ["band", ...(alike ? [] : ["px"]), "measured ± σ of the mean, DN", "predicted, DN", "difference, %", "scatter, both, DN"];
+  const rows = figures.map((f, b) => [
+    names[b], ...(alike ? [] : [String(f.pixels)]), `${shown(f.measured, 5)} ±\u00a0${shown(f.sigma, 2)}`, shown(f.rendered, 5),
+    `${signed(f.percent)} ±\u00a0${shown(f.percent_sigma, 2)}`, `${shown(f.scatter, 3)} ${shown(f.scatter_rendered, 3)}`,
   ]);
   return valueTable(head, rows);
 }

@@ -8,6 +8,7 @@
  *   viewer.select(x, y);                 // what a click does; viewer.select(null) closes the panel
  *   viewer.values(x, y);                 // all data of a pixel, as plain numbers
  *   viewer.csv("panes" | "region");      // what is shown as the text of a CSV file
+ *   viewer.bandNames;                    // names of the bands as tables print them
  *   viewer.layer("residual");            // canvas of a layer as it is painted now
  *   viewer.figure(n);                    // canvas of the n-th picture with caption and scales
  *   viewer.state;                        // a copy: mode "slider" | "flip" | "side", layers a, b (compared) and c (beside
@@ -127,6 +128,11 @@ class CBoxViewer {
       const name = values ? this._caption(id) : `${this._layer(id).name}, Y`;
       return { name: unit && !name.endsWith(unit) ? `${name} (${unit})` : name, values: values ?? layerValues(this.picture, this._layer(id), -1) };
     })));
+  }
+
+  /** Names of the bands as tables print them. */
+  get bandNames() {
+    return bandNames(this.picture.bands);
   }
 
   /** Canvas of a layer as it is painted now, one of its pixels for each of the picture's. */
