@@ -135,8 +135,12 @@ def test_the_limits_admit_what_is_in_use():
     limits.require_size("x", limits.MAX_TABLE_ROWS, limits.MAX_TABLE_ROWS, "rows")
 
 
-def test_a_limit_of_address_space_ends_in_a_sentence():
-    program = "import resource, sys; from cboxlab.validation.app.commands.app import run as main; "
-    program += "resource.setrlimit(resource.RLIMIT_AS, (2**30, 2**30)); sys.argv = ['cbox', 'validate', 'x']; main()"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 2 and "1 GiB of address space" in done.stderr + done.stdout
+@pytest.mark.parametrize(("command", "gib"), [("validate", 1), ("studio", 3)])
+def test_a_limit_of_address_space_ends_in_a_sentence(command, gib):
+    program = (
+        "import resource, sys; from cboxlab.validation.app.commands.app import run as main; size = int(sys.argv[2]); "
+    )
+    program += "resource.setrlimit(resource.RLIMIT_AS, (size, size)); sys.argv = ['cbox', sys.argv[1], 'x']; main()"
+    arguments = [sys.executable, "-c", program, command, str(gib * 2**30)]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2 and f"{gib} GiB of address space" in done.stderr + done.stdout

@@ -1,13 +1,14 @@
 """Files that are hostile by kind, through every reader: truncated, lying, in another encoding, or no files at all.
 
-Run: python benchmarks/mistakes/hostile_files.py [--readers scene,points] [--json FILE]
+Run: python benchmarks/mistakes/hostile_files.py [--readers scene,points] [--json FILE] [--others]
 
-Each reader gets its sound file in some forty kinds of damage: cut at boundaries of structures, bytes of words
-exchanged, words that count set to 0 and to the largest, NaN and infinity in place of numbers, bytes that are no
-UTF-8, other ends of lines, a byte order mark, lines twice, nothing, packed contents, 8 GiB of zeros, odd names, a
-folder, a link to itself, a pipe, a device. An input fails if anything but InputError is raised, after 5 s, or if
-memory grows by more than 512 MiB. Each reader has a separate process. Prints a line for each reader with failures, and
-counts; exit code 1 with any.
+Each reader gets files of other kinds under its name: documents whose entities or levels multiply, arrays of objects,
+packed zeros, headers that count to 4 billion. It gets its sound file in some forty kinds of damage: cut at boundaries
+of structures, bytes of words exchanged, words that count set to 0 and to the largest, NaN and infinity in place of
+numbers, bytes that are no UTF-8, other ends of lines, a byte order mark, lines twice, nothing, packed contents, 8 GiB
+of zeros, odd names, a folder, a link to itself, a pipe, a device. An input fails if anything but InputError is raised,
+after 5 s, or if memory grows by more than 512 MiB. Each reader has a separate process. Prints a line for each reader
+with failures, and counts; exit code 1 with any.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from __future__ import annotations
 import argparse
 import gzip
 import io
+import itertools
 import json
 import os
 import re
 import resource
 import shutil
 import signal
+import struct
 import sys
 import tempfile
 import time
@@ -29,6 +32,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from cboxlab.utils.faults import LIST_OF_FAULTS
 from fuzz_readers import Reader, peak_bytes, readers
 
@@ -106,6 +110,76 @@ def _zipped(content: bytes) -> bytes:
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("content", content)
     return stream.getvalue()
+
+
+def _bomb(start: str) -> bytes:
+    """An XML document whose entities unfold to a billion letters."""
+    entities = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 10))
+    return f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a0 "lol">{entities}]>{start.replace("@", "&a9;")}'.encode()
+
+
+def _outside(start: str) -> bytes:
+    """An XML document with an entity of another file."""
+    return f'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a SYSTEM "/etc/passwd">]>{start.replace("@", "&a;")}'.encode()
+
+
+def _numpy_file(array: object, archived: bool = False) -> bytes:
+    stream = io.BytesIO()
+    (np.savez_compressed if archived else np.save)(stream, array)  # type: ignore[operator]
+    return stream.getvalue()
+
+
+def _tiff(entries: list[tuple[int, int, int, int]], order: str = "<") -> bytes:
+    """A TIFF with these entries (tag, type, count, value) in a folder that names itself as the next."""
+    head = (b"II" if order == "<" else b"MM") + struct.pack(order + "HI", 42, 8)
+    table = b"".join(struct.pack(order + "HHII", *entry) for entry in entries)
+    return head + struct.pack(order + "H", len(entries)) + table + struct.pack(order + "I", 8)
+
+
+def others() -> Iterator[tuple[str, bytes]]:
+    """Files of kinds that no reader expects, or that only look like its own."""
+    ome = '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image Name="@"/></OME>'
+    cxf = '<cc:CxF xmlns:cc="http://colorexchangeformat.com/CxF3-core"><cc:Resources>@</cc:Resources></cc:CxF>'
+    ies = "<IESTM2714 xmlns='iestm2714'><SpectralDistribution>@</SpectralDistribution></IESTM2714>"
+    for name, start in (("OME", ome), ("CxF", cxf), ("TM-27", ies), ("SVG", "<svg>@</svg>")):
+        yield f"{name} entities that multiply", _bomb(start)
+        yield f"{name} entity of a file", _outside(start)
+        yield f"{name} 100,000 levels", b"<a>" * 10**5
+    yield "JSON 100,000 levels", b"[" * 10**5 + b"]" * 10**5
+    yield "JSON 100,000 tables", b'{"a":' * 10**5 + b"1" + b"}" * 10**5
+    yield "JSON number of a million digits", b'{"format": ' + b"9" * 10**6 + b"}"
+    yield "TOML 100,000 levels", b"a = " + b"[" * 10**5
+    yield "TOML tables that repeat", b"[[a]]\n" * 10**5
+    yield "TOML of a package", b'[project]\nname = "a"\nversion = "1"\n[tool.x]\na.b.c = 1\n'
+    yield "array of objects", _numpy_file(np.array([print, {"a": 1}], dtype=object))
+    yield (
+        "array without end",
+        b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '<f8', 'fortran_order': False, 'shape': (1<<40,)}\n",
+    )
+    yield "archive of zeros", _numpy_file(np.zeros(2**24), archived=True)
+    yield "many archives", _zipped(_zipped(_zipped(bytes(2**25))))
+    yield "Parquet head and end", b"PAR1" + bytes(64) + struct.pack("<I", 2**31 - 1) + b"PAR1"
+    yield "HDF5 head", b"\x89HDF\r\n\x1a\n" + b"\xff" * 512
+    yield "Zarr", json.dumps({"zarr_format": 3, "node_type": "array", "shape": [2**40], "codecs": []}).encode()
+    yield "Croissant", json.dumps({"@type": "Dataset", "distribution": [{"contentUrl": "/etc/passwd"}]}).encode()
+    for order in "<>":
+        yield f"TIFF {order} of 4 billion pixels", _tiff([(256, 4, 1, 2**32 - 1), (257, 4, 1, 2**32 - 1)], order)
+        yield f"TIFF {order} of 4 billion values", _tiff([(270, 2, 2**32 - 1, 8), (273, 4, 2**31, 8)], order)
+        yield f"DNG {order} without a picture", _tiff([(50706, 1, 4, 1025), (330, 4, 2**30, 8)], order)
+    yield "CR2 head", b"II*\0\x10\0\0\0CR\x02\0" + b"\xff" * 64
+    yield "EXR head", b"v/1\x01\x02\0\0\0channels\0chlist\0" + b"\xff" * 64
+    yield "FITS head", "".join(f"{k:8}= {v:>20}".ljust(80) for k, v in _FITS.items()).ljust(2880).encode()
+    yield "CGATS of a billion sets", b"CGATS.17\nNUMBER_OF_FIELDS 999999999\nNUMBER_OF_SETS 999999999\nBEGIN_DATA\n"
+    yield "PLY of 4 billion corners", _PLY
+    yield "OBJ of distant corners", b"v 0 0 0\nf 999999999 -999999999 1\nf " + b"1 " * 10**5
+    yield "quotes", b'"' * 10**6
+    yield "commas", b"," * 10**6
+    yield "carriage returns", b"\r" * 10**6
+
+
+#: Cards of a FITS file that states far more than it has.
+_FITS = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": 999, **{f"NAXIS{k}": 2**31 for k in range(1, 9)}, "END": ""}
+_PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex 4294967295\nproperty float x\nend_header\n\0\0\0"
 
 
 def inputs(content: bytes) -> Iterator[tuple[str, bytes]]:
@@ -192,10 +266,10 @@ def _removed(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def cases(path: Path) -> Iterator[tuple[str, Path]]:
-    """Names of the kinds of hostile files, each while its file exists."""
+def cases(path: Path, damaged: bool) -> Iterator[tuple[str, Path]]:
+    """Names of the kinds of hostile files, each while its file exists. damaged : whether sound files in damage, too."""
     content = path.read_bytes()
-    for name, changed in inputs(content):
+    for name, changed in itertools.chain(others(), inputs(content) if damaged else ()):
         path.write_bytes(changed)
         yield name, path
     path.write_bytes(content)
@@ -213,13 +287,13 @@ def cases(path: Path) -> Iterator[tuple[str, Path]]:
         odd.unlink()
 
 
-def judge(reader: Reader, allowed: type[Exception]) -> tuple[int, dict[str, str]]:
+def judge(reader: Reader, allowed: type[Exception], damaged: bool) -> tuple[int, dict[str, str]]:
     """Number of files, and faults by kind, each fault once."""
     folder = Path(tempfile.mkdtemp(prefix="hostile-"))
     sound = reader.sound(folder)
     reader.read(sound)
     count, faults = 0, {}
-    for name, path in cases(sound):
+    for name, path in cases(sound, damaged):
         count += 1
         fault = fault_of(reader, path, allowed)
         if fault and fault not in faults.values():
@@ -228,14 +302,14 @@ def judge(reader: Reader, allowed: type[Exception]) -> tuple[int, dict[str, str]
     return count, faults
 
 
-def judged(reader: Reader, allowed: type[Exception]) -> tuple[int, dict[str, str]]:
+def judged(reader: Reader, allowed: type[Exception], damaged: bool) -> tuple[int, dict[str, str]]:
     """The judgement of a separate process."""
     into, out = os.pipe()
     if not os.fork():
         resource.setrlimit(resource.RLIMIT_DATA, (_MEMORY_BYTES, _MEMORY_BYTES))
         os.close(into)
         try:
-            result = judge(reader, allowed)
+            result = judge(reader, allowed, damaged)
         except BaseException as error:
             result = 0, {"sound": repr(error)}
         os.write(out, json.dumps(result).encode())
@@ -251,12 +325,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--readers", help="some of them, by comma")
     parser.add_argument("--json", type=Path, help="file of counts and faults by reader")
+    parser.add_argument("--others", action="store_true", help="without sound files in damage: a few minutes")
     options = parser.parse_args()
     from cboxlab.utils.errors import InputError
 
     every, record = readers(), {}
     for name in options.readers.split(",") if options.readers else every:
-        count, faults = judged(every[name], InputError)
+        count, faults = judged(every[name], InputError, not options.others)
         record[name] = {"files": count, "faults": faults}
         if faults:
             print(f"{name:18s} {count:5d} files, {len(faults)} faults: {faults}", flush=True)

@@ -29,7 +29,7 @@ from ..frame_readers import suffixes
 from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
 from .folder_tables import FolderTables, tables_in
-from .frame_classes import FrameGroup, group_frames, numbered_alike
+from .frame_classes import FrameGroup, common_values, group_frames, numbered_alike
 from .manifest import (
     BandTable,
     BracketTable,
@@ -320,19 +320,6 @@ def _by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup
     return [(replace(group, band=f"{group.band}-{letter}"), letter) for letter in channel_letters(pattern)]
 
 
-def _common_values(groups: Sequence[FrameGroup]) -> dict[str, float]:
-    """Exposure and f-number on which all tables agree, where there are several."""
-    of_keys = {
-        "exposure_s": [group.exposure_s for group in groups if group.kind != "target"],
-        "f_number": [group.f_number for group in groups if group.kind not in ("dark", "target")],
-    }
-    return {
-        key: values[0]
-        for key, values in of_keys.items()
-        if len(values) > 1 and len(set(values)) == 1 and values[0] is not None
-    }
-
-
 class _Draft:
     """The text of a manifest in the making, with the keys that it lacks."""
 
@@ -347,7 +334,7 @@ class _Draft:
     def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
         """The whole manifest."""
         rows = [row for group in groups for row in _by_channel(group, self.pattern)]
-        self._defaults = _common_values([group for group, _ in rows])
+        self._defaults = common_values([group for group, _ in rows])
         blocks = self._head(folder, frames, any(group.kind == "reference" for group in groups))
         bands: set[str] = set()
         for group, channel in rows:

@@ -13,7 +13,7 @@ import numpy as np
 from .folder_frames import FolderFrame, LeftOut, natural_key, show_the_same
 from .frame_names import FrameName, common_words, is_setting, kind_in_words, parse_name
 
-__all__ = ["FrameGroup", "group_frames", "numbered_alike"]
+__all__ = ["FrameGroup", "common_values", "group_frames", "numbered_alike"]
 
 #: Range of a picture's block means over that of a frame without light, at least: a hundredth of the light is light.
 _LIT = 200.0
@@ -187,6 +187,30 @@ def numbered_alike(groups: Sequence[FrameGroup]) -> list[tuple[str, ...]]:
         if group.kind == "band" and number is not None and parse_name(str(group.band)).filter is None:
             series[number[1], group.exposure_s].append(str(group.band))
     return [tuple(dict.fromkeys(bands)) for bands in series.values() if len(set(bands)) > 1]
+
+
+def common_values(groups: Sequence[FrameGroup]) -> dict[str, float]:
+    """Exposure and f-number on which all tables agree, where there are several.
+
+    Parameters
+    ----------
+    groups
+        The groups of a folder.
+
+    Returns
+    -------
+    dict
+        By key of a table of frames, the value in s or the f-number.
+    """
+    of_keys = {
+        "exposure_s": [group.exposure_s for group in groups if group.kind != "target"],
+        "f_number": [group.f_number for group in groups if group.kind not in ("dark", "target")],
+    }
+    return {
+        key: values[0]
+        for key, values in of_keys.items()
+        if len(values) > 1 and len(set(values)) == 1 and values[0] is not None
+    }
 
 
 def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[LeftOut]]:

@@ -1,4 +1,10 @@
-"""Channels of a mosaic behind one narrow filter, joined to one column of patch reflectances."""
+"""Channels of a mosaic behind one narrow filter, joined to one column of patch reflectances.
+
+What differs between the channels has one size in counts, not in reflectance: read noise, rounding, the black level and
+light from outside the pass band. The variance of a channel's reflectances is therefore proportional to 1 / level^2,
+with the level of the white patch, and so are the weights to level^2. The error of the illumination is common to the
+channels of a filter and is no reason to prefer one.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +39,14 @@ class BandColumns:
     filters: NDArray[np.float64]
     #: (m,) tabulated band reflectances of the white patch.
     white: NDArray[np.float64]
+    #: (m,) signals of the white patch, DN.
+    level: NDArray[np.float64]
     #: Channels that were joined, one sentence a filter.
     notes: tuple[str, ...] = ()
 
 
 def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
-    """Join the channels of the same frames behind a filter, weighted by their noise.
+    """Join the channels of the same frames behind a filter, weighted by their squared signals.
 
     The channel that is chosen where none is stated gives the column its name. Another one that differs from it by more
     than noise sees light from outside the pass band, and is left out.
@@ -60,8 +68,7 @@ def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
         first = _reference(capture, members)
         used = [index for index in members if index == first or _agree(columns, first, index)]
         # one weight for all patches: weights of each patch would favour signals that noise makes small
-        weight = 1 / np.nanmean(columns.sigma[:, used] ** 2, axis=0)
-        weight /= weight.sum()
+        weight = columns.level[used] ** 2 / np.sum(columns.level[used] ** 2)
         reflectance = columns.reflectance[:, used] @ weight
         sigma = np.sqrt(columns.sigma[:, used] ** 2 @ weight**2)
         joined.append((columns.bands[first], reflectance, sigma, weight @ columns.filters[used]))
@@ -69,7 +76,8 @@ def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
             others = [columns.bands[index] for index in members if index not in used]
             notes.append(
                 f"patches: column {columns.bands[first]} is of {', '.join(columns.bands[index] for index in used)}, "
-                "weighted by noise" + (f"; {', '.join(others)} differ by more and are left out" if others else "")
+                "weighted by their squared signals"
+                + (f"; {', '.join(others)} differ by more and are left out" if others else "")
             )
     names, reflectances, sigmas, filters = zip(*joined, strict=True)
     order = [columns.bands.index(name) for name in names]
@@ -79,6 +87,7 @@ def joined_channels(capture: Capture, columns: BandColumns) -> BandColumns:
         np.stack(sigmas, axis=1),
         np.stack(filters),
         columns.white[order],
+        columns.level[order],
         tuple(notes),
     )
 

@@ -198,14 +198,14 @@ def patch_pixels(
 
 def _relative_signals(
     patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n,) signals over the white patch's, without shading, and standard deviations."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """(n,) signals over the white one without shading, their sigmas, and the white signal, DN."""
     level, sigma = patch_levels(patches, shading, white)
     relative_white = sigma[white] / level[white]
     ratio = level / level[white]
     spread = np.hypot(sigma / level[white], ratio * relative_white)
     spread[white] = relative_white
-    return ratio, spread
+    return ratio, spread, float(level[white])
 
 
 def patch_levels(
@@ -311,7 +311,7 @@ def measure_patches(
     white_reflectance = filters @ capture.label_reflectances()[str(white.column)].at(_GRID.nm)
     black = 0.0 if linearity is None else linearity.black_level_dn
     position = labels.index(white)
-    columns, spreads, shadings, notes = [], [], {}, []
+    columns, spreads, levels, shadings, notes = [], [], [], {}, []
     for index, identifier in enumerate(capture.band_ids):
         patches = patch_pixels(capture, bands, noise, index, black, labels, image)
         shading = fit_shading([patch for patch in patches if patch is not None])
@@ -319,11 +319,13 @@ def measure_patches(
             notes.append(f"{identifier}: too few bright patches; uniform illumination was assumed")
         else:
             shadings[identifier] = shading
-        ratio, spread = _relative_signals(patches, shading, position)
+        ratio, spread, level = _relative_signals(patches, shading, position)
+        levels.append(level)
         columns.append(ratio * white_reflectance[index])
         spreads.append(spread * white_reflectance[index])
     reflectance, sigma = np.stack(columns, axis=1), np.stack(spreads, axis=1)
-    joined = joined_channels(capture, BandColumns(capture.band_ids, reflectance, sigma, filters, white_reflectance))
+    of_bands = BandColumns(capture.band_ids, reflectance, sigma, filters, white_reflectance, np.array(levels))
+    joined = joined_channels(capture, of_bands)
     names, reflectance, sigma = joined.bands, joined.reflectance, joined.sigma
     filters, white_reflectance = joined.filters, joined.white
     notes += joined.notes

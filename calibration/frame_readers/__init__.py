@@ -119,6 +119,9 @@ def _usable_reader(path: Path) -> FrameReader:
 
 def _unreadable(path: Path, reader: FrameReader, error: BaseException) -> InputError:
     fault = f"a file that cannot be read as {reader.name} ({error})"
+    if "imagecodecs" in str(error):  # of tifffile, for rare compressions
+        hint = "Install it (pip install imagecodecs), or save the file without compression."
+        return InputError(path, fault, f"a {reader.name} frame", hint)
     return InputError(path, fault, f"a {reader.name} frame", "The file is damaged or truncated: copy it again.")
 
 

@@ -63,7 +63,7 @@ def _cards(path: Path, stream: IO[bytes] | gzip.GzipFile) -> dict[str, str]:
 
 
 def _data_bytes(path: Path, cards: dict[str, str]) -> int:
-    """Bytes of data after a header, in whole blocks."""
+    """Bytes of data after a header, without the padding of their last block."""
     try:
         axes = [int(cards[f"NAXIS{k + 1}"]) for k in range(int(cards["NAXIS"]))]
         values = int(np.prod(axes, dtype=object)) if axes else 0
@@ -72,7 +72,7 @@ def _data_bytes(path: Path, cards: dict[str, str]) -> int:
         raise InputError(path, "a header without NAXIS and BITPIX", "a FITS frame") from None
     if min([*axes, size]) < 0:
         raise InputError(path, "a negative size in a header", "a FITS frame")
-    return -(-size // _BLOCK) * _BLOCK
+    return size
 
 
 def _require_short_padding(path: Path) -> None:
@@ -88,8 +88,9 @@ def _require_short_padding(path: Path) -> None:
 
 
 def _require_sound_headers(path: Path) -> None:
-    """Raise InputError for headers that a library would read without end."""
+    """Raise InputError for headers that a library would read without end, and for missing data."""
     packed = path.suffix.lower() == ".gz"
+    bytes_of_file = path.stat().st_size
     if packed:
         _require_short_padding(path)
     with gzip.open(path, "rb") if packed else path.open("rb") as stream:
@@ -97,10 +98,14 @@ def _require_sound_headers(path: Path) -> None:
             cards = _cards(path, stream)
             if not cards:
                 return
-            size = _data_bytes(path, cards)
+            unpadded = _data_bytes(path, cards)
+            size = -(-unpadded // _BLOCK) * _BLOCK
             if packed:
                 require_size(path, size, MAX_PACKED_BYTES, "bytes of compressed data")
             if not packed:
+                if bytes_of_file < (end := stream.tell() + unpadded):
+                    expected = f"{end} bytes according to its header"
+                    raise InputError(path, f"{bytes_of_file} bytes", expected, "The file is truncated: copy it again.")
                 stream.seek(size, 1)
                 continue
             while size > 0 and (chunk := stream.read(min(size, _CHUNK))):
@@ -125,14 +130,12 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def _require_complete(path: Path, unit: Any) -> None:
-    """Raise InputError for a file that ends before its image."""
-    if path.suffix.lower() in (".gz", ".fz"):
+    """Raise InputError for a compressed file that is too small for its image."""
+    from astropy.io import fits
+
+    # a file of any ending may hold a compressed image
+    if path.suffix.lower() in (".gz", ".fz") or isinstance(unit, fits.CompImageHDU):
         require_plausible_size(path, unit.shape)
-        return
-    end = unit.fileinfo()["datLoc"] + abs(unit.header["BITPIX"]) // 8 * int(np.prod(unit.shape, dtype=object))
-    if (size := path.stat().st_size) < end:
-        expected = f"{end} bytes according to its header"
-        raise InputError(path, f"{size} bytes", expected, "The file is truncated: copy it again.")
 
 
 def _cube_shape(path: Path, unit: Any) -> tuple[int, int, int]:

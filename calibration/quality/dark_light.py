@@ -24,6 +24,9 @@ SMALLEST_LIGHT_SHARE = 0.3
 #: Smallest rms of the flats' pattern, relative: without a pattern light and dark current cannot be distinguished.
 SMALLEST_PATTERN = 1e-3
 
+#: Smallest difference of the channels in a flat, over the brightest: without one light has no colour.
+SMALLEST_COLOUR = 0.1
+
 #: Details of a level beyond this many robust standard deviations are clipped: hot pixels.
 CLIP_SIGMAS = 4
 
@@ -41,7 +44,7 @@ BRIGHTEST = 0.9
 
 
 def check_light_in_darks(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
-    """Detect light in dark frames, which shows the pixels' sensitivities; dark current does not.
+    """Detect light in dark frames, which shows the sensitivities; dark current does not.
 
     The increase of the level over that of the shortest exposure is compared with the pattern of flats. Neither of the
     two levels was subtracted from these flats, so that no noise is common.
@@ -59,11 +62,13 @@ def check_light_in_darks(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator
         One for the capture, with the largest light.
     """
     flats = [s for s in stacks if s.kind == "flat"]
-    if len({s.lattice for s in flats}) != 1:
+    if not flats:
         return
+    measured = _light if len({s.lattice for s in flats}) == 1 else _light_by_colour
+    pattern_text = "pixels'" if measured is _light else "colours'"
     lights = []
     for index in range(1, dark.exposure_s.size):
-        light = _light(flats, dark, index)
+        light = measured(flats, dark, index)
         if light is not None:
             lights.append((light, index))
     if not lights:
@@ -74,7 +79,8 @@ def check_light_in_darks(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator
         "the dark frames hold light",
         ", ".join(tables),
         f"Of the level at {dark.exposure_s[index]:g} s, {light_dn:.3g} DN ({min(share, 1.0):.0%} of the increase over "
-        "the shortest exposure) show the pixels' sensitivities as the flats do; dark current does not show them.",
+        f"the shortest exposure) show the {pattern_text} sensitivities as the flats do; dark current does not show "
+        "them.",
     )
 
 
@@ -103,6 +109,31 @@ def _light(flats: Sequence[Stack], dark: DarkLibrary, index: int) -> tuple[float
     significance = product / max(float(detail.std() * pattern.std()), 1e-300) * np.sqrt(detail.size)
     light = product / rms**2
     if significance < SMALLEST_CORRELATION or light < SMALLEST_LIGHT_SHARE * level:
+        return None
+    return light, light / level
+
+
+def _light_by_colour(flats: Sequence[Stack], dark: DarkLibrary, index: int) -> tuple[float, float] | None:
+    """Light by the channels of a mosaic, as of ``_light``: their increase over that of a flat.
+
+    A level of each channel that no exposure changes is not in the increase.
+    """
+    colours = [flat for flat in flats if flat.paths == flats[0].paths]
+    bright = np.array([np.median(flat.mean - flat.thinned(dark.at(flat.exposure_s))) for flat in colours])
+    if len(colours) < 2 or np.ptp(bright) < SMALLEST_COLOUR * bright.max():
+        return None
+    increases = [flat.thinned(dark.level[index] - dark.level[0]) for flat in colours]
+    levels = np.array([np.median(increase) for increase in increases])
+    # pixels whose charge is unusual are left out; the median of n normal values has a variance of pi / 2n
+    spreads = [NORMAL_OVER_MEDIAN * np.median(np.abs(x - np.median(x))) for x in increases]
+    weight = np.array(
+        [x.size / max(np.pi / 2 * spread**2, 1 / 12) for x, spread in zip(increases, spreads, strict=True)]
+    )
+    offset = bright - np.average(bright, weights=weight)
+    slope = float(np.sum(weight * offset * levels) / np.sum(weight * offset**2))
+    level, light = float(levels.mean()), slope * float(bright.mean())
+    significance = slope * float(np.sqrt(np.sum(weight * offset**2)))
+    if level <= 0 or significance < SMALLEST_CORRELATION or light < SMALLEST_LIGHT_SHARE * level:
         return None
     return light, light / level
 

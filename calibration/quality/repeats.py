@@ -113,40 +113,56 @@ def check_repeats(
     Yields
     ------
     Suspicion
-        For each kind of frames with correlated noise, then for the worst repeat of each table.
+        For each kind of frames with correlated noise, then for the worst repeat of each set of frames.
     """
     pairs = _pairs(capture, stacks, dark, noise)
     if not pairs:
         return
-    differing = [pair.misfit for pair in pairs if pair.misfit > COPY_MISFIT]
-    usual = float(np.median(differing)) if len(differing) > 2 else 1.0
-    yield from _check_neighbours(pairs)
-    yield from _check_lines(pairs)
-    by_table: dict[str, list[_Pair]] = {}
+    usual = _usual_misfit(pairs)
+    # a moved camera leaves edges in the difference, which are no correlation of the noise
+    of_one_picture = [pair for pair in pairs if pair.misfit <= LARGEST_MISFIT * usual]
+    yield from _check_neighbours(of_one_picture)
+    yield from _check_lines(of_one_picture)
+    by_frames: dict[tuple[str, ...], list[_Pair]] = {}
     for pair in pairs:
-        by_table.setdefault(pair.stack.key, []).append(pair)
-    for of_table in by_table.values():
-        worst = max(of_table, key=lambda p: p.misfit)
+        by_frames.setdefault(pair.stack.paths, []).append(pair)
+    for of_frames in by_frames.values():
+        worst = max(of_frames, key=lambda p: p.misfit)
+        tables = ", ".join(dict.fromkeys(pair.stack.key for pair in of_frames))
         path = worst.stack.paths[worst.repeat]
         ratio = worst.misfit / usual
         if ratio > LARGEST_MISFIT:
             yield Suspicion(
-                f"a repeat of {worst.stack.key} shows something else (another band, a moved camera, another gain)",
+                f"a repeat of {tables} shows something else (another band, a moved camera, another gain)",
                 path,
                 f"The variance of its difference from the others is {ratio:.3g} times that of noise; 1 is expected.",
             )
         elif abs(np.log(max(worst.scale, 1e-6))) > np.log(1 + LARGEST_DRIFT):
             yield Suspicion(
-                f"a repeat of {worst.stack.key} has another exposure",
+                f"a repeat of {tables} has another exposure",
                 path,
                 f"It is {worst.scale:.3g} times as bright as the other repeats.",
             )
         elif ratio < SMALLEST_MISFIT:
             yield Suspicion(
-                f"repeats of {worst.stack.key} are not independent frames (copied, averaged or smoothed)",
+                f"repeats of {tables} are not independent frames (copied, averaged or smoothed)",
                 path,
                 f"The variance of their difference is {ratio:.2g} times that of noise; 1 is expected.",
             )
+
+
+def _usual_misfit(pairs: Sequence[_Pair]) -> float:
+    """Misfit that a wrong gain or a nonlinearity gives all pairs; 1 where few pairs disagree.
+
+    Behind a mosaic the channels of one frame have one cause, so they count once.
+    """
+    by_frames: dict[tuple[tuple[str, ...], int], list[float]] = {}
+    for pair in pairs:
+        if pair.misfit > COPY_MISFIT:
+            by_frames.setdefault((pair.stack.paths, pair.repeat), []).append(pair.misfit)
+    differing = [float(np.median(misfits)) for misfits in by_frames.values()]
+    agree = bool(differing) and max(differing) < LARGEST_MISFIT * min(differing)
+    return float(np.median(differing)) if len(differing) > 2 or (len(pairs) > 2 and agree) else 1.0
 
 
 def check_noise(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel) -> Iterator[Suspicion]:

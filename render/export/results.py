@@ -16,7 +16,7 @@ from ..image import LAMP, NOTHING
 from .neutral import (
     Exported,
     Layout,
-    holds,
+    has_export,
     read_camera,
     read_layout,
     read_surfaces,
@@ -47,7 +47,7 @@ def write_export(folder: Path, exported: Exported) -> None:
         If ``folder`` holds anything else, or if the scene cannot be exported.
     """
     renderers = renderer_catalogue()
-    if holds(folder, exported):
+    if has_export(folder, exported):
         for identifier, renderer in renderers.items():
             if not (folder / identifier).exists():
                 with replacing_folder(folder / identifier) as temporary:

@@ -82,6 +82,7 @@ def build_direct_cells(
     tuple[DirectCells, ...]
         One for each lamp, with the same cells.
     """
+    checkpoint()
     cells = build_patches(tracer, edge_mm)
     parts = [
         _moments(tracer, lamps, cells, some, samples, seed) for some in lane_ranges(len(cells), samples * len(lamps))

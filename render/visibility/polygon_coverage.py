@@ -64,6 +64,7 @@ def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArra
     NDArray
         (c, n, f) float32 shares, 0 to 1.
     """
+    checkpoint()
     lines = _lines_of(faces)
     functions = np.array([_functions(faces.planes, camera) for camera in cameras])
     zero = np.array([lines.zero(camera, rows[:, 0]) for camera, rows in zip(cameras, functions, strict=True)])
@@ -75,6 +76,7 @@ def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArra
     coverage[:] = alone
     mixed = np.flatnonzero(candidates.any(axis=1) & ~alone.any(axis=1))
     candidates = candidates[mixed]
+    checkpoint()
     low, high = _bounds(zero, middle[:, mixed], half[:, mixed])
     crossed = ((low < 0) & (high > 0)).T & (candidates.astype(np.float32) @ lines.faces.T > 0)
     lens_frames = {lens: _frames(corners[:, mixed]) for lens, corners in lenses.items()}

@@ -91,3 +91,20 @@ def test_one_term_gives_the_same_as_the_general_formula():
     assert plain.at_slopes(np.array([[0.3, -0.2]])) == pytest.approx(expected, abs=1e-12)
     tiny = replace(plain, lens=Lens(k2=1e-300))
     assert np.allclose(tiny.slopes(*np.indices((20, 20)) * 13), plain.slopes(*np.indices((20, 20)) * 13), atol=1e-13)
+
+
+@pytest.mark.parametrize("term", ["k1", "k2", "k3", "k4", "p1", "p2"])
+@pytest.mark.parametrize("name", ["all terms", "fisheye of four terms"])
+def test_derivatives_by_a_term_are_differences(name, term):
+    k1, lens = LENSES[name]
+    if term not in (("k1", "k2", "k3", "k4") if lens.model == "fisheye" else ("k1", "k2", "k3", "p1", "p2")):
+        return
+    slopes, step = np.random.default_rng(4).uniform(-0.6, 0.6, (20, 2)), 1e-5
+
+    def moved(sign):
+        if term == "k1":
+            return lens.distorted(slopes, k1 + sign * step)
+        return replace(lens, **{term: getattr(lens, term) + sign * step}).distorted(slopes, k1)
+
+    expected = (moved(1) - moved(-1)) / (2 * step)
+    np.testing.assert_allclose(lens.term_derivatives(slopes, term), expected, atol=1e-8)

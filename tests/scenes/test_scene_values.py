@@ -35,6 +35,13 @@ def test_a_packaged_scene_reads_back_from_the_file_that_it_writes(name, tmp_path
     assert_same(load_scene(scene.write(tmp_path / "room.toml")), scene)
 
 
+def test_blocks_are_written_as_quads_and_need_no_mesh(tmp_path):
+    box = load_scene("cornell-box")
+    assert any(len(surface.faces) > 2 for surface in box.surfaces)
+    box.with_reflectance("red", 0.3).write(tmp_path / "room.toml")
+    assert not [path.name for path in tmp_path.iterdir() if "block" in path.name]
+
+
 EVERYTHING = (
     GOOD
     + """

@@ -221,6 +221,8 @@ def rectangle(x, y, width, height, turn=0.0):
         [rectangle(1, 1, 1, 1), rectangle(3, 1.2, 1, 1), rectangle(2, 3, 3, 0.5)],
         [rectangle(1.2, 1.2, 1, 1, 0.6), rectangle(2.8, 2.6, 1.4, 1, 0.6)],
         [rectangle(1, 1, 1, 1), rectangle(1, 3, 1, 1), rectangle(3, 1, 1, 1), rectangle(3, 3, 1, 1)],
+        # slits side by side, which only lines along their long edges part
+        [rectangle(2 + d * np.cos(1.0), 2 + d * np.sin(1.0), 0.3, 2.2, 1.0) for d in (-0.2, 0.2)],
     ],
 )
 def test_a_plate_with_several_holes_is_tiled(holes):

@@ -26,7 +26,7 @@ from cboxlab.rendering.perturbation import warp_change
 from cboxlab.rendering.radiosity import LightField
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.progress import NO_PROGRESS, Progress, share
+from cboxlab.utils.progress import NO_PROGRESS, Progress, checkpoint, share
 from numpy.typing import NDArray
 
 from ..predict import (
@@ -233,6 +233,7 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
     progress.stage("comparing")
     rendered = refitted_picture(prepared, final, model.effects)
+    checkpoint()
     comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     surveyed = prepared.expected_camera(model.effects)
     far_off = comparison.chi2.per_dof > _MAX_CHI2_OF_CAMERA_FIT

@@ -75,11 +75,18 @@ class Preview:
         """
         hours, cores = self.pictures * self.seconds_each / _HOUR_S, os.cpu_count() or 1
         return [
-            f"{self.pictures} pictures, {self.kind}: about {hours / cores:.2g} h on the {cores} cores of this machine "
+            f"{self.pictures} pictures, {self.kind}: about {_span(hours / cores)} on the {cores} cores of this machine "
             f"by as many processes ({hours:.2g} core hours, {self.seconds_each:.1f} s each)",
             f"{self.pictures * self.bytes_each / 1e9:.2g} GB ({self.bytes_each / 1e6:.1f} MB each)",
             f"{self.rejected:.2g} rejected draws for each box",
         ]
+
+
+def _span(hours: float) -> str:
+    """Text of a time in hours, minutes or seconds, to two digits."""
+    units = (("h", 1.0), ("min", 60.0), ("s", _HOUR_S))
+    unit, part = next(((unit, part) for unit, part in units if hours * part >= 1), units[-1])
+    return f"{float(f'{hours * part:.2g}'):g} {unit}"
 
 
 def preview_recipe(recipe_file: str | Path, page: str | Path, progress: Progress = NO_PROGRESS) -> Preview:

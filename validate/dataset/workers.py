@@ -12,10 +12,11 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from cboxlab.rendering.device import dr
@@ -311,17 +312,21 @@ def _on_client(
 
     A worker that ends or joins changes nothing else.
     """
-    later = iter(tasks)
-    waiting = {client.submit(run, task, pure=False): task for task in islice(later, _MOST_HELD)}
+    later, waiting, over = iter(tasks), {}, SimpleQueue[Any]()
+
+    def submit(count: int) -> None:
+        for task in islice(later, count):
+            future = client.submit(run, task, pure=False)
+            waiting[future] = task
+            future.add_done_callback(over.put)
+
     try:
+        submit(_MOST_HELD)
         while waiting:
-            try:
-                over, _ = dask.wait(list(waiting), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
-            except TimeoutError:
-                over = set()
-            for future in over:
+            with suppress(Empty):
+                future = over.get(timeout=_LOOK_S)
                 yield waiting.pop(future), future.result()
-            waiting |= {client.submit(run, task, pure=False): task for task in islice(later, len(over))}
+                submit(1)
             idle()
     except OSError as error:
         if error.filename is not None:

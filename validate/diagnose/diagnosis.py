@@ -23,15 +23,7 @@ from .alternatives import (
     with_alternatives,
 )
 from .base_flaws import Flaw
-from .evidence import (
-    INDISTINGUISHABLE_CHI2,
-    Limit,
-    explained_part,
-    prior_pull,
-    something_remains,
-    square,
-    tolerance_notes,
-)
+from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
     LIKELY,
@@ -66,7 +58,7 @@ from .ranking import UNKNOWN, Ranked, ranking
 from .search import Candidate, Signature, scale_notes, without_imitated
 from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
-from .unexplained import explanation_to_report, family_beats_effects, leads_of_forms, residual_data_of
+from .unexplained import close_leads, explanation_to_report, family_beats_effects, leads_of_forms, residual_data_of
 
 __all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
 
@@ -231,8 +223,7 @@ def diagnose_validation(
         as_judged = [replace(fit, linearised=search.judging(fit.linearised)) for fit in further_fits]
         assessed = refitted_to_all(prepared, search.judging(linearised), assessed, as_judged)
         effects = [effect.candidate for effect in assessed]
-    if not effects:
-        linearised = first
+    linearised = linearised if effects else first
     answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
     answer = replace(answer, imitations=_imitations(judged, assessed))
     progress.stage("explaining what remains")
@@ -269,7 +260,7 @@ def diagnose_validation(
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
-        doubts={name: lead for name, lead in judged.leads.items() if lead.form and lead.lead > -INDISTINGUISHABLE_CHI2},
+        doubts=close_leads(judged.leads),
         further=tuple(
             further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
@@ -330,11 +321,9 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
         beaten = family_beats_effects(alone, start, effects, model, residual, explanation, scoring)
         if selected == (UNKNOWN,) or (beaten and not alone.single_pixels):
             explanation, selected = alone, (UNKNOWN,)
-    if explanation is not None:
-        explanation = explanation.named_if_likely()
+    explanation = None if explanation is None else explanation.named_if_likely()
     if selected == (UNKNOWN,):
-        if explanation is not None:
-            unknown = max(unlisted, explanation.cause_probability)
+        unknown = unknown if explanation is None else max(unlisted, explanation.cause_probability)
         return _Answer(first, [], [], first.model.residual, selected, explanation, unknown)
     return replace(answer, selected=selected, explanation=explanation, unknown=unknown, imitations=imitations)
 
@@ -349,9 +338,8 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
         name = effect.candidate.hypothesis.effect.id
         imitations[name] = LEAST_PROBABILITY
         if not effect.candidate.by_priors:
-            gain = (effect.chi2_without - effect.candidate.chi2) / effect.count
-            if name in verdicts:
-                gain = verdicts[name].gain
+            by_size = (effect.chi2_without - effect.candidate.chi2) / effect.count
+            gain = verdicts[name].gain if name in verdicts else by_size
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
             signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, judged.leads[name].lead)
             imitations[name] = imitation_probability(signs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,6 +33,7 @@ from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
 
 __all__ = [
+    "close_leads",
     "explanation_to_report",
     "family_beats_effects",
     "is_significant_pattern",
@@ -170,6 +171,22 @@ def leads_of_forms(
         together_lead = over(by_picture, refitted_together(linearised, others) if others else [])
         leads = {name: max(lead, together_lead, key=lambda each: each.lead) for name, lead in leads.items()}
     return leads
+
+
+def close_leads(leads: Mapping[str, Lead]) -> dict[str, Lead]:
+    """Forms of unlisted causes that explain as much as an effect.
+
+    Parameters
+    ----------
+    leads
+        Leads of the best forms, by effect.
+
+    Returns
+    -------
+    dict
+        The leads of forms that a capture does not distinguish from the effect, or that explain more.
+    """
+    return {name: lead for name, lead in leads.items() if lead.form and lead.lead > -INDISTINGUISHABLE_CHI2}
 
 
 def is_significant_pattern(

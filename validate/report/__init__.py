@@ -13,6 +13,7 @@ from .diagnosis import (
 )
 from .figures import FIGURES, comparison_figure
 from .metrics import PathStep
+from .page import write_tables
 from .plots import STYLE, picture_row
 from .table_sections import correlation_section
 from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
@@ -42,6 +43,7 @@ __all__ = [
     "validation_record",
     "verdict",
     "write_diagnosis",
+    "write_tables",
     "write_trend",
     "write_validation",
 ]

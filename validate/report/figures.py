@@ -27,14 +27,20 @@ _MAX_COLUMNS = 4
 #: Text and axes: black, for paper.
 _INK = "black"
 
+#: Label of relative differences, in two lines: one would be longer than a map is high.
+_RELATIVE = "(measured − rendered)\n/ rendered, %"
+
+#: Largest share of the colour map that lines have: its end is too bright for white paper.
+_BRIGHTEST_LINE = 0.8
+
 #: Share of the pixels that the scale of signals covers; the lamp is brighter.
 _BRIGHT_PERCENTILE = 99.5
 
 
 def _maps(images: Mapping[str, NDArray[np.float64]], label: str, low: float, high: float, colours: str) -> Figure:
     """Figure of maps on one scale, their axes in pixels; grey where a pixel is left out."""
-    columns = min(len(images), _MAX_COLUMNS)
-    rows = -(-len(images) // columns)
+    rows = -(-len(images) // _MAX_COLUMNS)
+    columns = -(-len(images) // rows)
     figure = Figure(figsize=(_MAP_INCH[0] * columns + 1.1, _MAP_INCH[1] * rows + 0.6), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     colormap = matplotlib.colormaps[colours].with_extremes(bad="0.6")
@@ -44,6 +50,8 @@ def _maps(images: Mapping[str, NDArray[np.float64]], label: str, low: float, hig
         axis.grid(visible=False)
     for axis in axes.flat[len(images) :]:
         axis.set_axis_off()
+    for axis in axes.flat[max(len(images) - columns, 0) : len(images)]:
+        axis.tick_params(labelbottom=True)  # no map is below
     figure.supxlabel("u, px")
     figure.supylabel("v, px")
     figure.colorbar(picture, ax=list(axes.flat), label=label, extend="both" if low < 0 else "max")
@@ -64,7 +72,7 @@ def _relative(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
     is_used = np.isfinite(c.maps["residual_over_sigma"].values) & (rendered > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         percent = np.where(is_used, 100 * (measured / rendered - 1), np.nan)
-    return _maps(_of_bands(percent, bands), "(measured − rendered) / rendered, %", -LUMINANCE, LUMINANCE, "RdBu_r")
+    return _maps(_of_bands(percent, bands), _RELATIVE, -LUMINANCE, LUMINANCE, "RdBu_r")
 
 
 def _signals(name: str, label: str) -> Callable[[Comparison, Sequence[NamedBand]], Figure]:
@@ -85,7 +93,7 @@ def _colour(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
 
 def _luminance(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
     image = 100 * c.maps["luminance_relative_difference"].values
-    label = "(measured − rendered) / rendered, %"
+    label = _RELATIVE
     return _maps({"luminance Y": image}, label, -LUMINANCE, LUMINANCE, "RdBu_r")
 
 
@@ -110,16 +118,16 @@ def _residuals(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
 
 
 def _surfaces(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
-    figure, axes = _plot("band", "mean of (measured − rendered) / rendered, %")
+    figure, axes = _plot("band", f"mean of {_RELATIVE}")
     markers = "osD^v<>PX*"
-    colours = matplotlib.colormaps["cividis"](np.linspace(0, 0.95, max(len(c.by_surface), 1)))
+    colours = matplotlib.colormaps["cividis"](np.linspace(0, _BRIGHTEST_LINE, max(len(c.by_surface), 1)))
     for number, (name, row) in enumerate(c.by_surface.items()):
         values = [100 * row.relative[index] for index, _ in bands]
         marker = markers[number % len(markers)]
         axes.plot(range(len(bands)), values, marker=marker, color=colours[number], linewidth=1, label=name)
     axes.axhline(0, color=_INK, linewidth=0.8)
     axes.set_xticks(range(len(bands)), [name for _, name in bands], rotation=45, ha="right")
-    axes.legend(fontsize=8)
+    figure.legend(fontsize=8, loc="outside right upper")
     return figure
 
 

@@ -15,6 +15,7 @@ from cboxlab.calibration.instrument import BandResponse
 from cboxlab.calibration.quality import Suspicion
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.table import Table
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ..compare import COLOUR_DIFFERENCES, Comparison, band_centres
@@ -109,6 +110,42 @@ def report_environment() -> Environment:
     )
     environment.globals["kind"] = _block_kind
     return environment
+
+
+def write_sections(path: Path, title: str, sections: Sequence[ReportSection]) -> None:
+    """Write a page of sections; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    title
+        Title of the page.
+    sections
+        The sections in their order.
+    """
+    page = report_environment().get_template("plain.html.j2").render(title=title, sections=sections)
+    with replacing(path) as temporary:
+        temporary.write_text(page, encoding="utf-8")
+
+
+def write_tables(path: Path, title: str, sentences: Sequence[str], tables: Sequence[Table]) -> None:
+    """Write a page of sentences and tables; an incomplete file is removed.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    title
+        Title of the page.
+    sentences
+        Sentences, the first one as the heading of the rest.
+    tables
+        Tables of text.
+    """
+    first, *others = sentences
+    below = [ReportSection(table.title, blocks=(ReportTable(table.columns, table.rows),)) for table in tables]
+    write_sections(path, title, [ReportSection(first, others), *below])
 
 
 def build_report(path: Path, inputs: ReportInputs) -> None:

@@ -15,6 +15,7 @@ from ..diagnose.explain import advice
 from .bands import NamedBand
 from .blocks import Cell, Headline, ReportSection, ReportTable, Story
 from .diagnosis import (
+    doubt_sentences,
     error_sentence,
     evidence_sentences,
     explained_share,
@@ -153,6 +154,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
     details = [
         *meaning,
         *flaw_sentences(diagnosis),
+        *doubt_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
         *verdict(c, bands).details[3:],

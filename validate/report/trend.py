@@ -11,13 +11,12 @@ from typing import Any
 import matplotlib
 import numpy as np
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
 
 from .blocks import ReportSection, ReportTable
 from .numerals import with_error
-from .page import report_environment
+from .page import write_sections
 from .plots import INK, LINE, STYLE, Drawing, drawing, new_figure
 
 __all__ = ["TrendResult", "read_trend_result", "trend_record", "trend_rows", "write_trend"]
@@ -229,6 +228,4 @@ def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
         ),
     ]
     title = f"{len(results)} results of {captures}"
-    page = report_environment().get_template("trend.html.j2").render(title=title, sections=sections)
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_sections(path, title, sections)

@@ -12,7 +12,7 @@ from .exported import (
     subpixel_rays,
 )
 from .raw_pixels import exr_pixels, exr_radiance, npy_pixels, raw_pixels
-from .scene_files import holds, mesh_path, rays_path, read_layout, read_surfaces, read_warp, write_neutral
+from .scene_files import has_export, mesh_path, rays_path, read_layout, read_surfaces, read_warp, write_neutral
 
 __all__ = [
     "ExportSettings",
@@ -24,7 +24,7 @@ __all__ = [
     "exported_scene",
     "exr_pixels",
     "exr_radiance",
-    "holds",
+    "has_export",
     "mesh_path",
     "npy_pixels",
     "pixel_means",

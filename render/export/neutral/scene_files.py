@@ -20,7 +20,7 @@ from ...visibility import build_tracer, facet_coverage
 from .camera_file import camera_entry
 from .exported import Exported, ExportedLamp, ExportSettings, Layout, pixel_means, subpixel_rays
 
-__all__ = ["holds", "mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
+__all__ = ["has_export", "mesh_path", "rays_path", "read_layout", "read_surfaces", "read_warp", "write_neutral"]
 
 #: Value of the surface map (8 bits) where a pixel sees the lamp: the largest but one.
 _LAMP_PIXEL = 254
@@ -118,7 +118,7 @@ def write_neutral(folder: Path, exported: Exported) -> None:
     (folder / "scene.json").write_text(json.dumps(_entry(exported), indent=1) + "\n", encoding="utf-8")
 
 
-def holds(folder: Path, exported: Exported) -> bool:
+def has_export(folder: Path, exported: Exported) -> bool:
     """Whether a folder is an export of the same scene, camera and settings.
 
     Parameters

@@ -38,8 +38,8 @@ def capture_of(*bands, pattern="RGGB"):
     )
 
 
-def test_channels_of_one_filter_are_weighted_by_their_noise():
-    """500 patches, noise 0.02 and 0.03: one column of sigma 0.0166. A third channel sees a leak."""
+def test_channels_of_one_filter_are_weighted_by_their_squared_signals():
+    """Noise of 1 DN at 33 and 50 DN, 0.03 and 0.02: one column of sigma 0.0166. A third channel sees a leak."""
     rng = np.random.default_rng(3)
     truth = rng.uniform(0.05, 0.9, 500)
     sigma = np.array([0.03, 0.02, 0.01, 0.05])
@@ -47,7 +47,7 @@ def test_channels_of_one_filter_are_weighted_by_their_noise():
     columns[:, 2] += 0.1 * rng.uniform(-1, 1, 500)
     capture = capture_of(("500b", 500, "B"), ("500g", 500, "G"), ("500r", 500, "R"), ("w", None, "G"))
     spread = np.broadcast_to(sigma, columns.shape)
-    joined = joined_channels(capture, BandColumns(capture.band_ids, columns, spread, np.eye(4), np.ones(4)))
+    joined = joined_channels(capture, BandColumns(capture.band_ids, columns, spread, np.eye(4), np.ones(4), 1 / sigma))
     assert joined.bands == ("500g", "w")
     expected = (sigma[0] ** -2 + sigma[1] ** -2) ** -0.5
     np.testing.assert_allclose(joined.sigma[:, 0], expected)
@@ -57,10 +57,22 @@ def test_channels_of_one_filter_are_weighted_by_their_noise():
     assert "500r differ by more and are left out" in joined.notes[0]
 
 
+def test_a_dim_channel_with_stray_light_has_little_weight():
+    """5 DN of stray light on 200 and on 40 DN: errors of 0.025 and 0.12 become one of 0.028."""
+    capture = capture_of(("500g", 500, "G"), ("500b", 500, "B"))
+    truth, level = np.linspace(0.05, 0.9, 24), np.array([200.0, 40.0])
+    columns = (truth[:, None] + 5 / level) / (1 + 5 / level)
+    spread = np.full(columns.shape, 0.1)
+    joined = joined_channels(capture, BandColumns(capture.band_ids, columns, spread, np.eye(2), np.ones(2), level))
+    error = np.abs(joined.reflectance[:, 0] - truth).max()
+    single = np.abs(columns - truth[:, None]).max(axis=0)
+    assert single[0] < error < 0.15 * single[1] + 0.85 * single[0] < single.mean()
+
+
 def test_bands_without_a_stated_channel_stay_as_they_are_and_further_channels_are_named():
     """The filter at 500 nm lies between blue and green: both see it, and one alone is chosen as before."""
     capture = capture_of(("500", 500, None), ("600", 600, None))
-    columns = BandColumns(capture.band_ids, np.ones((3, 2)), np.ones((3, 2)), np.eye(2), np.ones(2))
+    columns = BandColumns(capture.band_ids, np.ones((3, 2)), np.ones((3, 2)), np.eye(2), np.ones(2), np.ones(2))
     joined = joined_channels(capture, columns)
     assert joined.bands == columns.bands and not joined.notes
     notes = chosen_channel_notes(capture, {"500": "G", "600": "R"})

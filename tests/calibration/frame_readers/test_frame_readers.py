@@ -176,6 +176,20 @@ def test_damaged_files_are_named(tmp_path, name):
         frame_header(tmp_path / name)
 
 
+@pytest.mark.parametrize("kind", ["RICE_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1"])
+def test_a_compressed_image_may_have_the_ending_of_a_plain_one(tmp_path, kind):
+    """As CFITSIO's programs write them: cube.fits with the image in a table."""
+    fits = pytest.importorskip("astropy.io.fits", reason="needs astropy (extra 'readers')")
+    image = counts((3, 48, 64)) // 4
+    tiles = (1, 48, 64) if kind == "HCOMPRESS_1" else None
+    unit = fits.CompImageHDU(image[:, ::-1].astype(np.int32), compression_type=kind, tile_shape=tiles)
+    fits.HDUList([fits.PrimaryHDU(), unit]).writeto(tmp_path / "a.fits")
+    assert_read_exactly(tmp_path / "a.fits", image, 3)
+    (tmp_path / "b.fits").write_bytes((tmp_path / "a.fits").read_bytes()[:-4000])
+    with pytest.raises(InputError, match="truncated"):
+        read_pictures(tmp_path / "b.fits")
+
+
 @pytest.mark.parametrize("name", ["a.fits", "a.fits.gz", "a.fits.fz", "a.tif"])
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 def test_truncated_files_are_named(tmp_path, name, share):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.calibration.quality.content import check_frame_content
+from cboxlab.calibration.quality.dark_light import check_light_in_darks
 from cboxlab.calibration.quality.repeats import _check_lines
 from cboxlab.calibration.quality.schedule import check_schedule
 from cboxlab.calibration.quality.stacks import Stack
@@ -46,3 +47,25 @@ def test_few_rows_of_a_channel_vary_more_by_chance(lines):
 
     assert sum(suspected(*pair) for pair in of_chance) <= 6
     assert suspected(6.0, 1.0) == 1
+
+
+@pytest.mark.parametrize(("rate_dn_s", "suspected"), [(0.0, False), (1.0, True), (5.0, True)])
+def test_light_in_the_darks_of_a_colour_sensor_follows_its_colours(rate_dn_s, suspected):
+    """Dark current and the levels of the channels are no light: 30 captures each, read noise 1 DN."""
+    rng, side = np.random.default_rng(5), 48
+    red, blue = np.zeros((side, side)), np.zeros((side, side))
+    red[::2, ::2], blue[1::2, 1::2] = 1, 1
+    response, offset = 1 - 0.5 * red - 0.7 * blue, 3 * red - 2 * blue
+    flat = (400 + 1500 * response).astype(np.uint16)[None]
+    channels = {"R": (0, 0, 2), "G": (0, 1, 2), "B": (1, 1, 2)}
+    flats = [Stack("flat", f"flat ({c})", c, 1.0, None, ("flat.tif",), flat, at, c) for c, at in channels.items()]
+    for _ in range(30):
+        times = np.array([1.0, 8.0])
+        noise = rng.standard_normal((2, side, side)) + 0.3 * times[:, None, None] * rng.exponential(1, (side, side))
+        level = 400 + offset + noise + rate_dn_s * times[:, None, None] * response
+        dark = SimpleNamespace(exposure_s=times, level=level, at=lambda _, first=level[0]: first)
+        stacks = [*flats, *(Stack("dark", f"dark ({t:g} s)", None, t, None, ("d",), flat, None) for t in times)]
+        suspicions = [*check_light_in_darks(stacks, dark)]
+        assert bool(suspicions) is suspected
+        if suspicions:
+            assert suspicions[0].where == "dark (8 s)" and "colours' sensitivities" in suspicions[0].why

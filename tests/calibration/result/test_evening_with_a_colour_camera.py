@@ -30,13 +30,13 @@ def photograph(rng, light):
     return np.clip(np.rint(electrons / GAIN + 64), 0, WHITE).astype(np.uint16)
 
 
-def board(turn, place, samples=2):
+def board(turn, corner_mm, samples=2):
     """(y, x) reflectance of a printed board before the lens, by the ray of each sample of a pixel."""
-    rotation, place = cv2.Rodrigues(np.array(turn))[0], np.array(place, float)
+    rotation, corner_mm = cv2.Rodrigues(np.array(turn))[0], np.array(corner_mm, float)
     v, u = (np.indices((SIDE * samples,) * 2) + 0.5) / samples - 0.5 - (SIDE - 1) / 2
     rays = np.stack([u / FOCAL_PX, v / FOCAL_PX, np.ones_like(u)], axis=-1)
-    distance = (rotation[:, 2] @ place) / (rays @ rotation[:, 2])
-    across, down = np.moveaxis(((rays * distance[..., None] - place) @ rotation)[..., :2] / PITCH_MM, -1, 0)
+    distance = (rotation[:, 2] @ corner_mm) / (rays @ rotation[:, 2])
+    across, down = np.moveaxis(((rays * distance[..., None] - corner_mm) @ rotation)[..., :2] / PITCH_MM, -1, 0)
     squares = (across > -1) & (across < COLUMNS) & (down > -1) & (down < ROWS)
     paper = (across > -1.5) & (across < COLUMNS + 0.5) & (down > -1.5) & (down < ROWS + 0.5)
     dark = squares & ((np.floor(across) + np.floor(down)) % 2 == 0)

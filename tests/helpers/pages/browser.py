@@ -41,15 +41,23 @@ class PageLeft(AssertionError):
 class Page:
     """One page. errors : what went wrong in it, as written on its console; a test holds this to be empty."""
 
-    def __init__(self, writing: int, reading: int) -> None:
-        self._writing, self._reading = writing, reading
-        self._numbers, self._left, self.errors = itertools.count(1), b"", []
+    def __init__(self, writing: int, reading: int, opener: Page | None = None) -> None:
+        self._writing, self._reading, self.errors = writing, reading, []
+        self._numbers = itertools.count(1) if opener is None else opener._numbers
+        self._unread = bytearray() if opener is None else opener._unread
+        #: Pages of the browser by their sessions: events of one may be read by another.
+        self._tabs: dict[str, Page] = {} if opener is None else opener._tabs
         #: Questions that pages asked; each is answered with yes.
         self.questions: list[str] = []
         target = self._call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._tabs[self._session] = self
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
+
+    def tab(self) -> Page:
+        """Another page of the same browser."""
+        return Page(self._writing, self._reading, self)
 
     def _call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)
@@ -66,16 +74,17 @@ class Page:
                 if "error" in answer:
                     raise AssertionError(f"{method}: {answer['error']}")
                 return answer["result"]
-            self._heard(answer)
+            self._tabs.get(answer.get("sessionId", ""), self)._heard(answer)
         raise AssertionError(f"{method}: no answer")
 
     def _message(self) -> dict[str, Any]:
-        while b"\0" not in self._left:
+        while (end := self._unread.find(b"\0")) < 0:
             more = os.read(self._reading, 1 << 20)
             if not more:
                 raise AssertionError("the browser has gone")
-            self._left += more
-        message, self._left = self._left.split(b"\0", 1)
+            self._unread += more
+        message = bytes(self._unread[:end])
+        del self._unread[: end + 1]
         return json.loads(message)
 
     def _heard(self, event: dict[str, Any]) -> None:
@@ -157,9 +166,9 @@ class Page:
 
     def key(self, key: str, shift: bool = False) -> None:
         """Press and release a key, by its name in JavaScript."""
-        key_codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Escape": 27, "Tab": 9}
-        code = key_codes.get(key, ord(key.upper()[0]))
-        text = {"text": key} if len(key) == 1 else {}
+        arrows = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
+        code = {**arrows, "Escape": 27, "Tab": 9, "Enter": 13}.get(key, ord(key.upper()[0]))
+        text = {"text": "\r" if key == "Enter" else key} if len(key) == 1 or key == "Enter" else {}
         event = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
         self.call("Input.dispatchKeyEvent", type="keyDown", **event, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", **event)

@@ -12,15 +12,15 @@ __all__ = ["served"]
 
 
 @contextmanager
-def served(bench: Workbench) -> Iterator[str]:
-    """Address of the workbench's page; the server ends with the block."""
+def served(bench: Workbench, token: str = "secret") -> Iterator[str]:
+    """Address of the workbench's page; the server ends with the block. token : "" for none."""
     listening = socket.create_server(("127.0.0.1", 0))
-    app = build_app(bench, "secret", frozenset({"127.0.0.1", "localhost"}), idle_s=1e9)
+    app = build_app(bench, token, frozenset({"127.0.0.1", "localhost"}), idle_s=1e9)
     server = uvicorn.Server(uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=1))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
     thread.start()
     try:
-        yield f"http://127.0.0.1:{listening.getsockname()[1]}/secret/"
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/{token}{'/' if token else ''}"
     finally:
         server.should_exit = True
         thread.join(20)

@@ -56,6 +56,9 @@ def test_maps_have_the_bands_in_the_order_of_wavelength():
 def test_every_figure_has_units_and_can_be_saved(what, tmp_path):
     validation = fake_validation()
     figure = ValidationResult(validation).figure(what)
+    figure.draw_without_rendering()
+    labels, size = figure.get_tightbbox(), figure.get_size_inches()
+    assert labels.x0 >= 0 and labels.y0 >= 0 and (labels.max <= size).all()  # no label is cut
     figure.savefig(tmp_path / "figure.pdf")
     texts = [axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes]
     assert any(unit in text for text in texts for unit in ("σ", "%", "DN", "ΔE"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose import stepwise
-from cboxlab.validation.diagnose.selection import best_set
+from cboxlab.validation.diagnose.selection import NormalEquations, best_set
 from helpers.captures.patterns import AMOUNT, COUNT, Patterns, fitted_together, laboratory, names_of, waves
 
 
@@ -174,3 +174,11 @@ def test_effects_that_explain_little_each_are_given_up(monkeypatch):
     patterns = {"one": waves(1, 0), "other": waves(0, 2), "foreign": waves(2, 2)}
     assert selected(monkeypatch, patterns, {"foreign": 3.0, "one": 1.0}, {"foreign"}) == set()
     assert selected(monkeypatch, patterns, {"foreign": 6**0.5, "one": 2.0}, {"foreign"}) == {"one"}
+
+
+def test_two_columns_that_are_the_same_have_a_solution():
+    """The ridge is added to the diagonal: the products stay positive definite."""
+    linearised, by_name = laboratory({"one": waves(1, 0), "same": waves(1, 0)}, {"one": 0.4})
+    equations = NormalEquations.of(linearised.problem(()), [*by_name.values()], linearised.model.residual)
+    assert np.linalg.eigvalsh(equations.products.astype(float)).min() > 0
+    assert equations.solve([0, 1])[0] > 0

@@ -7,6 +7,7 @@ from io import BytesIO
 import pytest
 from cboxlab.validation.report.page import ReportInputs, build_report
 from helpers.fakes.box import FakeBox, fake_run, fake_weights
+from helpers.pages.axe import nameless, violations
 from helpers.pages.browser import open_browser
 from pypdf import PdfReader
 
@@ -134,6 +135,13 @@ def test_pixels_are_marked_where_they_are(browser, report):
     assert len(outcome) > 20
     for pixel, position in outcome:
         assert position == pytest.approx((pixel + 0.5) / BOX.size, abs=0.02)
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
+def test_axe_finds_nothing(browser, report, width, dark):
+    _open(browser, report, width, dark)
+    assert violations(browser) == []
+    assert nameless(browser) == []
 
 
 def test_printed_it_is_complete_and_keeps_its_columns(browser, report):

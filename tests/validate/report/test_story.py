@@ -1,16 +1,20 @@
 """What the report says of causes: found, nothing known, adequate, not distinguished."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
+from cboxlab.validation.compare import regions_of
 from cboxlab.validation.diagnose import Diagnosis, FurtherCaptureResult, LikelyCause, Limit, Ranked, Separation, Step
 from cboxlab.validation.report.diagnosis import further_sentences, limit_text, size_in_words
+from cboxlab.validation.report.numerals import chi2_text
+from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import pooled, story
-from helpers.fakes.box import BANDS, FakeBox
+from helpers.fakes.box import BANDS, FakeBox, fake_run
 
 BOX = FakeBox(size=32)
 NAMED = [(4, "650 nm"), (0, "450 nm"), (1, "500 nm"), (2, "550 nm"), (3, "600 nm")]
@@ -78,6 +82,28 @@ def test_a_parameter_has_one_value_and_its_size_in_words():
     chi2 = before_after.rows[0]
     assert float(chi2[1]) == pytest.approx(AS_GIVEN.chi2.per_dof, rel=1e-3)
     assert float(chi2[2]) == pytest.approx(MENDED.chi2.per_dof, rel=1e-3)
+
+
+def test_every_printed_value_of_a_parameter_and_of_chi_square_is_the_same(tmp_path):
+    """On the whole page: headline, words, captions, tables, plots and the command that adds the effect."""
+    alone = [_cause("veiling-glare", {"fraction": 0.0295}, 0.93, 1.0, 0.0), CAUSES[1]]
+    diagnosis = _diagnosis(("veiling-glare", "defocus"), alone)
+    inputs = ReportInputs(AS_GIVEN, fake_run(), [], story=story(diagnosis, NAMED))
+    build_report(tmp_path / "report.html", inputs)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    body = re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body))
+    for effect in diagnosis.path[-1].effects:
+        (number,) = effect.effect.numbers
+        printed = re.findall(rf"{effect.id} \({number.label} ([^ ,)]+)", text)
+        assert len(printed) >= 1 and len(set(printed)) == 1, printed
+        in_command = re.findall(rf"{effect.id} {number.name}=([\d.]*\d)", text)
+        assert {float(value) for value in (*printed, *in_command)} == {effect.values[number.name]}
+    assert len(re.findall(r"fraction 0\.0301 ± 0\.0012", text)) >= 3 and "0.0295" not in text
+    printed = re.findall(r"χ²(?:/dof| per degree of freedom)(?: is| falls from)?\s+(\d[\d.]*\d)", text)
+    parts = [region.chi2 for regions in regions_of(AS_GIVEN).values() for region in regions]
+    assert len(printed) >= 3
+    assert set(printed) <= {chi2_text(value.per_dof) for value in (AS_GIVEN.chi2, MENDED.chi2, *parts)}
 
 
 def test_every_size_in_words_can_be_said():

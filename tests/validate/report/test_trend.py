@@ -7,6 +7,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.report import read_trend_result, trend, trend_record, write_trend
 from cboxlab.validation.report.metrics import metrics
 from helpers.fakes.box import FakeBox, fake_run
+from helpers.pages.axe import nameless, violations
 from helpers.pages.browser import open_browser
 from helpers.pages.page_faults import FAULTS
 
@@ -52,6 +53,7 @@ def test_every_number_stands_in_the_table_and_on_the_page(folders, tmp_path):
             assert [fault for fault in page.run(FAULTS) if not fault.startswith("small: <text")] == []
             sizes = "[...document.querySelectorAll('svg text')].map((e) => 10 * e.getScreenCTM().a)"
             assert min(page.run(sizes)) > 11
+            assert violations(page) == [] == nameless(page)
         assert page.errors == []
 
 

@@ -45,6 +45,8 @@ __all__ = ["app", "run"]
 
 #: Least limit of address space, bytes: below it a validation of 128 x 128 pixels ended in a segmentation fault.
 _MIN_ADDRESS_SPACE = 2 * 2**30
+#: The same for the workbench, whose kernels and pictures stay in memory: it was aborted by a library at 2 GiB.
+_MIN_ADDRESS_SPACE_STUDIO = 4 * 2**30
 #: Exit code of an interrupted command, as of a shell: 128 and the number of SIGINT.
 _INTERRUPTED = 130
 
@@ -95,7 +97,7 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
     this_run.begin(command)
     try:
         _require_letters(command)
-        _require_address_space()
+        _require_address_space(_MIN_ADDRESS_SPACE_STUDIO if command[:1] == ["studio"] else _MIN_ADDRESS_SPACE)
         require_option_numbers(command, _COMMANDS)
         app(prog_name="cbox", args=command)
     except SystemExit as ended:
@@ -120,13 +122,13 @@ def run(arguments: Sequence[str] | None = None, pressed: Sequence[int] = ()) -> 
         _report_fault(error)
 
 
-def _require_address_space() -> None:
+def _require_address_space(least_bytes: int) -> None:
     """Raise InputError for a limit of address space that compiled libraries do not survive."""
     if resource is None:
         return
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY and limit < _MIN_ADDRESS_SPACE:
-        size, least = (f"{value / 2**30:.3g} GiB of address space" for value in (limit, _MIN_ADDRESS_SPACE))
+    if limit != resource.RLIM_INFINITY and limit < least_bytes:
+        size, least = (f"{value / 2**30:.3g} GiB of address space" for value in (limit, least_bytes))
         raise InputError("ulimit -v", size, f"at least {least}", "Set ulimit -v unlimited.")
 
 

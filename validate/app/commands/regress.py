@@ -36,6 +36,9 @@ def regress(
     candidate: Annotated[str, typer.Argument(help="The same for the changed renderer.", show_default=False)],
     *,
     json: JsonOption = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the verdict and its tables as a page for the browser.")
+    ] = None,
     junit: Annotated[Path | None, typer.Option(help="Write the verdict as JUnit XML.")] = None,
     model: Annotated[
         str | None,
@@ -66,8 +69,9 @@ def regress(
     from ...compare_renders.regress import SIDES, github_lines, input_files, regress_inputs, write_junit
 
     declared = declared_pair(declare, SIDES)
-    if junit is not None:
-        require_file(junit)
+    for path in (junit, out):
+        if path is not None:
+            require_file(path)
     with options(camera="--camera"), bar("comparing") as report:
         outcome = regress_inputs(
             baseline, candidate, model, camera, false_alarms, report, declared=declared, same_seeds=same_seeds
@@ -75,7 +79,11 @@ def regress(
     give_json(json, outcome.to_dict())
     if junit is not None:
         write_junit(junit, outcome)
-    written = [path for path in (json, junit) if path is not None and path != STANDARD_OUTPUT]
+    if out is not None:
+        from ...report import write_tables  # slow to import
+
+        write_tables(out, f"{candidate} against {baseline}", outcome.lines(), outcome.tables())
+    written = [path for path in (json, junit, out) if path is not None and path != STANDARD_OUTPUT]
     if written:
         from ...api import write_manifest  # slow to import
 

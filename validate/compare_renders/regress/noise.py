@@ -15,7 +15,7 @@ from cv2 import medianBlur
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
 
-from .patterns import difference_variance, of_blocks, of_filter, of_neighbours
+from .patterns import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 
 __all__ = [
     "Noise",
@@ -412,18 +412,18 @@ def _clustering(
     middle = np.median(quotient[smooth])
     spread = max(1.0, 1.4826 * float(np.median(np.abs(quotient[smooth] - middle))))
     clipped = np.clip((quotient - middle) / spread, -6, 6)
-    ratio = of_blocks(clipped, smooth, partly=estimated)
+    ratio = clustering_of_blocks(clipped, smooth, partly=estimated)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
     apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
-    by_filter = of_filter(clipped, smooth)
+    by_filter = clustering_by_filter(clipped, smooth)
     if by_filter is not None and estimated:
-        ratio = max(of_blocks(clipped, smooth, curved=True, partly=True), by_filter)
+        ratio = max(clustering_of_blocks(clipped, smooth, curved=True, partly=True), by_filter)
     elif by_filter is not None and by_filter > _CLEAR_FILTER and not stepped and spread < _MOST_SPREAD:
         ratio = max(ratio, by_filter)
     elif estimated and apart >= _GROSS:
         ratio = _WIDEST_FILTER
     elif not stepped and (estimated or (apart < _MOST_APART and spread < _MOST_SPREAD)):
-        ratio = max(ratio, of_neighbours(clipped, smooth))
+        ratio = max(ratio, clustering_of_neighbours(clipped, smooth))
     return (max(1.0, ratio) if ratio > _MIN_CLUSTERING else 1.0), single
 
 
@@ -473,7 +473,7 @@ def batch_clustering(batches: NDArray[np.float64], level: NDArray[np.float64], s
     for off in (totals - totals.mean(axis=0)) / scale:
         spread = 1.4826 * float(np.median(np.abs(off[smooth])))
         values = np.clip(off / max(spread, 1e-300), -6, 6)
-        by_filter = of_filter(values, smooth)
-        wide = of_neighbours(values, smooth) if by_filter is None else by_filter
-        ratios.append(max(1.0, of_blocks(values, smooth), wide))
+        by_filter = clustering_by_filter(values, smooth)
+        wide = clustering_of_neighbours(values, smooth) if by_filter is None else by_filter
+        ratios.append(max(1.0, clustering_of_blocks(values, smooth), wide))
     return float(np.mean(ratios))

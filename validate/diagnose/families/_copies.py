@@ -127,6 +127,10 @@ def _best_shifts(
     """
     rows, columns = data.shape
     size = [next_fast_len(2 * n) for n in (rows, columns)]
+
+    def transform(image: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(rfft2(image.astype(np.float32), size))  # single precision: half of the time
+
     down, right = (np.fft.fftfreq(n, 1 / n).astype(int) for n in size)
     near = (np.hypot(down[:, None], right) < _MIN_SHIFT_PX) & (not orientation.turned_or_mirrored)
 
@@ -138,19 +142,21 @@ def _best_shifts(
     product = power = cross = overlap = np.zeros(1)
     for signal, weight, residual in zip(data.signal, data.weight, data.marginal_residual, strict=True):
         picture = orientation.turned(signal)
-        copy, square = (np.conj(rfft2(image, size)) for image in (picture, picture**2))
+        copy, square = (np.conj(transform(image)) for image in (picture, picture**2))
         of_band = [
-            irfft2(rfft2(image, size) * by, size)
+            irfft2(transform(image) * by, size)
             for image, by in ((residual * weight, copy), (weight**2, square), (weight**2 * signal, copy))
         ]
-        reached = irfft2(rfft2(weight > 0, size) * copy, size)
+        reached = irfft2(transform(weight > 0) * copy, size)
         level = max(float(np.sum((weight * signal) ** 2)), 1e-300)
         enough = (reached > _MIN_OVERLAP * signal.sum()) & (of_band[1] > _MIN_POWER * of_band[1].max())
         # the band's own level is free: a copy is a pattern
         along = float(np.sum(residual * weight * signal)) / level
         pattern, rest = of_band[0] - along * of_band[2], of_band[1] - of_band[2] ** 2 / level
         alone.append(
-            np.where(enough, pattern * np.abs(pattern) / np.maximum(rest, _MIN_POWER * of_band[1] + 1e-30), -1.0)
+            np.where(
+                enough, pattern * np.abs(pattern) / np.maximum(rest, _MIN_POWER * np.abs(of_band[1]) + 1e-30), -1.0
+            )
         )
         product, power, cross = product + of_band[0], power + of_band[1], cross + of_band[2]
         overlap = overlap + reached

@@ -18,6 +18,7 @@ from ..field_fit import (
     FitInput,
     FittedExplanation,
     NormalEquations,
+    each_band,
     equations_in_all_bands,
     fit_result,
     fixed_spectrum,
@@ -26,15 +27,19 @@ from ..field_fit import (
 
 __all__ = ["FAMILY"]
 
+#: Form in which each channel of a mosaic has light of all others.
+_OTHER_CHANNELS = "other light in all channels, as by other sensitivities"
+
 #: Fewest bands for a form in which one holds light of others.
 _MIN_BANDS = 3
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
-    """Leaks, shifted or wrong tables, other filters' light: sums of pictures in one band.
+    """Leaks, wrong tables, other filters' light: sums of pictures in one band or all channels.
 
     The pictures of the bands stand for the light at their wavelengths. The own picture is a filter that is darker or
-    brighter; it is free as well, since flats and references may or may not see the same filter.
+    brighter; it is free as well, since flats and references may or may not see the same filter. The sensitivities of a
+    mosaic's channels come from one table, and leaks of the dyes are in all of them: they may all differ at once.
     """
     data = fit_input.data
     bands = len(data.bands)
@@ -59,6 +64,8 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         fit, source = max(others, key=lambda pair: pair[0].evidence)
         form = f"light of {data.bands[source]} in {data.bands[band]}"
         yield _explanation(form, fit, frames, parts, bands * (bands - 1))
+    if not data.used.all(axis=0).any():  # behind a mosaic no pixel sees all bands
+        yield _explanation(_OTHER_CHANNELS, each_band(n), frames, parts, 1)
 
 
 def _explanation(
@@ -85,6 +92,12 @@ def _from_one(n: NormalEquations, band: int, source: int) -> FieldFit:
 
 #: Words for the laboratory.
 _ADVICE = (
+    Advice(
+        "all channels",
+        "in the colour filters of the sensor",
+        ("a missing infrared filter", "another copy of the camera than the table's", "dyes that bleached"),
+        "Measure the sensitivity of each channel with a monochromator, or photograph narrow lines of known radiance.",
+    ),
     Advice(
         "",
         "in one filter",

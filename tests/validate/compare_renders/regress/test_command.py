@@ -65,7 +65,9 @@ def test_equal_pictures_of_no_stated_scene_are_compared_without_rendering_one(cu
 
 
 def test_another_lamp_ends_with_1_and_is_named(cubes, tmp_path):
-    assert ended("regress", cubes / "a.nc", cubes / "brighter.nc", "--json", tmp_path / "r.json") == 1
+    page = tmp_path / "r.html"
+    assert ended("regress", cubes / "a.nc", cubes / "brighter.nc", "--json", tmp_path / "r.json", "--out", page) == 1
+    assert "DIFFERENT: mean light" in page.read_text(encoding="utf-8") and "<table" in page.read_text(encoding="utf-8")
     record = json.loads((tmp_path / "r.json").read_text())
     assert record["same"] is False
     assert abs(record["mean_relative_difference"] - 0.05) < 5 * record["sigma"]

@@ -14,10 +14,10 @@ def without_family(**shares):
     return SimpleNamespace(family_record=None, registration=Registration(**{**values, **shares}))
 
 
-@pytest.mark.parametrize(("in_bands", "words"), [(0.7, "single bands"), (0.3, "surfaces")])
-def test_levels_of_bands_are_not_of_surfaces(in_bands, words):
+@pytest.mark.parametrize(("in_bands", "fixed"), [(0.7, "single bands"), (0.3, "surfaces")])
+def test_levels_of_bands_are_not_of_surfaces(in_bands, fixed):
     """Levels of each surface contain levels of each band: the simpler one is named where it explains as much."""
-    assert words in advice(without_family(on_surfaces=0.8, in_bands=in_bands)).fixed
+    assert fixed in advice(without_family(on_surfaces=0.8, in_bands=in_bands)).fixed
 
 
 @pytest.mark.parametrize("where", ["in_places", "on_surfaces"])

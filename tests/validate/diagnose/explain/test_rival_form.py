@@ -23,7 +23,7 @@ def _lead(data, shape):
     """Lead of forms over an effect of one number with this shape (band, y, x), DN, at its best amplitude."""
     change = data.whitened(shape)
     amplitude = np.sum(change * data.residual) / np.sum(change**2)
-    together = (data.residual - amplitude * change).ravel()
+    together = (data.residual - amplitude * change)[data.used]
     return lead_of_forms(data, together, price=PRICE, averaging=0.0, shape_error=0.01).lead
 
 
@@ -60,6 +60,36 @@ def test_an_effect_next_to_a_larger_leak_is_no_imitation():
     data = replace(small_excess(leak + 0.2 * shape), signal=COLOURED)
     assert rival_forms(data)[0].family.id == "filter-curve"
     assert _lead(data, shape) < -20
+
+
+def _behind_mosaic(excess):
+    """Data of four channels: each sees every second pixel of every second row."""
+    rows, columns = np.indices(SIGNAL.shape[1:])
+    used = (2 * (rows % 2) + columns % 2)[None] == np.arange(4)[:, None, None]
+    data = small_excess(excess)
+    hidden = {"residual": data.residual * used, "marginal_residual": data.marginal_residual * used}
+    return replace(data, signal=COLOURED, used=used, nuisances=data.nuisances * used[..., None], **hidden)
+
+
+@pytest.mark.parametrize("dyes", [False, True])
+def test_other_sensitivities_of_the_channels_are_no_paint_that_glows(dyes):
+    """Dyes that pass the light of others show in all channels, on every paint by its colour there."""
+    glow = np.where(FLOOR, COLOURED[2] * (1 + 0.4 * np.sin(np.arange(48) / 6)), 0)
+    glow = glow * np.array([1.0, 0.3, 0.0, 0.0])[:, None, None]
+    mixed = np.array([1.0, 0.5, 0.3, 0.0])[:, None, None] * COLOURED[3]
+    data = _behind_mosaic(0.1 * (mixed if dyes else glow))
+    lead = _lead(data, glow)
+    assert lead > 0 if dyes else lead < -20
+    if dyes:
+        assert "all channels" in rival_forms(data)[0].form
+
+
+def test_charge_that_goes_from_colour_to_colour_is_crosstalk():
+    """Other sensitivities do nearly the same to even surfaces, with many more numbers."""
+    used = _behind_mosaic(np.zeros_like(SIGNAL)).used
+    raw = np.sum(np.where(used, COLOURED, 0), axis=0)
+    shape = np.broadcast_to(correlate(raw, ROUND[0], mode="nearest"), SIGNAL.shape)
+    assert _lead(_behind_mosaic(0.02 * shape), shape) < -10
 
 
 def _levels(levels):

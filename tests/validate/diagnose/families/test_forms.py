@@ -8,7 +8,9 @@ import pytest
 from cboxlab.rendering.fitted_fields import PictureCopy, exchanges, field_effect, field_record
 from cboxlab.rendering.fitted_fields.fitted_field import field_of_record
 from cboxlab.validation.diagnose.explain import advice, appearance, explain, registration
+from cboxlab.validation.diagnose.explain.as_field import fitted_field
 from cboxlab.validation.diagnose.families import families
+from cboxlab.validation.diagnose.families._copies import copies
 from cboxlab.validation.report.explanation import explanation_record, laboratory_sentences
 from helpers.captures.small_excess import BANDS, COLUMNS, EMISSION, EXPOSURE_S, ROWS, SIGMA, SIGNAL, SIZE, small_excess
 
@@ -40,6 +42,22 @@ def test_a_copy_of_the_picture_is_stray_light(copy, form):
     again = field_of_record(json.loads(json.dumps(field_record(explanation.field))), "field.toml")
     assert again.picture_copy == explanation.field.picture_copy
     assert field_effect("copy", again, "", "").stage == "optics"
+
+
+def test_a_copy_out_of_focus_in_one_band_is_found_there():
+    """A filter in its holder the wrong way round mirrors an unsharp copy, a disc of four pixels for each point."""
+    change = np.zeros_like(SIGNAL)
+    places = [(i, j) for i in range(-4, 5) for j in range(-4, 5) if i * i + j * j <= 16]
+    change[2] = 0.05 * np.mean([_moved(SIGNAL, 5 + i, -7 + j)[2] for i, j in places], axis=0)
+    excess = small_excess(change)
+    forms = {copy.form.split(", shifted")[0]: copy for copy in copies(excess, families()["blur"])}
+    copy = max(forms.values(), key=lambda form: form.evidence)
+    assert copy is forms["a blurred copy of the picture in one band"]
+    assert np.abs(np.subtract(copy.picture_copy.shift_px, (5, -7))).max() <= 1
+    assert copy.fit.predicts > 0.8
+    assert np.argmax(np.abs(copy.fit.coefficients).sum(axis=1)) == 2
+    again = field_of_record(json.loads(json.dumps(field_record(fitted_field(excess, copy)))), "field.toml")
+    assert again.picture_copy == copy.picture_copy
 
 
 def test_a_copy_is_that_of_numpy():

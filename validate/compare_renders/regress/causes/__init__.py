@@ -15,9 +15,9 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.other_packages import guarded, loaders_of, records_in, with_others
 
 from ._of_other_packages import checked_cause
-from .cause import Cause, Pictures, SceneLight, Trial, as_found
+from .cause import Cause, Pictures, SceneLight, Trial, fixed_values
 
-__all__ = ["Cause", "Pictures", "SceneLight", "Trial", "as_found", "causes"]
+__all__ = ["Cause", "Pictures", "SceneLight", "Trial", "causes", "fixed_values"]
 
 #: Entry points of this group are causes of other packages.
 _GROUP = "cboxlab.regress_causes"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -26,7 +26,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     excess = 1e-8 * (8342.54 + 2406147 / (130 - inverse) + 15998 / (38.9 - inverse))
     slope = CubicSpline(at, pictures.baseline, axis=-1).derivative()(at)
     for name, sign in (("in air, taken for vacuum", 1.0), ("in vacuum, taken for air", -1.0)):
-        yield Trial(as_found({"wavelengths": name}), fixed=slope * (sign * at * excess), selected=1)
+        yield Trial(fixed_values({"wavelengths": name}), fixed=slope * (sign * at * excess), selected=1)
 
 
 CAUSE = Cause("air-wavelengths", "Wavelengths in air and in vacuum were exchanged.", _trials, shape_error=0.06)

@@ -12,7 +12,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from numpy.typing import NDArray
 
-__all__ = ["Cause", "Pictures", "SceneLight", "Trial", "as_found"]
+__all__ = ["Cause", "Pictures", "SceneLight", "Trial", "fixed_values"]
 
 
 class SceneLight(Protocol):
@@ -138,7 +138,7 @@ class Trial:
     selected: int = 0
 
 
-def as_found(values: Mapping[str, Any]) -> Callable[[NDArray[np.float64]], Mapping[str, Any]]:
+def fixed_values(values: Mapping[str, Any]) -> Callable[[NDArray[np.float64]], Mapping[str, Any]]:
     """Parameters that depend on no amplitude.
 
     Parameters

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -54,7 +54,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
             elif abs(exponent - 4) < _NATURAL:
                 values["meaning"] = "irradiance of a film behind a lens in place of radiance?"
             picture = factor * base * cosine**exponent
-            yield Trial(as_found(values), fixed=picture - base, selected=1 + levelled + (tangent is not None))
+            yield Trial(fixed_values(values), fixed=picture - base, selected=1 + levelled + (tangent is not None))
 
 
 def _cosine(pictures: Pictures) -> NDArray[np.float64]:

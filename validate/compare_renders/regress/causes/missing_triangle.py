@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -39,10 +39,10 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
             rest = (*scene.scene.surfaces[:number], replace(surface, faces=faces), *scene.scene.surfaces[number + 1 :])
             picture = scene.rebuilt(replace(scene.scene, surfaces=rest)).picture
             parameters = {"surface": surface.name, "triangle": removed[0] + 1}
-            yield Trial(as_found(parameters), fixed=pictures.change(picture), selected=1)
+            yield Trial(fixed_values(parameters), fixed=pictures.change(picture), selected=1)
         rest = (*scene.scene.surfaces[:number], *scene.scene.surfaces[number + 1 :])
         picture = scene.rebuilt(replace(scene.scene, surfaces=rest)).picture
-        yield Trial(as_found({"surface": surface.name}), fixed=pictures.change(picture), selected=1)
+        yield Trial(fixed_values({"surface": surface.name}), fixed=pictures.change(picture), selected=1)
 
 
 CAUSE = Cause(

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -30,7 +30,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
         more = np.where(visible, np.maximum(bare.light.change(max_bounces=1).picture() - direct, 0), 0)
         names = [surfaces[number].name for number in group]
         change = pictures.change(scene.picture + more)
-        yield Trial(as_found({"of": names}), fixed=change, selected=1)
+        yield Trial(fixed_values({"of": names}), fixed=change, selected=1)
         yield Trial(partial(_part, names), (change,), selected=1)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -25,12 +25,12 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     base = pictures.baseline
     for edge in _MEDIANS_PX:
         filtered = median_filter(base, (edge, edge, 1), mode="nearest")
-        yield Trial(as_found({"filter": "median", "edge_px": edge}), fixed=filtered - base, selected=1)
+        yield Trial(fixed_values({"filter": "median", "edge_px": edge}), fixed=filtered - base, selected=1)
     for reach in _REACHES_PX:
         for width in _RANGES:
             filtered = _bilateral(base, reach, width)
             parameters = {"filter": "bilateral", "reach_px": reach, "range": width}
-            yield Trial(as_found(parameters), fixed=filtered - base, selected=2)
+            yield Trial(fixed_values(parameters), fixed=filtered - base, selected=2)
 
 
 def _bilateral(picture: NDArray[np.float64], reach: int, width: float) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -57,7 +57,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
             continue
         numbers = {n.name: float(v) for n, v in zip(linear.effect.numbers, values, strict=True)}
         parameters: dict[str, Any] = {"effect": linear.effect.id, **linear.names, **numbers}
-        yield Trial(as_found(parameters), fixed=change, selected=len(numbers) + (len(linear.names) > 0))
+        yield Trial(fixed_values(parameters), fixed=change, selected=len(numbers) + (len(linear.names) > 0))
 
 
 def _linear(pictures: Pictures, effect: Effect) -> Iterator[_Linear]:

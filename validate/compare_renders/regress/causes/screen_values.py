@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -32,7 +32,7 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
         "decoded": _decoded(base),
     }
     for name, picture in versions.items():
-        yield Trial(as_found({"curve": f"sRGB, {name}"}), fixed=picture - pictures.baseline, selected=1)
+        yield Trial(fixed_values({"curve": f"sRGB, {name}"}), fixed=picture - pictures.baseline, selected=1)
 
 
 def _encoded(linear: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from .cause import Cause, Pictures, Trial, as_found
+from .cause import Cause, Pictures, Trial, fixed_values
 
 __all__ = ["CAUSE"]
 
@@ -23,16 +23,16 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     """Only where the candidate's values lie on steps, and the baseline's do not."""
     if _half(pictures.candidate) > _ON_STEPS > _half(pictures.baseline):
         step = np.spacing(pictures.baseline.astype(np.float16)).astype(float)
-        yield Trial(as_found({"steps": "half float", "cut off": True}), fixed=-step / 2, selected=1)
-        yield Trial(as_found({"steps": "half float"}), fixed=0 * step, selected=1)
+        yield Trial(fixed_values({"steps": "half float", "cut off": True}), fixed=-step / 2, selected=1)
+        yield Trial(fixed_values({"steps": "half float"}), fixed=0 * step, selected=1)
     levels = np.unique(pictures.candidate)
     enough = pictures.candidate.size >= _PIXELS_PER_LEVEL * levels.size
     if 2 < levels.size <= _EIGHT_BITS and enough and np.unique(pictures.baseline).size > 2 * levels.size:
         above = np.clip(np.searchsorted(levels, pictures.baseline, side="right"), 1, levels.size - 1)
         cut = levels[above - 1]
         near = np.where(pictures.baseline - cut > levels[above] - pictures.baseline, levels[above], cut)
-        yield Trial(as_found({"steps": "eight bits"}), fixed=near - pictures.baseline, selected=1)
-        yield Trial(as_found({"steps": "eight bits", "cut off": True}), fixed=cut - pictures.baseline, selected=1)
+        yield Trial(fixed_values({"steps": "eight bits"}), fixed=near - pictures.baseline, selected=1)
+        yield Trial(fixed_values({"steps": "eight bits", "cut off": True}), fixed=cut - pictures.baseline, selected=1)
 
 
 def _half(picture: NDArray[np.float64]) -> float:

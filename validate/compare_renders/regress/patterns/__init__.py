@@ -1,7 +1,7 @@
 """Patterns of a difference whose means cancel: grids, ripples, lines, tiles, textures."""
 
 from .all_patterns import all_patterns
-from .correlation import difference_variance, of_blocks, of_filter, of_neighbours
+from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
@@ -27,6 +27,9 @@ __all__ = [
     "PooledMean",
     "all_patterns",
     "block_spread",
+    "clustering_by_filter",
+    "clustering_of_blocks",
+    "clustering_of_neighbours",
     "dark_pixels",
     "difference_variance",
     "fine_structure",
@@ -35,9 +38,6 @@ __all__ = [
     "moved_texture",
     "odd_lines",
     "odd_tiles",
-    "of_blocks",
-    "of_filter",
-    "of_neighbours",
     "other_contrast",
     "periodic",
     "pool_of_finding",

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 from scipy.ndimage import mean as mean_of
 
-__all__ = ["difference_variance", "of_blocks", "of_filter", "of_neighbours"]
+__all__ = ["clustering_by_filter", "clustering_of_blocks", "clustering_of_neighbours", "difference_variance"]
 
 #: Pixels a side of the blocks whose means show the correlation between pixels: four, larger than a pixel filter.
 _BLOCK_PX = 4
@@ -37,7 +37,7 @@ _SQUARE_CUT = 30
 _MIN_PAIRS = 20
 
 
-def of_blocks(
+def clustering_of_blocks(
     values: NDArray[np.float64], smooth: NDArray[np.bool_], *, curved: bool = False, partly: bool = False
 ) -> float:
     """Scatter of block means over that of independent pixels; 1 where there are few.
@@ -83,7 +83,7 @@ def _curvature(values: NDArray[np.float64], inside: NDArray[np.bool_]) -> float:
     return square / _SECOND_DIFFERENCE if count >= _MIN_PAIRS else float("nan")
 
 
-def of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
+def clustering_by_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float | None:
     """Sum of the correlation between pixels of filtered noise; None for other differences.
 
     Second differences of filtered noise stop growing at some distance. A smooth difference of the pictures makes them
@@ -119,7 +119,7 @@ def of_filter(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float |
     return float((correlation ** (lags**2)).sum() ** 2)
 
 
-def of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
+def clustering_of_neighbours(values: NDArray[np.float64], smooth: NDArray[np.bool_]) -> float:
     """Sum of the correlation between pixels over all distances; 1 without one.
 
     Noise of a wide filter or a denoiser has smaller second differences of neighbours than of pixels two apart. A smooth

@@ -13,7 +13,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from .correlation import of_filter
+from .correlation import clustering_by_filter
 
 __all__ = ["Difference", "Finding", "self_normalised", "sigma_of"]
 
@@ -83,7 +83,7 @@ class Difference(FrozenMappings):
             return False
         off = self.relative - np.median(self.relative[self.smooth])
         scatter = 1.4826 * float(np.median(np.abs(off[self.smooth])))
-        return of_filter(np.clip(off / max(scatter, 1e-300), -_CUT, _CUT), self.smooth) is not None
+        return clustering_by_filter(np.clip(off / max(scatter, 1e-300), -_CUT, _CUT), self.smooth) is not None
 
 
 def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[float, float]:

@@ -1,0 +1,95 @@
+"""The pages by keyboard alone, for a screen reader, and by the rules of axe."""
+
+import shutil
+
+import pytest
+from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
+from cboxlab.validation.app.studio import Workbench
+from helpers.pages.axe import nameless, violations
+from helpers.pages.browser import open_browser
+from helpers.pages.server import served
+from helpers.pages.studio import add
+
+#: Controls in view that can have the focus; of a group of radio buttons one.
+CONTROLS = """
+[...document.querySelectorAll(
+  'a[href], button, input, select, textarea, summary, canvas[tabindex], [tabindex="0"]')].filter(
+  (e) => e.checkVisibility() && !e.disabled && e.tabIndex >= 0 && !(e.type === 'radio' && !e.checked))
+"""
+
+
+def reached_by_tab(page):
+    """Names of controls that Tab does not reach, and of those that show no focus."""
+    page.run(f"document.activeElement.blur(); window.scrollTo(0, 0); globalThis.wanted = new Set({CONTROLS})")
+    page.run("globalThis.unseen = []")
+    for _ in range(page.run("wanted.size") + 12):
+        page.key("Tab")
+        page.run(
+            "(() => {const e = document.activeElement; wanted.delete(e); const s = getComputedStyle(e);"
+            "if (e !== document.body && (s.outlineStyle === 'none' || parseFloat(s.outlineWidth) < 2))"
+            "unseen.push(e.outerHTML.slice(0, 80))})()"
+        )
+    return page.run("[[...wanted].map((e) => e.outerHTML.slice(0, 80)), unseen]")
+
+
+def looks(page):
+    """Faults that axe finds on a screen in light and on a telephone in the dark."""
+    faults = []
+    for width, scheme in ((1280, "light"), (400, "dark")):
+        page.size(width)
+        page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        faults += [f"{width} {scheme} {fault}" for fault in violations(page)]
+    page.size(1280)
+    return faults
+
+
+def test_the_workbench_is_reached_by_keys_and_read_aloud(page):
+    add(page, "block-pose")
+    page.run("document.getElementById('parts').open = true; page.viewer.select(16, 20)")
+    assert reached_by_tab(page) == [[], []]
+    assert nameless(page) == []
+    assert looks(page) == []
+
+
+def test_an_effect_is_found_added_moved_and_removed_by_keys(page, bench):
+    """Letters, Tab and Enter alone, as somebody without a mouse."""
+
+    def go_to(condition):
+        for _ in range(60):
+            if page.run(f"(() => {{const e = document.activeElement; return Boolean({condition})}})()"):
+                return
+            page.key("Tab")
+        raise AssertionError(f"never reached: {condition}")
+
+    page.run("document.activeElement.blur()")
+    go_to("e.id === 'search'")
+    for letter in "veiling":
+        page.key(letter)
+    page.until("document.getElementById('new-effect').value === 'veiling-glare'")
+    go_to("e.id === 'add'")
+    page.key("Enter")
+    page.until("page.controls.length === 1 && page.requests === 0")
+    page.run("document.activeElement.blur(); window.scrollTo(0, 0)")
+    go_to("e.type === 'range' && e.id === 'p-0-fraction'")
+    page.key("ArrowRight")
+    page.until("page.record.effects[0].values.fraction > 0 && !page.asking")
+    go_to("e.getAttribute('aria-label') === 'Remove veiling-glare'")
+    page.key("Enter")
+    page.until("page.controls.length === 0")
+    assert bench.study.effects == ()
+
+
+@pytest.mark.parametrize("name", ["", "first.html?folder=frames", "points.html?capture=capture"])
+def test_other_pages_are_reached_by_keys_and_read_aloud(bench, tmp_path, name):
+    shutil.copytree(bench.root / "capture", tmp_path / "capture")
+    (tmp_path / "frames").mkdir()
+    for frame in ("f450-0.tif", "dark-2.5s-0.tif"):
+        shutil.copy(DEMO_CAPTURE / "frames" / frame, tmp_path / "frames" / frame)
+    with served(Workbench(tmp_path, None)) as address, open_browser() as page:
+        page.open(address + name)
+        page.until("document.querySelectorAll('.field, #found-list li, #corners input').length > 0")
+        page.until("document.body.dataset.busy !== 'true'")
+        assert reached_by_tab(page) == [[], []]
+        assert nameless(page) == []
+        assert looks(page) == []
+        assert page.errors == []
