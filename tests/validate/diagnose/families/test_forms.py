@@ -47,8 +47,8 @@ def test_a_copy_of_the_picture_is_stray_light(copy, form):
 def test_a_copy_out_of_focus_in_one_band_is_found_there():
     """A filter in its holder the wrong way round mirrors an unsharp copy, a disc of four pixels for each point."""
     change = np.zeros_like(SIGNAL)
-    places = [(i, j) for i in range(-4, 5) for j in range(-4, 5) if i * i + j * j <= 16]
-    change[2] = 0.05 * np.mean([_moved(SIGNAL, 5 + i, -7 + j)[2] for i, j in places], axis=0)
+    disc = [(i, j) for i in range(-4, 5) for j in range(-4, 5) if i * i + j * j <= 16]
+    change[2] = 0.05 * np.mean([_moved(SIGNAL, 5 + i, -7 + j)[2] for i, j in disc], axis=0)
     excess = small_excess(change)
     forms = {copy.form.split(", shifted")[0]: copy for copy in copies(excess, families()["blur"])}
     copy = max(forms.values(), key=lambda form: form.evidence)
