@@ -99,10 +99,10 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "further": [asdict(result) for result in diagnosis.further],
         "certainty": _finite(diagnosis.certainty),
         "limits": [asdict(limit) for limit in diagnosis.limits],
+        "doubts": _doubts_record(diagnosis),
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
         **({"base_flaws": [asdict(flaw) for flaw in diagnosis.flaws]} if diagnosis.flaws else {}),
         **({"flaws_cost": diagnosis.flaws_cost} if diagnosis.flaws else {}),
-        **({"doubts": _doubts_record(diagnosis)} if diagnosis.doubts else {}),
         **({"beside_flaws": [_verdict_record(verdict) for verdict in diagnosis.verdicts]} if diagnosis.flaws else {}),
     }
 
