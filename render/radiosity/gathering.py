@@ -334,7 +334,9 @@ class Gathering:
         later = dr.if_stmt(
             (close, i, far.position, far.normal, material, mixed, read),
             close,
-            lambda active, i, at, towards, of, mixed, _: self._continued(points, i, at, towards, of, mixed, active),
+            lambda active, i, at, towards, of, mixed, _: self._continued(
+                points, i, at, towards, of, mixed=mixed, close=active
+            ),
             lambda *state: state[-1],
         )
         values = [mi.Float(0), *second, *later]
@@ -367,6 +369,7 @@ class Gathering:
         position: mi.Point3f,
         normal: mi.Vector3f,
         material: mi.UInt32,
+        *,
         mixed: list[mi.Float],
         close: mi.Bool,
     ) -> list[mi.Float]:
