@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.calibration.instrument import cell_means, one_pixel_of_each_cell
+from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import ArrayLike, NDArray
 
 from .colour_difference import (
@@ -22,7 +24,7 @@ __all__ = ["PixelColours", "pixel_colours"]
 
 
 @dataclass(frozen=True, eq=False)
-class PixelColours:
+class PixelColours(FrozenMappings):
     """Colours of photograph and rendering, pixel by pixel."""
 
     #: (y, x, 3) X, Y, Z of the photograph.
@@ -38,9 +40,9 @@ class PixelColours:
     #: (y, x) pixels that statistics count, one of each cell behind a mosaic.
     single: NDArray[np.bool_]
     #: (y, x) map of each colour difference; NaN where a pixel has no colour.
-    maps: dict[str, NDArray[np.float64]]
+    maps: Mapping[str, NDArray[np.float64]]
     #: Statistics of the colour differences that noise alone gives.
-    noise: dict[str, DifferenceStatistics]
+    noise: Mapping[str, DifferenceStatistics]
     #: (y, x) relative difference of luminance.
     luminance_map: NDArray[np.float64]
     #: (y, x) variance of the luminance by noise.

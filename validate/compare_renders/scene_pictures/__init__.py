@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .changed_layers import LayerChange, changed_layers
     from .guides import GUIDES
+    from .layer_changes import LayerChange, changed_layers
     from .reading import AS_STORED, read_scene_picture
 
 __all__ = ["AS_STORED", "GUIDES", "LayerChange", "changed_layers", "read_scene_picture"]
