@@ -18,7 +18,8 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
     """Effects explain 1000, and a hundredth more by errors of their shapes. They paid 4.6 for each number, and twice
     the logarithm of the catalogue's length for each choice; the family must be ahead by 9.2."""
     model = SimpleNamespace(chi2=5000.0, count=2000, residual=np.zeros(3), whiten=lambda change: np.zeros(3))
-    selection = [SimpleNamespace(hypothesis=SimpleNamespace(free=(None,) * numbers))] * effects
+    traced = SimpleNamespace(free=(None,) * numbers, effect=SimpleNamespace(stage="transport"))
+    selection = [SimpleNamespace(hypothesis=traced)] * effects
     paid = effects * (4.6 * numbers + 2 * np.log(len(catalogue())))
     for chi2, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
         explanation = SimpleNamespace(family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + chi2)

@@ -15,7 +15,8 @@ def sentence(**odds):
 def test_families_that_are_likely_together_are_listed_with_their_probabilities():
     text = sentence(extra_light=0.39, sensor_offset=0.15, reflection_lobe=0.147, reflectance_map=0.087, none=0.006)
     assert "does not distinguish them" in text
-    assert text.endswith("extra-light (0.39), sensor-offset (0.15) and reflection-lobe (0.15).")
+    assert text.endswith("[sensor-offset] (0.15) and a reflection that depends on the angle [reflection-lobe] (0.15).")
+    assert "[extra-light] (0.39), " in text and "reflectance-map" not in text
 
 
 def test_no_family_explains_where_that_is_likeliest():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..families import families
 from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
 from .as_field import fitted_field
-from .explanation import LIKELY_FAMILY, NO_FORM, NONE, Explanation, Rival
+from .explanation import NO_FORM, NONE, Explanation, Rival
 from .noise import noise_level
 from .odds import probabilities
 from .prior_odds import soft_outline, spot_log_odds
@@ -185,22 +185,19 @@ def _compare(
     for score, candidate in sorted(zip(scores, candidates, strict=True), key=lambda pair: -pair[0]):
         best.setdefault(candidate.family.id, (score, candidate))
     each = ((_share(data, candidate, total), score, candidate) for score, candidate in best.values())
-    rivals_of = {
-        Rival(candidate.family.id, candidate.form, candidate.surface, share, score, candidate.fit.predicts): candidate
-        for share, score, candidate in each
-    }
-    registered = registration(data)
-    odds = probabilities(tuple(rivals_of), registered) if continued else {}
-
-    def rank(rival: Rival) -> tuple[bool, bool, float]:
-        """Sequence of the families: those that fail last, the one likelier than not first."""
-        fails = rival.share < min_share or not rival.predicts >= MIN_HELDOUT_GAIN
-        return fails, not odds.get(rival.family, 0.0) >= LIKELY_FAMILY, -rival.score
-
-    rivals = tuple(sorted(rivals_of, key=rank))
-    winner = rivals_of[rivals[0]]
+    # families that explain too little of the excess, or nothing where they were not fitted, come behind all others
+    ranked = sorted(
+        each, key=lambda rival: (rival[0] < min_share or not rival[2].fit.predicts >= MIN_HELDOUT_GAIN, -rival[1])
+    )
+    rivals = tuple(
+        Rival(candidate.family.id, candidate.form, candidate.surface, share, score, candidate.fit.predicts)
+        for share, score, candidate in ranked
+    )
+    _, score, winner = ranked[0]
     margin = max(_MIN_SCORE_DIFFERENCE, _MIN_SCORE_DIFFERENCE_PART * winner.fit.gain)
     holds = winner.fit.predicts >= MIN_HELDOUT_GAIN
+    registered = registration(data)
+    odds = probabilities(rivals, registered) if continued else {}
     if winner.evidence < _MIN_EVIDENCE or rivals[0].share < min_share or not holds:
         return _no_explanation(data, rivals, len(candidates), registered, odds)
     change = change_dn(data, winner)

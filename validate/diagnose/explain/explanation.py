@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..field_fit import Family
 from .registration import Registration
 
-__all__ = ["LIKELY_FAMILY", "NONE", "NO_FORM", "SOUND", "Explanation", "Rival"]
+__all__ = ["NONE", "NO_FORM", "SOUND", "Explanation", "Rival"]
 
 #: Family of an explanation where nothing is left to explain, or no family explains it.
 NONE = "none"
@@ -23,7 +23,7 @@ NO_FORM = "no family explains it"
 
 #: Probability from which a family is named: likelier than not. Of 63 simulated causes left out of the fit, 19 had a
 #: wrong family without this condition and 1 with it; 43 and 38 had the right one.
-LIKELY_FAMILY = 0.5
+_LIKELY = 0.5
 
 #: Outcome that nothing but flaws of the picture differs.
 SOUND = "sound"
@@ -120,7 +120,7 @@ class Explanation(FrozenMappings):
             are sought next to it.
         """
         judged = len({rival.family for rival in self.rivals}) > 1 and self.family in self.odds
-        if self.family == NONE or not judged or self.probability >= LIKELY_FAMILY:
+        if self.family == NONE or not judged or self.probability >= _LIKELY:
             return self
         return replace(
             self,
