@@ -234,15 +234,13 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     progress.stage("comparing")
     rendered = refitted_picture(prepared, final, model.effects)
     checkpoint()
-    comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     surveyed = prepared.expected_camera(model.effects)
-    far_off = comparison.chi2.per_dof > _MAX_CHI2_OF_CAMERA_FIT
-    if far_off and _camera_pull(rendered.fit, surveyed) > _MAX_CAMERA_PULL_SIGMA:
+    if _camera_pull(rendered.fit, surveyed) > _MAX_CAMERA_PULL_SIGMA and _is_far_off(prepared, rendered):
         _log.info("the picture is far off, and its fit moves the camera: the surveyed camera is used")
         again = rendered_from(prepared, light, surveyed, model.render, model.effects, NO_PROGRESS, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
         rendered = replace(again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale))
-        comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
+    comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     progress.part(1.0)
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
 
@@ -253,6 +251,14 @@ def _camera_pull(fit: NuisanceFit, surveyed: Camera) -> float:
         return 0.0
     deviation = fit.missed(surveyed).camera
     return float(np.sqrt(deviation @ np.linalg.solve(surveyed.covariance, deviation)))
+
+
+def _is_far_off(prepared: CalibratedCapture, rendered: Rendered) -> bool:
+    """Whether a fitted picture leaves a reduced chi2 at which a fit of the camera is doubtful."""
+    signal, used = rendered.fit.lamp_scale * rendered.signal, rendered.used
+    variance = prepared.calibration.predicted_variance(signal) + rendered.fit.lamp_scale**2 * rendered.variance
+    chi2 = np.mean((prepared.measured - signal)[used] ** 2 / variance[used])
+    return float(chi2) > _MAX_CHI2_OF_CAMERA_FIT
 
 
 def _fitted_to_draft(
