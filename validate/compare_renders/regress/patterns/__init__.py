@@ -5,9 +5,9 @@ from .correlation import clustering_by_filter, clustering_of_blocks, clustering_
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
-from .lines import odd_lines, odd_tiles, small_part, tile_steps
 from .mirror import mirror_order
 from .moved import moved_texture
+from .odd_parts import odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers

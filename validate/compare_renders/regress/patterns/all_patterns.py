@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from .dark import dark_pixels
 from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
-from .lines import odd_lines, odd_tiles, small_part, tile_steps
 from .moved import moved_texture
+from .odd_parts import odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
