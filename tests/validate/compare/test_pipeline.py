@@ -129,6 +129,18 @@ def written(result, tmp_path_factory):
     return folder
 
 
+def test_a_picture_within_noise_is_not_far_off():
+    """Twelve standard deviations are a reduced chi2 of 144, and none is 0."""
+    signal, used = np.full((1, 2, 2), 100.0), np.ones((1, 2, 2), bool)
+    fit = SimpleNamespace(lamp_scale=1.0)
+    rendered = SimpleNamespace(signal=signal, used=used, variance=np.full((1, 2, 2), 2.0), fit=fit)
+    for offset_dn, far in ((0.0, False), (8.0, False), (12.0 * np.sqrt(102), True)):
+        prepared = SimpleNamespace(
+            measured=signal + offset_dn, calibration=SimpleNamespace(predicted_variance=lambda expected: expected)
+        )
+        assert pipeline._is_far_off(prepared, rendered) == far
+
+
 def test_a_click_in_the_report_shows_the_values_of_metrics_and_maps(result, written):
     """Of a written report, in a browser: signals of a pixel, mean colour difference, spectrum, light in parts."""
     metrics = json.loads((written / "metrics.json").read_text())
