@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 from cboxlab.utils.distributions import chi2_quantile
+from cboxlab.utils.median_line import median_line
 from numpy.typing import NDArray
 
 from ..capture import BandTable, Capture, FrameTable, Reduction, degrees_of_freedom, scatters
@@ -163,9 +164,7 @@ def edge_errors(side_px: int, step_px: int) -> tuple[float, float]:
 
 def _line_of_medians(sums: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.float64]:
     """(y, x) scatter by noise, linear in the sums, from medians: most blocks see no edge."""
-    from scipy.stats import theilslopes  # slow to import, rarely needed
-
     groups = np.array_split(np.argsort(sums, axis=None), _LEVELS)
     pairs = [np.median([sums.ravel()[g], spread.ravel()[g]], axis=1) for g in groups if g.size]
-    slope, constant, *_ = theilslopes([pair[1] for pair in pairs], [pair[0] for pair in pairs])
+    slope, constant = median_line(*np.transpose(pairs))
     return np.asarray(np.maximum(constant + slope * sums, 0.0), np.float64)

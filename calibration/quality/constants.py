@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.median_line import median_line
 from numpy.typing import NDArray
 
 from ..capture import BandTable, Capture, FlatTable
@@ -418,9 +419,7 @@ def power_law(wavelength_nm: NDArray[np.float64], ratios: NDArray[np.float64]) -
     if np.count_nonzero(usable) < 4 or np.ptp(wavelength_nm[usable]) == 0:
         return None
     x, y = np.log(wavelength_nm[usable]), np.log(ratios[usable])
-    from scipy.stats import theilslopes  # slow to import, rarely needed
-
-    slope, offset, *_ = theilslopes(y, x)
+    slope, offset = median_line(x, y)
     residual = np.abs(y - slope * x - offset)
     near = abs(abs(slope) - 1) < POWER_TOLERANCE and np.quantile(residual, STRAIGHT_SHARE) < STRAIGHT
     return int(np.sign(slope)) if near else None

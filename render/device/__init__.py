@@ -5,6 +5,7 @@ from .calls import lane_ranges, lanes_per_call
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
+from .sobol_table import sobol_table
 
 __all__ = [
     "SobolPoints",
@@ -17,4 +18,5 @@ __all__ = [
     "polynomial",
     "polynomial_at",
     "seed_of_lanes",
+    "sobol_table",
 ]

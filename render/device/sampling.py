@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from .arrays import device_array
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
+from .sobol_table import sobol_table
 
 __all__ = ["SobolPoints", "cosine_hemisphere", "seed_of_lanes"]
-
-
-@lru_cache(maxsize=8)
-def _sobol_table(dimensions: int, log2_points: int) -> np.ndarray:
-    """(2^m * d,) Sobol' points as 32-bit integers (SciPy; Joe and Kuo's numbers)."""
-    from scipy.stats import qmc  # slow to import
-
-    points = qmc.Sobol(dimensions, scramble=False, bits=32).random_base2(log2_points)
-    return (points * 2.0**32).astype(np.uint32).ravel()
 
 
 def seed_of_lanes(seed: int | mi.UInt32) -> mi.UInt32:
@@ -60,7 +50,7 @@ class SobolPoints:
     def __init__(self, dimensions: int, count: int, lane: mi.UInt32, seed: int | mi.UInt32) -> None:
         log2 = int(np.ceil(np.log2(max(count, 2))))
         self.dimensions = dimensions
-        self._table = device_array(mi.UInt32, _sobol_table(dimensions, log2))
+        self._table = device_array(mi.UInt32, sobol_table(dimensions, log2).ravel())
         seeds = seed_of_lanes(seed)
         self._seeds = [
             mi.sample_tea_32(lane, seeds + (0x9E3779B9 * (d + 1) & 0xFFFFFFFF))[0] for d in range(dimensions)

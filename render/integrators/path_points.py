@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..device import device_array, dr, mi, seed_of_lanes
+from ..device import device_array, dr, mi, seed_of_lanes, sobol_table
 
 __all__ = ["PathPoints", "VertexPoints"]
 
@@ -33,9 +33,7 @@ def _reversed_tables(log2_points: int) -> tuple[np.ndarray, np.ndarray]:
     the scrambling.
     """
     count = 2 * (_WORDS + _LAMP_WORDS) + 1
-    from scipy.stats import qmc  # slow to import
-
-    leading = (qmc.Sobol(count, scramble=False, bits=32).random_base2(log2_points) * 2.0**16).astype(">u2")
+    leading = (sobol_table(count, log2_points) >> 16).astype(">u2")
     bits = np.unpackbits(leading.view(np.uint8).reshape(*leading.shape, 2), axis=-1)
     columns = np.packbits(bits[..., ::-1], axis=-1).view(">u2")[..., 0].astype(np.uint64)
     pairs = columns[:, 0:-1:2] | columns[:, 1::2] << np.uint64(16)
