@@ -49,12 +49,12 @@ _MIN_EXCESS = 0.01
 
 #: Descriptions of the kinds of flaws of a base.
 _FLAWS = {
-    "creases": "corners, which are softer or darker than in the model",
-    "edges": "edges, as of walls and blocks that lean or differ in size",
-    "shading": "whole faces, which are lit or painted unevenly",
-    "slopes": "walls that lean or bulge, by the light on them",
-    "field": "slow changes over the picture, alike in all bands",
-    "pixels": "single pixels, alike in all bands, as with old flats or a photograph simulated from a noisy rendering",
+    "creases": "Corners that are softer or darker than in the model",
+    "edges": "Edges of walls and blocks that lean or differ in size",
+    "shading": "Faces that are lit or painted unevenly",
+    "slopes": "Walls that lean or bulge, and so receive more or less light,",
+    "field": "Slow changes over the picture, alike in all bands,",
+    "pixels": "Single pixels, alike in all bands, as with old flats or a photograph simulated from a noisy rendering,",
 }
 
 #: Limits of detection in the sentence of the terminal; diagnosis.json and the report have all of them.
@@ -231,8 +231,8 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
     """
     if not diagnosis.flaws:
         return []
-    kinds = "; ".join(f"{_FLAWS[flaw.kind]} ({flaw.chi2_per_dof:.2f} of χ² per sample)" for flaw in diagnosis.flaws)
-    sentences = [f"Small flaws of the scene, the survey or the flats explain part of the difference: {kinds}."]
+    sentences = ["Small flaws of the scene, the survey or the flats explain part of the difference."]
+    sentences += [f"{_FLAWS[flaw.kind]} explain {flaw.chi2_per_dof:.2f} of χ² per sample." for flaw in diagnosis.flaws]
     if diagnosis.flaws_cost >= _MIN_COST:
         sentences.append(
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
@@ -388,16 +388,15 @@ def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
             f"{diagnosis.certainty:.1f} times its standard deviation, which includes errors of the rendering."
         )
     if np.isfinite(diagnosis.heldout_pixels):
-        bands = diagnosis.heldout_bands
         sentences.append(
-            "In pixels held out of the fit, the last effect improves χ² by "
-            f"{100 * diagnosis.heldout_pixels:.0f} % of its improvement in the fitted pixels"
-            + (
-                f"; in bands held out, by {100 * bands:.0f} % of its improvement with all bands fitted."
-                if np.isfinite(bands)
-                else "."
-            )
+            "In pixels left out of the fit, the last effect lowers χ² by "
+            f"{100 * diagnosis.heldout_pixels:.0f} % of its decrease in the fitted pixels."
         )
+        if np.isfinite(diagnosis.heldout_bands):
+            sentences.append(
+                "In bands left out of the fit, the last effect lowers χ² by "
+                f"{100 * diagnosis.heldout_bands:.0f} % of its decrease with all bands fitted."
+            )
     return sentences
 
 

@@ -53,7 +53,7 @@ def _assumptions(result: Validation) -> list[str]:
     effects = ", ".join(effect.id for effect in result.model.effects) or "none"
     lamps = prepared.scene.lamps
     several, reflecting = len(lamps) > 1, any(lamp.reflects for lamp in lamps)
-    emitters = f"the {len(lamps)} lamps are" if several else "the lamp is"
+    emitters = f"The {len(lamps)} lamps are" if several else "The lamp is"
     reflects = "as the scene states" if reflecting else "nothing"
     external = prepared.picture
     error = "the standard error of the rendering"
@@ -61,11 +61,12 @@ def _assumptions(result: Validation) -> list[str]:
         error = f"the scatter of neighbouring pixels of {external.path.name}, which states no standard error"
     materials = prepared.complete.materials.values()
     special = [f"{m.name} ({m.bsdf['type'] if m.bsdf else 'a texture'})" for m in materials if not m.lambertian]
-    paints = "materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
-    air = "the air is clear" if prepared.complete.medium is None else "the scene's medium fills the air"
+    paints = "Materials are Lambertian" + (f" but for {', '.join(special)}" if special else "")
+    air = "The air is clear" if prepared.complete.medium is None else "The scene's medium fills the air"
     return [
-        f"Scene: {prepared.scene.name}. Unless an effect below changes it: {paints}, {emitters} uniform and "
-        f"Lambertian and {'reflect' if several else 'reflects'} {reflects}, {air}, the front is open and dark.",
+        f"Scene: {prepared.scene.name}. The following holds unless an effect below changes it. {paints}. {emitters} "
+        f"uniform and Lambertian, and {'reflect' if several else 'reflects'} {reflects}. {air}, and the front is open "
+        "and dark.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture. Its power was fitted {lamp}."
         if prepared.free_scale is None

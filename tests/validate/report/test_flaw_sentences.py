@@ -27,7 +27,9 @@ def test_an_effect_that_is_not_named_has_its_true_reason():
             "defocus": Lead(-3.0, "a blur", "a line"),
         },
     )
-    _, first, second, third, fourth = flaw_sentences(diagnosis)
+    start, pixels, first, second, third, fourth = flaw_sentences(diagnosis)
+    assert start == "Small flaws of the scene, the survey or the flats explain part of the difference."
+    assert pixels.startswith("Single pixels, alike in all bands,") and pixels.endswith("explain 0.10 of χ² per sample.")
     assert first.startswith("lamp-offset is not reported: pixels or bands that the fit left out")
     assert second.startswith("gloss is not reported: the flaws may imitate it. With the flaws in the fit, its size is")
     assert third == "smear is not reported: the flaws explain the difference about as well without it."
