@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from cboxlab.utils.arguments import described, require_word, required_number, re
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import combined, suggestion
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.page_text import escaped
 from numpy.typing import ArrayLike, NDArray
 
 from .shapes import turned_about_vertical
@@ -582,7 +582,7 @@ class Scene(FrozenMappings):
         return "\n".join(f"{label + ':':<10} {text}" for label, text in self._facts())
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><th>{escape(label)}</th><td>{escape(text)}</td></tr>" for label, text in self._facts())
+        rows = "".join(f"<tr><th>{escaped(label)}</th><td>{escaped(text)}</td></tr>" for label, text in self._facts())
         return f"<table>{rows}</table>"
 
     def with_lamps(self, change: Callable[[Lamp], Lamp]) -> Scene:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
+
+from .page_text import escaped
 
 __all__ = ["Table"]
 
@@ -23,8 +24,8 @@ class Table:
 
     def _repr_html_(self) -> str:
         """HTML table, for notebooks."""
-        head = "".join(f"<th>{escape(column)}</th>" for column in self.columns)
-        rows = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self.rows)
+        head = "".join(f"<th>{escaped(column)}</th>" for column in self.columns)
+        rows = ("".join(f"<td>{escaped(cell)}</td>" for cell in row) for row in self.rows)
         body = "".join(f"<tr>{row}</tr>" for row in rows)
-        caption = f"<caption>{escape(self.title)}</caption>"
+        caption = f"<caption>{escaped(self.title)}</caption>"
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

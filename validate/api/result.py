@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
+from cboxlab.utils.page_text import escaped
 from cboxlab.utils.table import Table
 
 __all__ = ["Result", "as_html"]
@@ -86,5 +86,5 @@ def as_html(lines: Sequence[str], tables: Sequence[Table]) -> str:
     str
         HTML.
     """
-    text = "".join(f"<p>{escape(line)}</p>" for line in lines)
+    text = "".join(f"<p>{escaped(line)}</p>" for line in lines)
     return text + "".join(table._repr_html_() for table in tables)

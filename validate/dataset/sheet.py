@@ -14,6 +14,7 @@ from cboxlab.rendering.dataset import Recipe
 from cboxlab.rendering.files import cube_to_srgb
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
+from cboxlab.utils.page_text import unbroken
 from jinja2 import Environment
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def write_page(
     faults
         Names of pictures with their faults.
     """
-    page = Environment(autoescape=True).from_string(_PAGE)
+    page = Environment(autoescape=True, finalize=unbroken).from_string(_PAGE)
     with replacing(path) as temporary:
         text = page.render(title=title, lines=lines, pictures=pictures, plots=plots, faults=faults)
         temporary.write_text(text, encoding="utf-8")

@@ -15,6 +15,7 @@ from cboxlab.calibration.instrument import BandResponse
 from cboxlab.calibration.quality import Suspicion
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.page_text import unbroken
 from cboxlab.utils.table import Table
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -104,6 +105,7 @@ def report_environment() -> Environment:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,
+        finalize=unbroken,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

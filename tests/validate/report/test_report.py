@@ -86,7 +86,7 @@ def test_well_formed_with_unique_identifiers(pages, name):
 def test_the_finding_stands_before_any_picture(pages):
     """The first heading is the cause and its size, and the picture that shows it stands next to it."""
     for name, sentence in (
-        ("error", "Glare of 3 % is missing."),
+        ("error", "Glare of 3\xa0% is missing."),
         ("noise", "The model is adequate: noise explains the difference."),
     ):
         page = pages[name]
@@ -125,13 +125,13 @@ def test_a_third_colour_difference_needs_one_record(monkeypatch, tmp_path):
 
 def test_verdict_in_words(pages):
     assert "Where it fails" in pages["error"]
-    assert re.search(r"Most of the excess χ² is (in interiors of|on) surfaces[^:]*: \d+ %", pages["error"])
+    assert re.search(r"Most of the excess χ² is (in interiors of|on) surfaces[^:]*: \d+\xa0%", pages["error"])
     for text in (*SURFACES, *BANDS):
         assert text in pages["noise"]
 
 
 def test_bands_stand_by_wavelength(pages):
-    rows = re.findall(r'<th scope="row">(\d+) nm</th>', pages["noise"])
+    rows = re.findall(r'<th scope="row">(\d+)\xa0nm</th>', pages["noise"])
     assert rows == sorted(rows[: len(BANDS)]) * 2
 
 

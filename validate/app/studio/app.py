@@ -68,6 +68,7 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "first.js": ("text/javascript", _page_file("first.js")),
     "points.html": ("text/html", _page_file("points.html")),
     "points.js": ("text/javascript", _page_file("points.js")),
+    "text.js": ("text/javascript", lambda: viewer_part("text.js")),
     "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),
     "studio.css": ("text/css", _page_file("studio.css")),
     "viewer.js": ("text/javascript", viewer_script),

@@ -13,7 +13,7 @@ __all__ = ["viewer_fragment", "viewer_part", "viewer_script", "viewer_style"]
 _STATIC = Path(__file__).parent / "static"
 
 #: Files of the script, each after those that it uses.
-_PARTS = ("arrays.js", "colour.js", "layers.js", "pixel.js", "regions.js", "export.js", "viewer.js")
+_PARTS = ("text.js", "arrays.js", "colour.js", "layers.js", "pixel.js", "regions.js", "export.js", "viewer.js")
 
 
 @cache

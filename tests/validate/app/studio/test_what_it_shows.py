@@ -68,7 +68,7 @@ def test_a_pattern_a_flip_and_a_curve_are_shown_and_put_away(page, bench):
     page.run("document.getElementById('parts').open = true")
     page.until("document.querySelectorAll('#parts tbody tr').length === 14")
     per_band = page.run("[...document.querySelectorAll('#parts table')][0].innerText")
-    assert "550 nm" in per_band and "NaN" not in per_band
+    assert "550\xa0nm" in per_band and "NaN" not in per_band
 
 
 def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(page):

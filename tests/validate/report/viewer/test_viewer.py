@@ -122,7 +122,7 @@ def test_a_pixel_shows_its_spectrum_the_filters_and_its_light(page):
     assert page.run(f"{charts}[0].querySelectorAll('path.measured').length") == len(BANDS)
     assert page.run(f"{charts}[0].querySelectorAll('rect.predicted').length") == len(BANDS)
     text = page.run("document.querySelector('.cbv-light').parentElement.innerText")
-    for part in ("reflected once: 60.0 %", "twice: 30.0 %", "more often: 10.0 %"):
+    for part in ("reflected once: 60.0\xa0%", "twice: 30.0\xa0%", "more often: 10.0\xa0%"):
         assert part in text
 
 
@@ -192,7 +192,7 @@ def test_srgb_is_that_of_the_files(page, comparison):
 def test_masks_by_reason(page):
     masks = _layer(page, "masks")
     np.testing.assert_array_equal(masks > 0, BOX.lamp)
-    assert f"lamp: {BOX.lamp.sum()} px" in page.run("document.querySelector('.cbv-legend').innerText")
+    assert f"lamp: {BOX.lamp.sum()}\xa0px" in page.run("document.querySelector('.cbv-legend').innerText")
     page.click(*_at(page, 1, *np.argwhere(BOX.lamp)[0][::-1]))
     assert "saturated, lamp" in page.run("document.querySelector('.cbv-pixel').innerText")
 

@@ -56,7 +56,7 @@ async function locate(by_edges) {
   for (const { id, ...mark } of found.points) page.marks.set(id, mark);
   page.expected = found.expected;
   const rms = found.rms_px === null ? "" : `Residuals of the camera: rms ${found.rms_px.toFixed(3)} px per coordinate. `;
-  $("fit").textContent = rms + (found.reason && page.marks.size >= 6 ? found.reason : found.reason ? `${page.marks.size} of at least 6 corners.` : "");
+  $("fit").textContent = unbroken(rms) + (found.reason && page.marks.size >= 6 ? found.reason : found.reason ? `${page.marks.size} of at least 6 corners.` : "");
   list();
   draw();
 }

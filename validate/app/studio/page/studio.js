@@ -224,7 +224,7 @@ function show(record) {
   $("save-root").textContent = `below ${record.root}`;
   $("figures").replaceChildren(
     "χ² per degree of freedom ", make("strong", { id: "chi2" }, chi2), ` (noise alone: 1${opened})`,
-    `${all}, lamp × ${record.lamp_scale.toFixed(4)}, camera moved ${numberText(+record.camera_moved_px.toPrecision(2))} px; `,
+    unbroken(`${all}, lamp × ${record.lamp_scale.toFixed(4)}, camera moved ${numberText(+record.camera_moved_px.toPrecision(2))} px; `),
     make("span", { id: "how" }, how), record.saved ? "" : " · not saved");
   $("moves").replaceChildren(...curve(record.moves));
   $("refit").checked = record.refit;
@@ -328,7 +328,7 @@ function showJob(job) {
   if (job) {
     $("stage").textContent = `${job.background ? "in the background: " : ""}${job.job}${job.stage && job.stage !== job.job ? ": " + job.stage : ""}`;
     $("progress").value = job.done;
-    $("times").textContent = job.times;
+    $("times").textContent = unbroken(job.times);
     $("cancel").hidden = job.background;
   }
   if (!page.record?.open) $("title").textContent = job?.job === "open" ? "Opening …" : BEGIN;

@@ -54,7 +54,7 @@ function svg(name, attributes, text) {
 function html(name, attributes = {}, children = []) {
   const element = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
-  element.append(...[].concat(children));
+  element.append(...[].concat(children).map(unbroken));
   return element;
 }
 

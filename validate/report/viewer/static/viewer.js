@@ -306,7 +306,7 @@ class CBoxViewer {
     for (const input of this.element.querySelectorAll("select[data-cbv], input[data-cbv]")) {
       input.value = String(s[input.dataset.cbv]);
       const output = input.parentElement.querySelector("output");
-      if (output) output.textContent = input.dataset.cbv === "split" ? s.split.toFixed(0) + " %" : signed(s.exposure, 1);
+      if (output) output.textContent = input.dataset.cbv === "split" ? unbroken(s.split.toFixed(0) + " %") : signed(s.exposure, 1);
     }
     this._controls.querySelector("[data-cbv=zoomed]").textContent = "× " + shown(s.zoom, 2);
     this._split.hidden = s.mode !== "slider";
@@ -577,7 +577,7 @@ class CBoxViewer {
       if (!scale) return `${name}: ${this.picture.reasons.filter((r) => values[i] & r.bit).map((r) => r.name).join(", ") || "used"}`;
       return `${name} ${shown(values[i], 4)} ${scale.unit}`;
     });
-    this._hover.textContent = `${pixel[0]}, ${pixel[1]} ${surfaceName(this.picture, i)}: ${parts.join(" · ")}`;
+    this._hover.textContent = unbroken(`${pixel[0]}, ${pixel[1]} ${surfaceName(this.picture, i)}: ${parts.join(" · ")}`);
   }
 
   _key(event) {
