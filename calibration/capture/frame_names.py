@@ -1,7 +1,8 @@
 """Names of frame files: kind, filter, exposure and repeat, where a name is certain.
 
-A name is cut at ``-``, ``_``, blanks and brackets. Each part is a kind of frame, a filter, an exposure, a date, a
-number or a word. What could be read in two ways is not read at all: ``1-30s`` may be 1/30 s or the first frame of 30 s.
+A name is cut at ``-``, ``_``, blanks, brackets and semicolons, and at commas and points that are not between digits.
+Each part is a kind of frame, a filter, an exposure, a date, a number or a word. What could be read in two ways is not
+read at all: ``1-30s`` may be 1/30 s or the first frame of 30 s.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _DATE = re.compile(
     r"(?<![0-9a-z])(?:19|20)\d\d(?:-[01]\d-[0-3]\d|_[01]\d_[0-3]\d|[01]\d[0-3]\d)"
     r"(?P<time>[-_t ]+[0-2]\d[-_:]?[0-5]\d(?:[-_:]?[0-5]\d(?:[-_.]?\d{3})?|[_.]\d))?(?![0-9a-z])"
 )
-_SEPARATORS = re.compile(r"[-_\s()\[\]+]+")
+_SEPARATORS = re.compile(r"(?:[-_\s()\[\];+]|(?<!\d)[.,]|[.,](?!\d))+")
 #: A filter by its wavelength: f550, 550nm, f550nm, band550. Camera numbers begin with 0 where they have four digits.
 _FILTER = re.compile(r"(?:f|band)([1-9]\d{2,3})(?:nm)?|0*([1-9]\d{2,3})(?:\.0+)?nm")
 #: A number that is a filter if nothing else in the name has letters.
@@ -47,8 +48,8 @@ _MAKERS_FILTER = re.compile(r"(?:fb|fbh|fl|flh|bp|nb|bn|nf|lp|sp|et|hq|xbpa)\d{3
 #: A number before a unit; with zeros in front it counts frames.
 _AMOUNT = r"(?:0|[1-9]\d*)(?:[.,]\d+)?"
 _EXPOSURE = re.compile(rf"({_AMOUNT})(us|µs|ms|s|secs?)")
-#: Units of exposures that programs write behind a separator: 300_secs.
-_UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs"})
+#: Units that programs write behind a separator: 300_secs, 550 nm.
+_UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs", "nm"})
 #: Seconds in the units of exposures.
 _UNIT_S = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "secs": 1.0}
 #: Words before seconds that are no exposure: a wait, or the model of a telephone.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -21,7 +21,7 @@ from .exposure_agreement import ExposureFinding, exposure_findings
 from .exposure_merge import Exposure, MergedFrames, exposures_of, merge_exposures, merged_tables
 from .noise import NoiseModel
 from .nominal_fall_off import LensAxis, nominal_flat, with_pixel_scatter
-from .picture_noise import pixel_scatter
+from .pixel_scatter import pixel_scatter, scatter_of_residuals
 
 __all__ = ["CorrectedBands", "correct_bands"]
 
@@ -71,6 +71,45 @@ class CorrectedBands(FrozenMappings):
         bands_of_pixel = np.sum(self.images["mask"].values == 0, axis=0)
         signal = np.asarray(expected_signal, float)
         return np.maximum(bands_of_pixel - 1, 0) * (self.pixel_scatter * signal) ** 2
+
+    def with_scatter_of(
+        self,
+        expected_signal: NDArray[np.float64],
+        variance: NDArray[np.float64],
+        used: NDArray[np.bool_],
+        step: tuple[int, int],
+    ) -> CorrectedBands:
+        """The same bands with the pixels' scatter estimated from a comparison; themselves with flats.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) rendered signals, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2, with the scatter so far.
+        used
+            (band, y, x) True for the samples used.
+        step
+            (rows, columns) distance of neighbours with the same filter, px.
+
+        Returns
+        -------
+        CorrectedBands
+            With scatter, flat fields and variances changed.
+        """
+        if self.nominal_axis is None:
+            return self
+        signal, before = self.images["signal"].values, self.pixel_scatter**2
+        of_noise = variance - before * expected_signal**2
+        scatter = scatter_of_residuals(signal, expected_signal, of_noise, used, step)
+        if not np.isfinite(scatter):
+            return self
+        coefficients = self.coefficients.copy()
+        coefficients[:, 2] += scatter**2 - before
+        images = self.images.copy()
+        images["variance"] = images["variance"] + (scatter**2 - before) * signal**2
+        flats = {band: with_pixel_scatter(flat, scatter) for band, flat in self.flats.items()}
+        return replace(self, images=images, coefficients=coefficients, flats=flats, pixel_scatter=scatter)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.special import ndtr
 
-__all__ = ["clipped_variance", "pixel_scatter", "second_differences", "smooth_pixels"]
+__all__ = ["FEWEST", "clipped_variance", "second_differences", "smooth_pixels", "truncated_variance"]
 
 #: Variance of a second difference over that of one pixel: 1 + 4 + 1.
 _GAIN = 6.0
@@ -28,7 +28,23 @@ _ROUNDS = 20
 #: Standard deviation of a normal distribution over its median absolute deviation.
 _MAD_TO_SIGMA = 1.4826
 #: Fewest differences from which a variance is taken: its relative error is then a tenth.
-_FEWEST = 200
+FEWEST = 200
+
+
+def truncated_variance(clip: float) -> float:
+    """Variance of a normal distribution of variance 1 that is cut off on both sides.
+
+    Parameters
+    ----------
+    clip
+        Where it is cut off, standard deviations.
+
+    Returns
+    -------
+    float
+        Below 1.
+    """
+    return float(1 - 2 * clip * normal_density(clip) / (ndtr(clip) - ndtr(-clip)))
 
 
 def clipped_variance(values: NDArray[np.float64]) -> float:
@@ -44,10 +60,9 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
     float
         Variance; NaN for less than 200 values.
     """
-    if values.size < _FEWEST:
+    if values.size < FEWEST:
         return float("nan")
-    share = ndtr(_CLIP) - ndtr(-_CLIP)
-    truncated = 1 - 2 * _CLIP * normal_density(_CLIP) / share
+    truncated = truncated_variance(_CLIP)
     sigma = _MAD_TO_SIGMA * float(np.median(np.abs(values)))
     for _ in range(_ROUNDS):
         inside = np.abs(values) <= _CLIP * sigma
@@ -126,7 +141,7 @@ def smooth_pixels(
             inside[axis] = slice(size, picture.shape[axis] - size)
             edges[tuple(inside)] |= large
         remaining = usable & ~binary_dilation(edges, reach)
-        if np.count_nonzero(remaining) < _FEWEST:
+        if np.count_nonzero(remaining) < FEWEST:
             break
         smooth = remaining
     return smooth
@@ -136,44 +151,8 @@ def _sigma_by_level(
     differences: NDArray[np.float64], means: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Ascending levels of light and standard deviations at each; empty for too few pixels."""
-    groups = np.array_split(np.argsort(means), max(1, min(_LEVELS, means.size // _FEWEST)))
+    groups = np.array_split(np.argsort(means), max(1, min(_LEVELS, means.size // FEWEST)))
     variances = np.array([clipped_variance(differences[group]) for group in groups])
     levels = np.array([means[group].mean() if group.size else np.nan for group in groups])
     finite = np.isfinite(variances) & np.isfinite(levels)
     return levels[finite], np.sqrt(variances[finite])
-
-
-def pixel_scatter(
-    signal: NDArray[np.float64],
-    variance: NDArray[np.float64],
-    usable: NDArray[np.bool_],
-    step: tuple[int, int] = (1, 1),
-) -> float:
-    """Relative scatter of the pixels' sensitivities in the bright half of a picture.
-
-    Parameters
-    ----------
-    signal
-        (y, x) signal above dark, DN.
-    variance
-        (y, x) variance of its temporal noise, DN^2.
-    usable
-        (y, x) True for pixels used.
-    step
-        (rows, columns) distance of neighbours with the same filter, px.
-
-    Returns
-    -------
-    float
-        Standard deviation, 0 where temporal noise explains the scatter; NaN with too few pixels.
-    """
-    if not usable.any():
-        return float("nan")
-    bright = usable & (signal >= max(float(np.median(signal[usable])), 0.0)) & (signal > 0)
-    smooth = smooth_pixels(signal, bright, step)
-    differences, means = second_differences(signal, smooth, step)
-    if differences.size < _FEWEST:
-        return float("nan")
-    _, temporal = second_differences(variance, smooth, step)
-    relative = clipped_variance(differences / means) - float(np.median(temporal / means**2))
-    return float(np.sqrt(max(relative, 0.0)))

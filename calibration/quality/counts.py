@@ -13,7 +13,7 @@ from ..correction import DarkLibrary, NoiseModel
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_counts"]
+__all__ = ["check_counts", "check_level_of_darks"]
 
 #: Fewest pixels at the largest count of a table that are a saturation.
 FEWEST_PILED_PIXELS = 12
@@ -68,8 +68,7 @@ def check_counts(
     Yields
     ------
     Suspicion
-        One for a saturation, one for gaps, one for frames below the dark level, one for each table without light or
-        with too much of it.
+        One for a saturation, one for gaps, one for each table without light or with too much of it.
     """
     yield from _check_codes(capture, stacks)
     yield from _check_levels(capture, stacks, dark, noise)
@@ -134,7 +133,6 @@ def _check_levels(
     """Levels of the frames relative to saturation and dark level."""
     full = capture.saturation_dn
     sigma = float(np.sqrt(noise.floor_dn2))
-    below = []
     for stack in stacks:
         if stack.kind in ("dark", "bracket"):
             continue
@@ -155,7 +153,36 @@ def _check_levels(
                 f"99 of 100 pixels lie within {np.percentile(net, 99):.2g} DN of the dark level of "
                 f"{np.median(level):.4g} DN.",
             )
-        lowest, middle = float(np.percentile(net, 0.5)), float(np.median(level))
+
+
+def check_level_of_darks(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+) -> Iterator[Suspicion]:
+    """Detect frames that are darker than the dark frames.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+    dark
+        The capture's dark frames.
+    noise
+        The capture's noise of reading.
+
+    Yields
+    ------
+    Suspicion
+        At most one.
+    """
+    sigma = float(np.sqrt(noise.floor_dn2))
+    below = []
+    for stack in stacks:
+        if stack.kind in ("dark", "bracket"):
+            continue
+        level = stack.thinned(dark.at(stack.exposure_s))
+        lowest, middle = float(np.percentile(stack.mean - level, 0.5)), float(np.median(level))
         if middle > LOWEST_LEVEL_SIGMAS * sigma and lowest < -DARKER_SHARE * middle:
             below.append((stack, lowest, middle))
     if below:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import Capture, pattern_rows, split_channel
+from ..capture import Capture, channel_mask, pattern_rows, split_channel
 from ..correction import DarkLibrary
 from ..radiometry import counts_over_constant
 from .stacks import Stack
@@ -83,22 +83,41 @@ def check_pattern(
         return
     units = {paths: _expected(capture, paths, channels) for paths in even}
     errors = {}
-    for shift in product(*(range(side) for side in cell.shape)):
-        shifted = np.roll(cell, shift, (0, 1))
-        error = max(_level_error(levels, shifted, units[paths]) for paths, levels in even.items())
-        errors[shifted.tobytes()] = error, shifted
+    for pattern in _other_patterns(cell):
+        error = max(_level_error(levels, pattern, units[paths]) for paths, levels in even.items())
+        errors[pattern.tobytes()] = error, pattern
     smallest, present = min(error for error, _ in errors.values()), errors[cell.tobytes()][0]
     if present < SMALLEST_LEVEL_ERROR or smallest > LARGEST_RIGHT_ERROR:
         return
     right = [shifted for error, shifted in errors.values() if error <= LARGEST_RIGHT_ERROR]
     between = "" if cell.shape == (2, 2) else " "
     names = " or ".join(f'"{between.join("".join(row) for row in shifted)}"' for shifted in right)
+    exchanged = _exchanged_letters(cell, right)
+    tables = f", or the sensitivities of {exchanged} are exchanged" if exchanged else ""
     yield Suspicion(
-        f"the mosaic begins at another pixel: the pattern is {names}",
+        f"the mosaic begins at another pixel: the pattern is {names}{tables}",
         "mosaic.pattern",
         f"In even light pixels differ from the level of their channel by up to {present:.0%} of the brightest level; "
         f"with that pattern by {smallest:.1%}.",
     )
+
+
+def _other_patterns(cell: NDArray[np.str_]) -> Iterator[NDArray[np.str_]]:
+    """The pattern from every other pixel on, and with each pair of channels exchanged; the stated one first."""
+    for shift in product(*(range(side) for side in cell.shape)):
+        yield np.roll(cell, shift, (0, 1))
+    for first, second in combinations(sorted(set(cell.ravel().tolist())), 2):
+        yield np.where(cell == first, second, np.where(cell == second, first, cell))
+
+
+def _exchanged_letters(cell: NDArray[np.str_], right: Sequence[NDArray[np.str_]]) -> str:
+    """Two channels, as "R and B", whose exchange makes one of the right patterns; empty if none does."""
+    letters = sorted(set(cell.ravel().tolist()))
+    for first, second in combinations(letters, 2):
+        exchanged = np.where(cell == first, second, np.where(cell == second, first, cell))
+        if any(np.array_equal(exchanged, pattern) for pattern in right):
+            return f"{first} and {second}"
+    return ""
 
 
 def _levels(stack: Stack, dark: DarkLibrary, repeat: tuple[int, ...]) -> NDArray[np.float64]:
@@ -180,12 +199,16 @@ def _surface(
     if not flats or not references:
         return None
     settings = {(capture.f_number(table), capture.image_distance_mm(table)) for table in (flats[0], references[0])}
-    flat, reference = (next(s for s in stacks if s.paths == table.frames) for table in (flats[0], references[0]))
-    if len(settings) > 1 or min(flat.mean.shape) < SMALLEST_PICTURE_PX:
+    tables = flats[0], references[0]
+    flat, reference = (next((s for s in stacks if s.paths == table.frames), None) for table in tables)
+    if flat is None or reference is None or len(settings) > 1 or min(capture.shape) < SMALLEST_PICTURE_PX:
         return None
-    saturated = capture.saturation_dn
-    usable = (flat.counts.max(axis=0) < saturated) & (reference.counts.max(axis=0) < saturated)
-    net = [np.where(usable, s.mean - s.thinned(dark.at(s.exposure_s)), 0.0) for s in (reference, flat)]
+    pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
+    saturated, of_channel = capture.saturation_dn, np.ones(capture.shape, bool)
+    if pattern is not None and flat.channel is not None:
+        of_channel = channel_mask(pattern, capture.shape, flat.channel)
+    usable = (flat.frames.max(axis=0) < saturated) & (reference.frames.max(axis=0) < saturated) & of_channel
+    net = [np.where(usable, s.frames.mean(axis=0) - dark.at(s.exposure_s), 0.0) for s in (reference, flat)]
     above, below = (_block_sums(image) for image in net)
     if not np.all(below > 0) or not np.all(above > 0):
         return None

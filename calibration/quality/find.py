@@ -10,14 +10,14 @@ from ..geometry import CameraFit
 from ..radiometry import Radiometry
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_same_view, check_spectra_content
-from .counts import check_counts
+from .counts import check_counts, check_level_of_darks
 from .dark_light import check_dark_temperature, check_light_in_darks
 from .darks import check_bias_drift, check_darks
 from .fields import check_fields, check_pattern
 from .filters import check_filter_shift
 from .fingerprint import check_division, check_fingerprint, check_flat_shapes
 from .points import check_points
-from .repeats import check_noise, check_repeats
+from .repeats import check_independence, check_noise, check_repeats
 from .schedule import check_brackets, check_exposures, check_schedule
 from .stacks import Stack, read_stacks
 from .suspicion import Suspicion
@@ -28,26 +28,59 @@ __all__ = ["find_suspicions"]
 
 
 def _check_counts(
-    capture: Capture,
-    stacks: Sequence[Stack],
-    dark: DarkLibrary,
-    noise: NoiseModel,
-    channels: Mapping[str, str] | None,
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
 ) -> Iterator[Suspicion]:
     """Checks that need whole counts of a sensor, which merged pictures are not."""
     yield from check_counts(capture, stacks, dark, noise)
-    yield from check_noise(capture, stacks, dark, noise)
-    yield from check_repeats(capture, stacks, dark, noise)
     yield from check_darks(stacks, noise, capture.saturation_dn)
     yield from check_bias_drift(stacks, capture.manifest.camera.readout_s)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     yield from check_fingerprint(stacks, dark)
     yield from check_division(stacks, dark)
-    yield from check_light_in_darks(stacks, dark)
     yield from check_dark_temperature(stacks, capture.saturation_dn)
     yield from check_fields(capture, stacks, dark)
-    yield from check_pattern(capture, stacks, dark, channels)
+
+
+def _check_sensor(
+    capture: Capture,
+    stacks: Sequence[Stack],
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    channels: Mapping[str, str] | None,
+) -> tuple[list[Suspicion], bool]:
+    """Suspicions by counts and mosaic, and whether the levels of flats and references can be compared.
+
+    A mistake that explains others is named alone: frames that were resampled have no statistics of a sensor, light in
+    the darks looks like noise, and behind a wrong pattern channels have the levels of others.
+    """
+    if capture.is_merged:
+        return [], True
+    resampled, tables = check_independence(capture, stacks, dark, noise)
+    as_read = [stack for stack in stacks if stack.key not in tables]
+    lit_darks = [*check_light_in_darks(as_read, dark)] or [*check_level_of_darks(capture, as_read, dark, noise)]
+    suspicions = [*resampled, *lit_darks, *_check_counts(capture, as_read, dark, noise)]
+    if not lit_darks:
+        suspicions += check_repeats(capture, as_read, dark, noise)
+    if not (lit_darks or resampled):
+        suspicions += check_noise(capture, stacks, dark, noise)
+    pattern = [*check_pattern(capture, as_read, dark, channels)]
+    fields_as_read = not any(stack.kind in ("flat", "reference") for stack in stacks if stack.key in tables)
+    return [*suspicions, *pattern], fields_as_read and not pattern
+
+
+def _check_levels(
+    capture: Capture,
+    bands: CorrectedBands,
+    noise: NoiseModel,
+    radiometry: Radiometry,
+    fit: CameraFit | None,
+    channels: Mapping[str, str] | None,
+) -> Iterator[Suspicion]:
+    """Checks of the levels of flats and references, by the sensor equation."""
+    yield from check_constant(capture, radiometry, noise, fit, channels)
+    yield from check_flats_and_references(capture, bands, radiometry, channels)
+    yield from check_filter_shift(capture, radiometry)
 
 
 def find_suspicions(
@@ -97,6 +130,7 @@ def find_suspicions(
     """
     stacks = read_stacks(capture, dict(channels) if channels is not None else None)
     stacks = tuple(stack for stack in stacks if stack.band not in bands.faint)
+    of_sensor, comparable = _check_sensor(capture, stacks, dark, noise, channels)
     suspicions = [
         *already,
         *check_numbers(capture),
@@ -109,10 +143,8 @@ def find_suspicions(
         *check_exposures(stacks),
         *check_brackets(bands),
         *check_schedule(stacks),
-        *(() if capture.is_merged else _check_counts(capture, stacks, dark, noise, channels)),
-        *check_constant(capture, radiometry, noise, fit, channels),
-        *check_flats_and_references(capture, bands, radiometry, channels),
-        *check_filter_shift(capture, radiometry),
+        *of_sensor,
+        *(_check_levels(capture, bands, noise, radiometry, fit, channels) if comparable else ()),
         *check_focal_length(capture, fit),
         *check_points(capture, fit),
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.utils.distributions import chi2_quantile
@@ -14,7 +14,7 @@ from ..correction import ROUNDING_VARIANCE, DarkLibrary, NoiseModel
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_noise", "check_repeats"]
+__all__ = ["check_independence", "check_noise", "check_repeats"]
 
 #: Largest variance of the difference of repeats relative to noise. Noise alone, with 1000 pixels, exceeds 1.25 once in
 #: 30 million pairs; the noise model is accurate to a few per cent.
@@ -54,6 +54,10 @@ LARGEST_CORRELATION = 0.1
 #: The same in the median of one table's pairs, which are few: 6.7 standard deviations of chance in 2000 pixels.
 LARGEST_TABLE_CORRELATION = 0.15
 
+#: Correlation along rows alone, or along columns alone, from which on frames were interpolated: charge that lags behind
+#: or interference correlates neighbours of one row by less.
+ONE_WAY_CORRELATION = 0.25
+
 #: Fewest pixels of a table whose correlation is tested alone.
 FEWEST_TABLE_PIXELS = 2000
 
@@ -86,7 +90,8 @@ class _Pair:
     scale: float
     #: (SIGNAL_BINS,) misfit by ascending signal.
     bins: NDArray[np.float64]
-    #: Correlation of the difference between adjacent pixels, the smaller one of those along rows and along columns.
+    #: Correlation of the difference between adjacent pixels, and of a mosaic also between neighbours of one colour: the
+    #: smaller one of those along rows and along columns, or the larger one from ONE_WAY_CORRELATION on.
     neighbours: float
     #: Variance of the means of rows and of columns over that of independent pixels.
     lines: tuple[float, float]
@@ -113,16 +118,13 @@ def check_repeats(
     Yields
     ------
     Suspicion
-        For each kind of frames with correlated noise, then for the worst repeat of each set of frames.
+        For each kind of frames whose rows or columns have noise in common, then for the worst repeat of each set.
     """
     pairs = _pairs(capture, stacks, dark, noise)
     if not pairs:
         return
     usual = _usual_misfit(pairs)
-    # a moved camera leaves edges in the difference, which are no correlation of the noise
-    of_one_picture = [pair for pair in pairs if pair.misfit <= LARGEST_MISFIT * usual]
-    yield from _check_neighbours(of_one_picture)
-    yield from _check_lines(of_one_picture)
+    yield from _check_lines(_of_one_picture(pairs))
     by_frames: dict[tuple[str, ...], list[_Pair]] = {}
     for pair in pairs:
         by_frames.setdefault(pair.stack.paths, []).append(pair)
@@ -149,6 +151,69 @@ def check_repeats(
                 path,
                 f"The variance of their difference is {ratio:.2g} times that of noise; 1 is expected.",
             )
+
+
+def _of_one_picture(pairs: Sequence[_Pair]) -> list[_Pair]:
+    """Pairs without those of a moved camera, whose edges are no correlation of the noise."""
+    usual = _usual_misfit(pairs) if pairs else 1.0
+    return [pair for pair in pairs if pair.misfit <= LARGEST_MISFIT * usual]
+
+
+def check_independence(
+    capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
+) -> tuple[tuple[Suspicion, ...], frozenset[str]]:
+    """Detect frames whose pixels have noise in common: interpolated, resampled, binned, smoothed or compressed.
+
+    No other statistics of such frames are those of a sensor.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+    dark
+        The capture's dark frames.
+    noise
+        The capture's gain and read noise, where they are not stated.
+
+    Returns
+    -------
+    tuple of Suspicion
+        At most one.
+    frozenset of str
+        Keys of their tables.
+    """
+    correlated: dict[str, Stack] = {}
+    strengths: list[tuple[float, int]] = []
+    pairs = _of_one_picture(_pairs(capture, _whole_frames(stacks), dark, noise))
+    for kind in dict.fromkeys(pair.stack.kind for pair in pairs):
+        tables, strength = _correlated([pair for pair in pairs if pair.stack.kind == kind])
+        files = {stack.paths for stack in tables}
+        correlated |= {stack.key: stack for stack in stacks if stack.kind == kind and stack.paths in files}
+        strengths += [strength] if tables else []
+    if not correlated:
+        return (), frozenset()
+    kinds = {stack.kind for stack in correlated.values()}
+    complete = all(stack.key in correlated for stack in stacks if stack.kind in kinds)
+    where = list(dict.fromkeys(stack.kind if complete else stack.key for stack in correlated.values()))
+    how = "interpolated (demosaiced), resampled" if capture.manifest.mosaic is not None else "resampled"
+    strength, count = max(strengths)
+    suspicion = Suspicion(
+        f"the frames of {', '.join(where)} were {how}, binned, smoothed or compressed after the exposure",
+        ", ".join(f"{name}.frames" for name in where),
+        f"The noise of neighbouring pixels has a correlation of {strength:.2f} (median of {count} pairs of repeats); a "
+        "sensor's has none.",
+    )
+    return (suspicion,), frozenset(correlated)
+
+
+def _whole_frames(stacks: Sequence[Stack]) -> list[Stack]:
+    """Frames with all pixels, each once: neighbours behind a mosaic have different colours."""
+    first_of: dict[tuple[str, ...], Stack] = {}
+    for stack in stacks:
+        first_of.setdefault(stack.paths, stack)
+    return [replace(stack, lattice=None) for stack in first_of.values()]
 
 
 def _usual_misfit(pairs: Sequence[_Pair]) -> float:
@@ -235,20 +300,20 @@ def _pairs(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: 
         for stack in stacks
         if len(stack.paths) > 1 and stack.kind != "dark"
         for repeat in range(1 if len(stack.paths) == 2 else 0, len(stack.paths))
-        if (pair := _pair(stack, repeat, capture.saturation_dn, dark, gain, floor)) is not None
+        if (pair := _pair(stack, repeat, capture, dark, gain, floor)) is not None
     ]
 
 
-def _pair(stack: Stack, repeat: int, full: int, dark: DarkLibrary, gain: float, floor: float) -> _Pair | None:
+def _pair(stack: Stack, repeat: int, capture: Capture, dark: DarkLibrary, gain: float, floor: float) -> _Pair | None:
     """The comparison of a repeat with the mean of the others; None with too few usable pixels.
 
-    full : saturation, DN. gain : electrons/DN. floor : variance of reading, DN^2.
+    gain : electrons/DN. floor : variance of reading, DN^2.
     """
     counts = stack.counts.astype(float)
     others = np.delete(counts, repeat, axis=0)
     level = stack.thinned(dark.at(stack.exposure_s))
     first, second = others.mean(axis=0) - level, counts[repeat] - level
-    usable = (counts.max(axis=0) < full) & (counts.min(axis=0) > 0)
+    usable = (counts.max(axis=0) < capture.saturation_dn) & (counts.min(axis=0) > 0)
     if np.count_nonzero(usable) < FEWEST_PIXELS:
         return None
     a, b = first[usable], second[usable]
@@ -263,8 +328,9 @@ def _pair(stack: Stack, repeat: int, full: int, dark: DarkLibrary, gain: float, 
     squares = np.minimum(independent[usable] ** 2 / expected, LARGEST_SQUARE)
     misfit = max(float(squares.mean()), 1e-6)
     bins = np.array([float(part.mean()) for part in np.array_split(squares[np.argsort(a)], SIGNAL_BINS)])
-    noise = np.clip(image * np.sqrt(weight), -20, 20)
-    correlation = _neighbour_correlation(noise, usable)
+    noise = np.clip(independent * np.sqrt(weight), -20, 20)
+    steps = {(1, 1)} if stack.lattice is not None or capture.cell is None else {(1, 1), capture.cell}
+    correlation = max(_neighbour_correlation(noise, usable, step) for step in steps)
     return _Pair(stack, repeat, misfit, scale, bins, correlation, (rows / misfit, columns / misfit))
 
 
@@ -289,48 +355,37 @@ def _without_lines(
     return without_both, (rows, columns)
 
 
-def _neighbour_correlation(noise: NDArray[np.float64], usable: NDArray[np.bool_]) -> float:
-    """Correlation of adjacent pixels (y, x): the smaller one of along rows and along columns."""
+def _neighbour_correlation(noise: NDArray[np.float64], usable: NDArray[np.bool_], step: tuple[int, int]) -> float:
+    """Correlation of pixels (y, x) that are ``step`` rows or columns apart, see ``_Pair.neighbours``."""
     correlations = []
-    for first, second in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
+    rows, columns = step
+    for first, second in ((np.s_[:, columns:], np.s_[:, :-columns]), (np.s_[rows:], np.s_[:-rows])):
         both = usable[first] & usable[second]
         a, b = noise[first][both], noise[second][both]
         varied = np.count_nonzero(both) > FEWEST_PIXELS and a.std() > 0 < b.std()
         correlations.append(float(np.corrcoef(a, b)[0, 1]) if varied else 0.0)
-    return min(correlations)
+    return max(correlations) if max(correlations) > ONE_WAY_CORRELATION else min(correlations)
 
 
-def _check_neighbours(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:
-    """Kinds of frames, or single tables, whose noise is not independent from pixel to pixel."""
-    for kind in dict.fromkeys(pair.stack.kind for pair in pairs):
-        of_kind = [pair for pair in pairs if pair.stack.kind == kind]
-        correlations = [pair.neighbours for pair in of_kind]
-        middle = float(np.median(correlations))
-        if middle <= LARGEST_CORRELATION:
-            yield from _check_neighbours_of_tables(of_kind)
-        else:
-            yield Suspicion(
-                f"the {kind} frames were resampled, binned, smoothed or compressed after the exposure",
-                f"{kind}.frames",
-                f"The noise of neighbouring pixels has a correlation of {middle:.2f} (median of {len(correlations)} "
-                "pairs of repeats); a sensor's has none.",
-            )
+def _correlated(pairs: Sequence[_Pair]) -> tuple[list[Stack], tuple[float, int]]:
+    """Frames of one kind whose noise is not independent from pixel to pixel.
 
-
-def _check_neighbours_of_tables(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:
-    """Single tables whose noise is not independent from pixel to pixel."""
+    The second value is the largest median correlation and its number of pairs. All frames, if those of the kind are
+    correlated in the median; else single tables with enough pixels.
+    """
+    middle = float(np.median([pair.neighbours for pair in pairs]))
+    if middle > LARGEST_CORRELATION:
+        return [pair.stack for pair in pairs], (middle, len(pairs))
     by_table: dict[str, list[_Pair]] = {}
     for pair in pairs:
         by_table.setdefault(pair.stack.key, []).append(pair)
-    for key, of_table in by_table.items():
-        middle = float(np.median([pair.neighbours for pair in of_table]))
-        if middle > LARGEST_TABLE_CORRELATION and of_table[0].stack.counts[0].size >= FEWEST_TABLE_PIXELS:
-            yield Suspicion(
-                f"the frames of {key} were resampled, binned, smoothed or compressed after the exposure",
-                f"{key}.frames",
-                f"The noise of neighbouring pixels has a correlation of {middle:.2f}; a sensor's has none, and the "
-                f"other {of_table[0].stack.kind} frames have none.",
-            )
+    correlated, strongest = [], (0.0, 0)
+    for of_table in by_table.values():
+        middle, stack = float(np.median([pair.neighbours for pair in of_table])), of_table[0].stack
+        if middle > LARGEST_TABLE_CORRELATION and stack.counts[0].size >= FEWEST_TABLE_PIXELS:
+            correlated.append(stack)
+            strongest = max(strongest, (middle, len(of_table)))
+    return correlated, strongest
 
 
 def _check_lines(pairs: Sequence[_Pair]) -> Iterator[Suspicion]:

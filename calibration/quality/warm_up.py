@@ -23,8 +23,8 @@ SMALLEST_CHANGE = 0.005
 #: Time constants that are tried, min: from less than a series takes to where it looks like a straight drift.
 TIME_CONSTANTS_MIN = np.geomspace(0.2, 20.0, 60)
 
-#: Fewest bands with repeats at different times.
-FEWEST_BANDS = 5
+#: Fewest degrees of freedom of the repeats about an exponential: five bands of two repeats, or one band of six.
+FEWEST_DEGREES = 3
 
 
 def check_warm_up(
@@ -32,8 +32,8 @@ def check_warm_up(
 ) -> Iterator[Suspicion]:
     """Detect a lamp whose repeats brighten less and less in the order of time.
 
-    The rate of change between the repeats of each band is compared with a constant, which a drift has, and with an
-    exponential.
+    The light of the repeats, relative to the mean of their band, is compared with a straight line in time, as of a
+    drift, and with an exponential.
 
     Parameters
     ----------
@@ -53,22 +53,22 @@ def check_warm_up(
     """
     bands = [s for s in stacks if s.kind == "band" and s.start_s is not None and len(s.frames) > 1]
     first_of = {stack.paths: stack for stack in reversed(bands)}  # channels of a mosaic share their frames
-    measured = [
-        rate for stack in first_of.values() if (rate := _rate(stack, dark, saturation_dn, readout_s)) is not None
-    ]
-    if len(measured) < FEWEST_BANDS:
+    measured = [each for s in first_of.values() if (each := _light(s, dark, saturation_dn, readout_s)) is not None]
+    degrees = sum(minutes.size - 1 for minutes, _ in measured) - 2
+    if degrees < FEWEST_DEGREES:
         return
-    minutes, rates = np.array(measured).T
-    minutes = minutes - minutes.min()
-    steady = float(np.sum((rates - rates.mean()) ** 2))
-    shapes = np.exp(-minutes / TIME_CONSTANTS_MIN[:, None])
-    sizes = shapes @ rates / np.sum(shapes**2, axis=1)
-    misfits = np.sum((rates - sizes[:, None] * shapes) ** 2, axis=1)
+    minutes, light = [minutes for minutes, _ in measured], np.concatenate([light for _, light in measured])
+    start, end = min(each.min() for each in minutes), max(each.max() for each in minutes)
+    straight = np.concatenate([each - each.mean() for each in minutes])
+    decays = [np.exp(-(each - start) / TIME_CONSTANTS_MIN[:, None]) for each in minutes]
+    shapes = np.concatenate([each - each.mean(axis=1, keepdims=True) for each in decays], axis=1)
+    steady = float(np.sum((light - straight * (straight @ light) / (straight @ straight)) ** 2))
+    sizes = shapes @ light / np.sum(shapes**2, axis=1)
+    misfits = np.sum((light - sizes[:, None] * shapes) ** 2, axis=1)
     best = int(np.argmin(misfits))
-    degrees = len(rates) - 2
     statistic = (steady - misfits[best]) / max(misfits[best] / degrees, 1e-300)
     constant = float(TIME_CONSTANTS_MIN[best])
-    change = float(sizes[best]) * constant * (1 - np.exp(-np.ptp(minutes) / constant))
+    change = -float(sizes[best]) * (1 - np.exp(-(end - start) / constant))
     if statistic > 0 and fisher_tail(statistic, 1, degrees) < FALSE_ALARM and abs(change) > SMALLEST_CHANGE:
         yield Suspicion(
             "the lamp had not warmed up" if change > 0 else "the lamp fades after it was switched on",
@@ -78,14 +78,14 @@ def check_warm_up(
         )
 
 
-def _rate(stack: Stack, dark: DarkLibrary, saturation_dn: int, readout_s: float) -> tuple[float, float] | None:
-    """Middle of a band's repeats, min, and their relative change a minute; None without light."""
+def _light(
+    stack: Stack, dark: DarkLibrary, saturation_dn: int, readout_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Times of a band's repeats, min, and logarithms of their light over the band's mean; None without light."""
     counts = stack.counts.astype(float)
     good = (counts.max(axis=0) < saturation_dn) & (counts.min(axis=0) > 0)
     levels: NDArray[np.float64] = (counts - stack.thinned(dark.at(stack.exposure_s)))[:, good].sum(axis=1)
     if not good.any() or levels.min() <= 0:
         return None
-    period = (stack.exposure_s + readout_s) / 60
-    times = np.arange(len(levels)) * period
-    slope = float(np.polyfit(times, np.log(levels), 1)[0])
-    return (stack.start_s or 0.0) / 60 + float(times.mean()), slope
+    times = ((stack.start_s or 0.0) + np.arange(len(levels)) * (stack.exposure_s + readout_s)) / 60
+    return times, np.log(levels) - np.log(levels).mean()

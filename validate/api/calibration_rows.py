@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from cboxlab.calibration.colour import ColourError, ColourStudy, PatchErrors, PatchTable, patch_xyz
 from cboxlab.calibration.geometry import CameraFit
@@ -11,6 +13,11 @@ from cboxlab.scenes.camera import Camera
 __all__ = ["calibration_rows", "colour_rows", "patch_rows"]
 
 Row = tuple[str, str, str, str]
+
+#: Most subsets of the bands in a table: the error changes little from one to the next.
+_MOST_SUBSETS = 8
+#: Most names of bands in a row of a table: more would be wrapped over several lines.
+_MOST_NAMES = 5
 
 _CAMERA_ROWS = (
     ("camera x", "mm"),
@@ -157,7 +164,8 @@ def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:
     Returns
     -------
     list
-        (method or bands left out, rms error of X, Y, Z in %, mean / largest Delta E*ab and CIEDE2000).
+        (method, or bands left out or alone in use; rms error of X, Y, Z in %; mean / largest Delta E*ab and CIEDE2000).
+        Of many subsets eight are listed, from the largest to the smallest.
     """
     everything = next(iter(study.weights.values())).bands
 
@@ -173,8 +181,15 @@ def colour_rows(study: ColourStudy) -> list[tuple[str, ...]]:
         row(method + (" (used)" if method == study.recommended else ""), error)
         for method, error in study.errors.items()
     ]
-    subsets = [
-        row(f"without {', '.join(b for b in everything if b not in choice.bands)}", choice.error)
-        for choice in study.choices[2:-1]
-    ]
-    return methods + subsets[::-1]
+    subsets = study.choices[2:-1]
+    listed = sorted({round(index) for index in np.linspace(0, len(subsets) - 1, _MOST_SUBSETS)}) if subsets else []
+    return methods + [row(_subset_name(subsets[k].bands, everything), subsets[k].error) for k in reversed(listed)]
+
+
+def _subset_name(bands: Sequence[str], everything: Sequence[str]) -> str:
+    """Words for a subset of the bands, by the shorter list of those in it and those left out."""
+    left_out = [band for band in everything if band not in bands]
+    word, names = ("without", left_out) if len(left_out) <= len(bands) else ("only", list(bands))
+    if len(names) > _MOST_NAMES:
+        return f"{word} {', '.join(names[: _MOST_NAMES - 1])} and {len(names) - _MOST_NAMES + 1} more"
+    return f"{word} {', '.join(names)}"

@@ -90,6 +90,31 @@ class CalibratedCapture:
         responses = calibration.responses or self.responses
         return replace(self, calibration=calibration, responses=responses, free_scale=scale)
 
+    def with_scatter_of(
+        self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture with the scatter of its pixels fitted to a rendering; itself with flats.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal, DN.
+        rendering_variance
+            (band, y, x) variance of the rendering, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            With calibration changed.
+        """
+        calibration = self.calibration
+        variance = calibration.predicted_variance(signal) + rendering_variance
+        step = calibration.capture.cell or (1, 1)
+        bands = calibration.bands.with_scatter_of(signal, variance, used, step)
+        return replace(self, calibration=replace(calibration, bands=bands))
+
     @property
     def calibrated_camera(self) -> Camera:
         """The camera of the survey, with its covariance."""

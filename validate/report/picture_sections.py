@@ -274,15 +274,11 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
     right.legend(ncols=2)
     error = w.reconstructed - w.target
     rms = np.sqrt(np.mean(error**2, axis=1) / np.mean(w.target**2, axis=1))
-    header = ["weights of", *(w.bands[i] for i in order), "rms error of the curve, %", "noise gain"]
+    header = ["band", *"XYZ"]
     rows = [
-        [
-            axis,
-            *(significant(1e18 * w.weights[i][k]) for k in order),
-            number(100 * rms[i], 1),
-            number(w.noise_gain[i]),
-        ]
-        for i, axis in enumerate("XYZ")
+        *([w.bands[k], *(significant(1e18 * weight) for weight in w.weights[:, k])] for k in order),
+        ["rms error of the curve, %", *(number(100 * value, 1) for value in rms)],
+        ["noise gain", *(number(gain) for gain in w.noise_gain)],
     ]
     return ReportSection(
         "From bands to colour: the filter weights",

@@ -127,6 +127,21 @@ TABLE = [
     ((None, None, None, 1), "open-1"),
     ((None, None, 4.0, 12), "open_4s_12"),
     ((None, "f550", None, 3), "f550_run2_3 | f550_rep3"),
+    (
+        (None, None, None, None),
+        "GFX_0550 | _DSF0550-2 | IMG_0550 2 | LEICA M11_0550 | B0001550 | DSC_0550~2 | X100V_550 | R6_2_0550 | "
+        "IMG-20240512-WA0550 | Pixel 7 Pro 0550 | DSC_0550, DSC_0551 | Cornell-001f550 | Capture_00012 22_10_30Z | "
+        "Snapshot_2024-05-12_22-10-30_L_4.00_0001 | Moon_120524_221030_R | FilterWheel=4, Exp=2s | кадр_550нм_4с | "
+        "box @550nm t=4s | f550.4s | Preview_00001 22_10_30.1234567Z",
+    ),
+    (
+        (None, "f550", 4.0, None),
+        "LIGHT_2024-05-12_22-10-30_f550_-10.00_4.00s_0003 | Box_4000ms_f550_0003 | 箱_f550_4s | f550, 4s | 550 nm; 4s",
+    ),
+    ((None, "f550", 4.0, 2), "550 nm; 4s; 2"),
+    ((None, "f550", None, None), "Pos 5 (550 nm) | 550 nm, 4 s | Box.00000004.f550.LIGHT | 2024-05-12-2210_3-f550-Box"),
+    (("dark", None, None, None), "dark.0003 | BIAS_2024-05-12__-10.00_0.00s_0011"),
+    (("dark", None, 4.0, 3), "Dark-frames 4s (3)"),
 ]
 
 

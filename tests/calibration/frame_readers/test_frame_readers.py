@@ -155,6 +155,33 @@ def test_an_exr_stack_is_a_band_per_channel(tmp_path):
     np.testing.assert_array_equal(read_pictures(tmp_path / "a.exr"), np.stack([counts(SHAPE, 3), counts(SHAPE, 4)]))
 
 
+def exr_header(data, display):
+    windows = {"dataWindow": np.array(data, np.int32), "displayWindow": np.array(display, np.int32)}
+    pairs = {name: tuple(window) for name, window in windows.items()}
+    return {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **pairs}
+
+
+def test_the_windows_of_an_exr_picture(tmp_path):
+    """A picture may begin anywhere, and have pixels around it that are not shown; none of its own may be missing."""
+    picture = counts(SHAPE, 3).astype(np.float32)
+    for name, display in {"shifted": ((5, 7), (20, 18)), "wide": ((6, 9), (18, 17))}.items():
+        OpenEXR.File(exr_header(((5, 7), (20, 18)), display), {"Y": picture}).write(str(tmp_path / f"{name}.exr"))
+    assert_read_exactly(tmp_path / "shifted.exr", counts(SHAPE, 3), 1)
+    assert_read_exactly(tmp_path / "wide.exr", counts(SHAPE, 3)[2:11, 1:14], 1)
+    OpenEXR.File(exr_header(((5, 7), (20, 18)), ((4, 7), (20, 18))), {"Y": picture}).write(str(tmp_path / "cut.exr"))
+    with pytest.raises(InputError, match=r"cut\.exr: found pixels from \(5, 7\) to .* expected all pixels"):
+        frame_header(tmp_path / "cut.exr")
+
+
+def test_the_parts_of_an_exr_are_bands(tmp_path):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    pictures = {f"f{nm}": counts(SHAPE, nm) for nm in (450, 550)}
+    parts = [OpenEXR.Part(dict(header), {"Y": p.astype(np.float32)}, name=name) for name, p in pictures.items()]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    assert frame_header(tmp_path / "a.exr").bands == ("f450", "f550")
+    np.testing.assert_array_equal(read_pictures(tmp_path / "a.exr"), np.stack([*pictures.values()]))
+
+
 def test_values_between_0_and_1_are_no_counts(tmp_path):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {"Y": np.full(SHAPE, 0.5, np.float32)}).write(str(tmp_path / "a.exr"))

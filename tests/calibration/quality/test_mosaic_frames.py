@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.quality.content import check_frame_content
 from cboxlab.calibration.quality.dark_light import check_light_in_darks
-from cboxlab.calibration.quality.repeats import _check_lines
+from cboxlab.calibration.quality.repeats import _check_lines, check_independence
 from cboxlab.calibration.quality.schedule import check_schedule
 from cboxlab.calibration.quality.stacks import Stack
 
@@ -69,3 +69,42 @@ def test_light_in_the_darks_of_a_colour_sensor_follows_its_colours(rate_dn_s, su
         assert bool(suspicions) is suspected
         if suspicions:
             assert suspicions[0].where == "dark (8 s)" and "colours' sensitivities" in suspicions[0].why
+
+
+def of_neighbours(frame):
+    """Each pixel replaced by the mean of those beside it in its row, which have another colour."""
+    return (np.roll(frame, 1, 1) + np.roll(frame, -1, 1)) / 2
+
+
+#: By what was done to the frames, whether it is one mistake of them all.
+PROCESSED = {
+    "nothing": (lambda frame: frame, False),
+    "interpolated between colours": (lambda frame: of_neighbours(of_neighbours(frame).T).T, True),
+    "moved by half a pixel along rows": (lambda frame: (frame + np.roll(frame, 1, 1)) / 2, True),
+    "cells of four pixels averaged by colour": (
+        lambda frame: np.tile(frame.reshape(16, 2, 2, 16, 2, 2).mean((1, 4))[:, None, :, :, None], (1, 2, 1, 1, 2, 1)),
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", PROCESSED)
+def test_frames_whose_pixels_share_noise_are_named_once(case):
+    """Noise of a raw frame is independent even between pixels of different colours: 64 x 64 px, gain 2."""
+    process, suspected = PROCESSED[case]
+    rng, side = np.random.default_rng(6), 64
+    picture = 300 + 900 * np.tile([[0.4, 1.0], [1.0, 0.6]], (side // 2, side // 2))
+    repeats = [process(rng.poisson(2 * picture) / 2).reshape(side, side) for _ in range(3)]
+    frames = np.rint(np.stack(repeats) + 100).astype(np.uint16)
+    at = {"R": (0, 0, 2), "G": (0, 1, 2), "B": (1, 1, 2)}
+    stacks = [
+        Stack("band", f"band[{k}] ({c})", c, 1.0, None, ("0", "1", "2"), frames, lattice, c)
+        for k, (c, lattice) in enumerate(at.items())
+    ]
+    dark = SimpleNamespace(at=lambda _: np.full((side, side), 100.0), thermal=lambda _: np.zeros((side, side)))
+    camera = SimpleNamespace(gain_e_per_dn=2.0, read_noise_e=0.0)
+    manifest = SimpleNamespace(camera=camera, mosaic="RGGB")
+    capture = SimpleNamespace(manifest=manifest, saturation_dn=4095, cell=(2, 2))
+    suspicions, tables = check_independence(capture, stacks, dark, None)
+    assert [s.where for s in suspicions] == (["band.frames"] if suspected else [])
+    assert tables == ({stack.key for stack in stacks} if suspected else set())

@@ -43,7 +43,8 @@ def test_a_shifted_pattern_is_named(monkeypatch):
     assert '"RGGB" or "BGGR"' in either.what or '"BGGR" or "RGGB"' in either.what
     for manifest in ("GRBG", "GBRG", "BGGR"):
         (suspicion,) = suspicions(monkeypatch, "RGGB", manifest, units=LEVEL)
-        assert suspicion.what.endswith('the pattern is "RGGB"')
+        assert 'the pattern is "RGGB"' in suspicion.what
+        assert ("sensitivities of B and R are exchanged" in suspicion.what) is (manifest == "BGGR")
     assert not suspicions(monkeypatch, "RGGB", "BGGR")
     shifted = " ".join(row[1:] + row[0] for row in X_TRANS.split())
     (suspicion,) = suspicions(monkeypatch, X_TRANS, shifted, units=LEVEL)
