@@ -52,7 +52,7 @@ from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.strengths import at_strength
 from flawed_bases import FLAWS
 from numpy.typing import NDArray
-from outside_effects import KEPT_BACK, OUTSIDE
+from outside_effects import KEPT_BACK, NEIGHBOURS, OUTSIDE
 from scipy.optimize import minimize
 from scipy.special import expit
 
@@ -78,6 +78,9 @@ DESCRIBES = {
 }
 
 TABLE = Path(__file__).parents[2] / "validate" / "diagnose" / "explain" / "data" / "imitations.json"
+
+#: Causes that the catalogue lacks.
+UNLISTED = OUTSIDE | KEPT_BACK | NEIGHBOURS
 
 Row = Mapping[str, Any]
 Signal = NDArray[np.float64]
@@ -134,9 +137,8 @@ class Laboratory:
 def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> AppliedEffect | None:
     """A cause by name with numbers by chance; None where it cannot be as strong as drawn."""
     target = float(np.exp(draw.uniform(np.log(LEAST), np.log(MOST))))
-    outside = OUTSIDE | KEPT_BACK
-    if name in outside:
-        trial = AppliedEffect(outside[name], {"amount": 0.01, "row": draw.uniform(), "column": draw.uniform()})
+    if name in UNLISTED:
+        trial = AppliedEffect(UNLISTED[name], {"amount": 0.01, "row": draw.uniform(), "column": draw.uniform()})
     else:
         trial = draw_effect(draw, bases.SCENE, tuple(laboratory.settings.filters), (name,))
     return at_strength(trial, target, laboratory.excess)
@@ -180,8 +182,9 @@ def _row(
     averaging = laboratory.problem.noise_averaging_gain(candidate.applied)
     data = residual_data_of(counting, residual, capture)
     price, shape_error = price_of(len(candidate.numbers)), shape_error_of(candidate.hypothesis.effect.stage)
-    lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error).lead
-    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout), lead)
+    form = lead_of_forms(data, rest[: data.count], price, averaging, shape_error)
+    base_flaws, count = flaws.base_flaws.imitable_chi2, model.count
+    signs = Signs(verdict.gain, base_flaws, count, float(heldout), form.lead, form.misfit)
     return {"effect": verdict.effect, "signs": asdict(signs)}
 
 
@@ -190,7 +193,7 @@ def simulate(results: Path, laboratories: int, rounds: int) -> None:
     finished = {(row["cause"], row["seed"]) for row in rows_of(results)}
     able = [name for name, e in catalogue().items() if e.stage not in ("settings", "camera")]
     able = [name for name in able if not catalogue()[name].imitates_lamp_power]
-    outside = [*OUTSIDE, *KEPT_BACK]
+    outside = [*UNLISTED]
     for number in range(laboratories):
         laboratory = Laboratory(8900 + number)
         for index in range(rounds * len(able)):
@@ -221,12 +224,11 @@ def samples_of(rows: Sequence[Row]) -> list[tuple[Row, NDArray[np.float64], bool
 
     Another effect of the catalogue than the true one, and another name of the flaw, are left out.
     """
-    outside = OUTSIDE | KEPT_BACK
     return [
-        (row, Signs(**row["signs"]).features, row["cause"] in outside)
+        (row, Signs(**row["signs"]).features, row["cause"] in UNLISTED)
         for row in rows
         if "effect" in row
-        and (row["cause"] in outside or row["effect"] == row["cause"])
+        and (row["cause"] in UNLISTED or row["effect"] == row["cause"])
         and not (row["effect"] != row["cause"] and row["effect"] in DESCRIBES.get(row["flaw"], ()))
     ]
 

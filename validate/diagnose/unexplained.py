@@ -26,7 +26,16 @@ from .evidence import (
     shape_error_of,
     square,
 )
-from .explain import MIN_HELDOUT_GAIN, NONE, Explanation, Lead, lead_of_forms
+from .explain import (
+    MIN_HELDOUT_GAIN,
+    NONE,
+    Explanation,
+    Lead,
+    flicker_of,
+    frame_amplitudes,
+    lead_of_forms,
+    lead_of_frames,
+)
 from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -129,7 +138,7 @@ def family_beats_effects(
 def leads_of_forms(
     linearised: LinearisedFit, selected: Sequence[Candidate], errors: Sequence[NDArray[np.floating]], capture: Capture
 ) -> dict[str, Lead]:
-    """Lead of the best form of an unlisted cause over each effect.
+    """Lead of the best form of an unlisted cause over each effect, or of events in single frames.
 
     Flaws of the base are errors of both. What errors of the effect's shape may lack is forgiven. Several effects may
     be the imitation of one cause together: the form in place of all of them counts for each, too.
@@ -165,12 +174,37 @@ def leads_of_forms(
     for candidate in by_picture:
         others = [other for other in selected if other is not candidate]
         others = refitted_together(linearised, others) if others else []
-        leads[candidate.hypothesis.effect.id] = over([candidate], others)
+        name = candidate.hypothesis.effect.id
+        leads[name] = over([candidate], others)
+        in_frames = _lead_of_frames(linearised, candidate, others, capture)
+        if in_frames is not None and in_frames.lead > leads[name].lead:
+            leads[name] = replace(in_frames, misfit=leads[name].misfit)
     if len(by_picture) > 1:
         others = [candidate for candidate in selected if candidate.by_priors]
         together_lead = over(by_picture, refitted_together(linearised, others) if others else [])
-        leads = {name: max(lead, together_lead, key=lambda each: each.lead) for name, lead in leads.items()}
+        leads = {
+            name: replace(max(lead, together_lead, key=lambda each: each.lead), misfit=lead.misfit)
+            for name, lead in leads.items()
+        }
     return leads
+
+
+def _lead_of_frames(
+    linearised: LinearisedFit, candidate: Candidate, others: Sequence[Candidate], capture: Capture
+) -> Lead | None:
+    """Lead of events in single frames over an effect; None where the frames of every band are alike."""
+    predictor, used = linearised.predictor, linearised.model.used
+    before = (*linearised.model_effects, *(c.applied for c in others))
+    signal, changed = (linearised.scale * predictor.signal(each) for each in (before, (*before, candidate.applied)))
+    weight, flat = np.zeros(used.shape), np.where(used, predictor.sensing.flat, 1.0)
+    weight[used] = 1 / linearised.model.sigma
+    flicker, each = flicker_of(_repeats(capture)[0]), []
+    for index, band in enumerate(capture.band_ids):
+        frames = capture.frames(capture.band(band))
+        if len(frames) > 1 and frames.shape[1:] == used.shape[1:]:
+            change = changed[index] - signal[index]
+            each.append(frame_amplitudes(band, frames / flat[index], change, signal[index], weight[index], flicker))
+    return lead_of_frames(each, price_of(len(candidate.numbers)))
 
 
 def close_leads(leads: Mapping[str, Lead]) -> dict[str, Lead]:

@@ -24,6 +24,7 @@ FEATURES = (
     "constant",
     "log of what flaws of the base explain over what the effect explains",
     "log of 1 + what is missing of its gain in samples held out, over what noise and shapes miss",
+    "log of 1 + what other amplitudes by place and band explain, over what noise and shapes make",
 )
 
 #: Chi2 per sample that a sound base leaves to flaws: the smallest flaw that is reported.
@@ -63,6 +64,8 @@ class Signs:
     heldout: float
     #: 2 ln of the evidence of the best form of an unlisted cause over that of the effect.
     lead: float
+    #: What it leaves in the very places and bands where it acts, see `local_fit.misfit`.
+    misfit: float
 
     @property
     def features(self) -> NDArray[np.float64]:
@@ -71,7 +74,7 @@ class Signs:
         ratio = (max(self.flaws, 0.0) + _SOUND) / gain
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
         allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (gain * self.count)
-        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed)])
+        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed), np.log1p(self.misfit)])
 
 
 @lru_cache(maxsize=1)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..families import families
 from ..field_fit import Advice, FitInput, FittedExplanation, ResidualData, advice_for, change_dn
 from .competition import MIN_HELDOUT_GAIN
+from .local_fit import misfit
 
 __all__ = ["Lead", "lead_of_forms", "rival_forms"]
 
@@ -35,6 +36,8 @@ class Lead:
     form: str = ""
     #: Words for the laboratory about the form; None without a form.
     advice: Advice | None = None
+    #: What the effect itself leaves where it acts, see `local_fit.misfit`.
+    misfit: float = 0.0
 
 
 def rival_forms(data: ResidualData) -> list[FittedExplanation]:
@@ -95,9 +98,10 @@ def lead_of_forms(
     along = products[0, 3] - products[0, 2] * products[2, 3] / max(products[2, 2], 1e-30)
     next_to_form = max(along**2 / max(rest, 1e-30) - averaging, 0.0)
     lead = float(min(lead, price - next_to_form))
+    left = misfit(data, shape, together, gain)
     if rival is None:
-        return Lead(lead)
-    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form))
+        return Lead(lead, misfit=left)
+    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form), left)
 
 
 def _best_of_another_pattern(
