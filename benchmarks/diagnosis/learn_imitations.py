@@ -234,13 +234,17 @@ def samples_of(rows: Sequence[Row]) -> list[tuple[Row, NDArray[np.float64], bool
 
 
 def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects."""
+    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects.
+
+    Each sign makes an imitation likelier: no weight but the constant is negative.
+    """
 
     def loss(weights: NDArray[np.float64]) -> float:
         utility = features @ weights
         return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + 0.5 * weights @ weights / RIDGE**2)
 
-    return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="L-BFGS-B").x)
+    bounds = [(None, None), *[(0, None)] * (features.shape[1] - 1)]
+    return np.asarray(minimize(loss, np.zeros(features.shape[1]), bounds=bounds, method="L-BFGS-B").x)
 
 
 def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], str]) -> Iterator[tuple[float, bool]]:

@@ -58,7 +58,14 @@ from .ranking import UNKNOWN, Ranked, ranking
 from .search import Candidate, Signature, scale_notes, without_imitated
 from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
-from .unexplained import close_leads, explanation_to_report, family_beats_effects, leads_of_forms, residual_data_of
+from .unexplained import (
+    close_leads,
+    explanation_to_report,
+    family_beats_effects,
+    frames_note,
+    leads_of_forms,
+    residual_data_of,
+)
 
 __all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
 
@@ -235,7 +242,9 @@ def diagnose_validation(
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
-    tolerated = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
+    capture = prepared.calibration.capture
+    notes = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
+    notes += frames_note(answer.linearised, explanation, capture)
     return Diagnosis(
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
@@ -256,7 +265,7 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=scale_notes(prepared.free_scale, judged.imitated) + tolerated,
+        notes=scale_notes(prepared.free_scale, judged.imitated) + notes,
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
@@ -341,7 +350,8 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
             by_size = (effect.chi2_without - effect.candidate.chi2) / effect.count
             gain = verdicts[name].gain if name in verdicts else by_size
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, judged.leads[name].lead)
+            lead = judged.leads[name]
+            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, lead.lead, lead.misfit)
             imitations[name] = imitation_probability(signs)
     return imitations
 

@@ -45,7 +45,9 @@ __all__ = [
     "close_leads",
     "explanation_to_report",
     "family_beats_effects",
+    "frames_note",
     "is_significant_pattern",
+    "lead_of_single_frames",
     "leads_of_forms",
     "residual_data_of",
 ]
@@ -176,7 +178,8 @@ def leads_of_forms(
         others = refitted_together(linearised, others) if others else []
         name = candidate.hypothesis.effect.id
         leads[name] = over([candidate], others)
-        in_frames = _lead_of_frames(linearised, candidate, others, capture)
+        change, price = _changed(linearised, candidate, others), price_of(len(candidate.numbers))
+        in_frames = lead_of_single_frames(linearised, change, price, capture)
         if in_frames is not None and in_frames.lead > leads[name].lead:
             leads[name] = replace(in_frames, misfit=leads[name].misfit)
     if len(by_picture) > 1:
@@ -189,22 +192,69 @@ def leads_of_forms(
     return leads
 
 
-def _lead_of_frames(
-    linearised: LinearisedFit, candidate: Candidate, others: Sequence[Candidate], capture: Capture
-) -> Lead | None:
-    """Lead of events in single frames over an effect; None where the frames of every band are alike."""
-    predictor, used = linearised.predictor, linearised.model.used
+def _changed(linearised: LinearisedFit, candidate: Candidate, others: Sequence[Candidate]) -> NDArray[np.float64]:
+    """(band, y, x) change of the signal by an effect, others in place, DN; camera and lamp stay."""
     before = (*linearised.model_effects, *(c.applied for c in others))
-    signal, changed = (linearised.scale * predictor.signal(each) for each in (before, (*before, candidate.applied)))
-    weight, flat = np.zeros(used.shape), np.where(used, predictor.sensing.flat, 1.0)
+    signal, changed = (linearised.predictor.signal(each) for each in (before, (*before, candidate.applied)))
+    return np.asarray(linearised.scale * (changed - signal))
+
+
+def lead_of_single_frames(
+    linearised: LinearisedFit, change: NDArray[np.float64], price: float, capture: Capture
+) -> Lead | None:
+    """Lead of events in single frames over a cause that acts in all frames of a band.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    change
+        (band, y, x) change by the cause, DN.
+    price
+        Chi2 that the cause's numbers must gain.
+    capture
+        The capture.
+
+    Returns
+    -------
+    Lead or None
+        None where the frames of every band are alike.
+    """
+    used, flat = linearised.model.used, linearised.predictor.sensing.flat
+    signal, weight = linearised.scale * linearised.rendered.signal, np.zeros(used.shape)
     weight[used] = 1 / linearised.model.sigma
     flicker, each = flicker_of(_repeats(capture)[0]), []
     for index, band in enumerate(capture.band_ids):
         frames = capture.frames(capture.band(band))
         if len(frames) > 1 and frames.shape[1:] == used.shape[1:]:
-            change = changed[index] - signal[index]
-            each.append(frame_amplitudes(band, frames / flat[index], change, signal[index], weight[index], flicker))
-    return lead_of_frames(each, price_of(len(candidate.numbers)))
+            net = frames / np.where(used[index], flat[index], 1.0)
+            each.append(frame_amplitudes(band, net, change[index], signal[index], weight[index], flicker))
+    return lead_of_frames(each, price)
+
+
+def frames_note(linearised: LinearisedFit, explanation: Explanation | None, capture: Capture) -> tuple[str, ...]:
+    """Sentence on what remains where only one frame of a band shows it.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    explanation
+        Explanation of what remains; None without any.
+    capture
+        The capture.
+
+    Returns
+    -------
+    tuple of str
+        Empty where all frames show it, or none was compared.
+    """
+    if explanation is None or not explanation.change.any():
+        return ()
+    lead = lead_of_single_frames(linearised, explanation.change, 0.0, capture)
+    if lead is None or lead.lead <= 0 or lead.advice is None:
+        return ()
+    return (f"What remains is an event in {lead.form}. {lead.advice.experiment}",)
 
 
 def close_leads(leads: Mapping[str, Lead]) -> dict[str, Lead]:

@@ -25,6 +25,7 @@ FEATURES = (
     "log of what flaws of the base explain over what the effect explains",
     "log of 1 + what is missing of its gain in samples held out, over what noise and shapes miss",
     "log of 1 + what other amplitudes by place and band explain, over what noise and shapes make",
+    "2 ln of the evidence of the best form of an unlisted cause over the effect's, in tens",
 )
 
 #: Chi2 per sample that a sound base leaves to flaws: the smallest flaw that is reported.
@@ -39,6 +40,9 @@ _MISSED_BY_SHAPES = 0.02
 #: Chi2 of the gain in samples held out that noise misses on average: two halves of the samples give amplitudes of
 #: twice the variance each, whose difference squared is lost.
 _MISSED_BY_NOISE = 4.0
+
+#: Largest 2 ln of the odds of a form that counts: beyond it, errors of shapes decide.
+_MAX_LEAD = 30.0
 
 #: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
 #: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
@@ -73,8 +77,9 @@ class Signs:
         gain = max(self.gain, _LEAST_GAIN)
         ratio = (max(self.flaws, 0.0) + _SOUND) / gain
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
+        lead = float(np.clip(self.lead, -_MAX_LEAD, _MAX_LEAD)) / 10
         allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (gain * self.count)
-        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed), np.log1p(self.misfit)])
+        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed), np.log1p(self.misfit), lead])
 
 
 @lru_cache(maxsize=1)
@@ -93,8 +98,6 @@ def learnt_weights() -> Mapping[str, Any]:
 def imitation_probability(signs: Signs) -> float:
     """Probability that an effect imitates an unlisted cause.
 
-    It is at least that of the form by its evidence alone, against even odds.
-
     Parameters
     ----------
     signs
@@ -107,4 +110,4 @@ def imitation_probability(signs: Signs) -> float:
     """
     weights = learnt_weights()["weights"]
     utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), float(expit(signs.lead / 2)), LEAST_PROBABILITY)
+    return max(float(expit(utility)), LEAST_PROBABILITY)

@@ -168,8 +168,8 @@ def lead_of_frames(each: Sequence[FrameAmplitudes], price: float) -> Lead | None
     by_events = sum(float(band.chi2_from(0.0).sum()) for band in each)
     most = max(differing, key=lambda band: float(np.ptp(band.amplitude)))
     frame = int(np.argmax(np.abs(most.amplitude))) + 1
-    form = f"frame {frame} of {len(most.amplitude)} of band {most.band}, which alone shows most of it"
-    return Lead(with_effect + price - by_events, "a change in single frames", form, _advice(most))
+    form = f"frame {frame} of {len(most.amplitude)} of band {most.band}"
+    return Lead(with_effect + price - by_events, "an event while a single frame was taken", form, _advice(most))
 
 
 def _advice(band: FrameAmplitudes) -> Advice:

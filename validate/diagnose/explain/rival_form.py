@@ -97,7 +97,8 @@ def lead_of_forms(
     rest = products[3, 3] - products[2, 3] ** 2 / max(products[2, 2], 1e-30)
     along = products[0, 3] - products[0, 2] * products[2, 3] / max(products[2, 2], 1e-30)
     next_to_form = max(along**2 / max(rest, 1e-30) - averaging, 0.0)
-    lead = float(min(lead, price - next_to_form))
+    # an effect that gains nothing there may be contained in the form: what the form explains beyond it decides
+    lead = float(min(lead, price - next_to_form) if next_to_form > price else lead)
     left = misfit(data, shape, together, gain)
     if rival is None:
         return Lead(lead, misfit=left)
