@@ -140,7 +140,7 @@ def family_beats_effects(
 def leads_of_forms(
     linearised: LinearisedFit, selected: Sequence[Candidate], errors: Sequence[NDArray[np.floating]], capture: Capture
 ) -> dict[str, Lead]:
-    """Lead of the best form of an unlisted cause over each effect, or of events in single frames.
+    """Lead of the best form of an unlisted cause, or of events in frames, over each effect.
 
     Flaws of the base are errors of both. What errors of the effect's shape may lack is forgiven. Several effects may
     be the imitation of one cause together: the form in place of all of them counts for each, too.

@@ -23,7 +23,7 @@ _LEFT_BY_SHAPES = 0.02
 
 
 def misfit(data: ResidualData, shape: NDArray[np.float64], together: NDArray[np.float64], gain: float) -> float:
-    """Size of what an effect leaves in the form of its own change, with another amplitude in each square and band.
+    """Size of what an effect leaves where another amplitude would fit each square and band.
 
     The amplitudes differ from one with a normal prior of width 1. Camera, lamp and errors that many samples share, such
     as flaws of the base, are marginalised.

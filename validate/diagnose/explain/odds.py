@@ -120,7 +120,7 @@ def probabilities(rivals: Sequence[Rival], registration: Registration) -> dict[s
     lower[np.tril_indices(len(weights))] = np.concatenate(learnt["covariance"])
     covariance = columns @ (lower + np.tril(lower, -1).T) @ columns.T
     covariance += np.diag([_UNKNOWN_OFFSET * (o not in (*offsets, NONE, SOUND)) for o in outcomes])
-    # rule of succession: what none of so many captures has shown
+    # rule of succession: what none of the captures has shown
     least = 1 / (learnt["captures"] + 2)
     share = np.maximum(expected_shares(columns @ weights, covariance), least)
     return dict(zip(outcomes, (share / share.sum()).tolist(), strict=True))

@@ -18,7 +18,7 @@ from .rival_form import Lead
 
 __all__ = ["FrameAmplitudes", "flicker_of", "frame_amplitudes", "lead_of_frames"]
 
-#: Chi2 at which a frame counts as one with an event of its own: odds of 100 to 1 against that.
+#: Chi2 at which a frame counts as one with an event: odds of 100 to 1 against that.
 _EVENT_CHI2 = 9.2
 
 #: Part of an amplitude by which frames may differ without an event: a drift goes on between two frames of a band.
@@ -99,7 +99,7 @@ def frame_amplitudes(
 ) -> FrameAmplitudes:
     """Amplitude of a change in each frame of a band.
 
-    Each frame less the mean of all is fitted by the change and by a level of its own, since lamps flicker. A change
+    Each frame less the mean of all is fitted by the change and by a level, since lamps flicker. A change
     that is a level itself is fitted alone, and the flicker counts as an error of its amplitude.
 
     Parameters

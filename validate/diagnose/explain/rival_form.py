@@ -99,10 +99,10 @@ def lead_of_forms(
     next_to_form = max(along**2 / max(rest, 1e-30) - averaging, 0.0)
     # an effect that gains nothing there may be contained in the form: what the form explains beyond it decides
     lead = float(min(lead, price - next_to_form) if next_to_form > price else lead)
-    left = misfit(data, shape, together, gain)
+    unfitted = misfit(data, shape, together, gain)
     if rival is None:
-        return Lead(lead, misfit=left)
-    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form), left)
+        return Lead(lead, misfit=unfitted)
+    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form), unfitted)
 
 
 def _best_of_another_pattern(

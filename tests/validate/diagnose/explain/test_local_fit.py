@@ -26,16 +26,16 @@ def _misfit(data, shape):
 def test_a_round_blur_does_not_fit_what_a_line_left_at_each_edge(true):
     """Along a line edges across are blurred twice as much as a round blur of the same size says, others not at all."""
     data = small_excess(0.4 * correlate(SIGNAL, ROUND if true else LINE, mode="nearest"))
-    left = _misfit(data, correlate(SIGNAL, ROUND, mode="nearest"))
-    assert left < 2 if true else left > 5
+    unfitted = _misfit(data, correlate(SIGNAL, ROUND, mode="nearest"))
+    assert unfitted < 2 if true else unfitted > 5
 
 
 @pytest.mark.parametrize("true", [True, False])
 def test_a_glare_of_all_bands_does_not_fit_one_band(true):
     glare = np.broadcast_to(SIGNAL.mean(axis=(1, 2), keepdims=True), SIGNAL.shape)
     of_bands = np.ones(len(SIGNAL)) if true else np.eye(len(SIGNAL))[0]
-    left = _misfit(small_excess(0.02 * glare * of_bands[:, None, None]), glare)
-    assert left < 2 if true else left > 5
+    unfitted = _misfit(small_excess(0.02 * glare * of_bands[:, None, None]), glare)
+    assert unfitted < 2 if true else unfitted > 5
 
 
 def test_errors_that_many_samples_share_are_no_misfit():
