@@ -180,13 +180,15 @@ def leads_of_forms(
         leads[name] = over([candidate], others)
         change, price = _changed(linearised, candidate, others), price_of(len(candidate.numbers))
         in_frames = lead_of_single_frames(linearised, change, price, capture)
-        if in_frames is not None and in_frames.lead > leads[name].lead:
-            leads[name] = replace(in_frames, misfit=leads[name].misfit)
+        if in_frames is not None:
+            leads[name] = replace(leads[name], frames=in_frames.lead)
+            if in_frames.lead > leads[name].lead:
+                leads[name] = replace(in_frames, misfit=leads[name].misfit, frames=in_frames.lead)
     if len(by_picture) > 1:
         others = [candidate for candidate in selected if candidate.by_priors]
         together_lead = over(by_picture, refitted_together(linearised, others) if others else [])
         leads = {
-            name: replace(max(lead, together_lead, key=lambda each: each.lead), misfit=lead.misfit)
+            name: replace(max(lead, together_lead, key=lambda each: each.lead), misfit=lead.misfit, frames=lead.frames)
             for name, lead in leads.items()
         }
     return leads

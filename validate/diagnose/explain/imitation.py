@@ -70,6 +70,8 @@ class Signs:
     lead: float
     #: What it leaves in the very places and bands where it acts, see `local_fit.misfit`.
     misfit: float
+    #: 2 ln of the odds of an event in a single frame, see `repeats.lead_of_frames`.
+    frames: float = -np.inf
 
     @property
     def features(self) -> NDArray[np.float64]:
@@ -98,6 +100,8 @@ def learnt_weights() -> Mapping[str, Any]:
 def imitation_probability(signs: Signs) -> float:
     """Probability that an effect imitates an unlisted cause.
 
+    It is at least that of an event in a single frame: frames are compared without a model.
+
     Parameters
     ----------
     signs
@@ -110,4 +114,4 @@ def imitation_probability(signs: Signs) -> float:
     """
     weights = learnt_weights()["weights"]
     utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), LEAST_PROBABILITY)
+    return max(float(expit(utility)), float(expit(signs.frames / 2)), LEAST_PROBABILITY)

@@ -145,7 +145,7 @@ def lead_of_frames(each: Sequence[FrameAmplitudes], price: float) -> Lead | None
 
     With an effect, frames differ from one amplitude by events. Without it they differ from 0 by events, and there are
     no numbers to be paid. Where one frame of a band has all of the change, one event stands against an effect and an
-    event that cancels it.
+    event that cancels it, to within the errors by chance.
 
     Parameters
     ----------
@@ -166,10 +166,12 @@ def lead_of_frames(each: Sequence[FrameAmplitudes], price: float) -> Lead | None
     common = [1.0, *amplitudes[np.abs(amplitudes) > _MIN_DIFFERENCE]]
     with_effect = min(sum(float(band.chi2_from(a).sum()) for band in each) for a in common)
     by_events = sum(float(band.chi2_from(0.0).sum()) for band in each)
+    if any((np.abs(band.amplitude) < _MAX_DIFFERENCE).any() for band in differing):
+        price -= 2 * np.log(_MAX_DIFFERENCE)
     most = max(differing, key=lambda band: float(np.ptp(band.amplitude)))
     frame = int(np.argmax(np.abs(most.amplitude))) + 1
     form = f"frame {frame} of {len(most.amplitude)} of band {most.band}"
-    return Lead(with_effect + price - by_events, "an event while a single frame was taken", form, _advice(most))
+    return Lead(float(with_effect + price - by_events), "an event while a single frame was taken", form, _advice(most))
 
 
 def _advice(band: FrameAmplitudes) -> Advice:

@@ -38,6 +38,8 @@ class Lead:
     advice: Advice | None = None
     #: What the effect itself leaves where it acts, see `local_fit.misfit`.
     misfit: float = 0.0
+    #: The same for events in single frames, see `repeats.lead_of_frames`; minus infinity where frames are alike.
+    frames: float = -np.inf
 
 
 def rival_forms(data: ResidualData) -> list[FittedExplanation]:

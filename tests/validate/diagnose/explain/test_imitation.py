@@ -28,6 +28,7 @@ def test_an_effect_that_explains_far_more_than_flaws_and_holds_everywhere_is_rea
         ("heldout", (1.0, 0.8, 0.5)),
         ("lead", (-20.0, 0.0, 20.0)),
         ("misfit", (0.0, 5.0, 50.0)),
+        ("frames", (-9.0, 5.0, 9.0)),
     ],
 )
 def test_each_sign_of_an_imitation_makes_it_likelier(worse, values):

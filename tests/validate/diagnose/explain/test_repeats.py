@@ -1,8 +1,11 @@
 """An event in one frame of a band against an effect that acts in all frames."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.explain import flicker_of, frame_amplitudes, lead_of_frames
+from cboxlab.validation.diagnose.unexplained import frames_note, lead_of_single_frames
 from helpers.captures.small_excess import SIGNAL
 from scipy.ndimage import gaussian_filter
 
@@ -39,7 +42,7 @@ def test_one_dim_frame_of_two_is_no_gain_of_the_band():
     """The mean of a frame that is 2.6 % darker and of a sound one is 1.3 % darker, as by a filter."""
     gain = _in_band(-0.013 * SIGNAL)
     lead = _lead(_by_frame(gain, (0, 2)), gain)
-    assert lead.lead == pytest.approx(PRICE, abs=0.1)
+    assert lead.lead == pytest.approx(PRICE + 2 * np.log(5), abs=0.1)
     assert "frame 2 of 2 of band b1" in lead.form
     assert "band b1" in lead.advice.experiment
 
@@ -86,3 +89,31 @@ def test_an_event_in_one_band_is_no_flicker():
     levels[2] = 0.013, -0.013
     assert flicker_of(levels) < 0.003
     assert flicker_of(np.full((3, 1), np.nan)) == 0
+
+
+@pytest.mark.parametrize("frame", [0, 1])
+def test_frames_of_a_capture_are_compared_behind_their_flat(frame):
+    """Counts of a frame are divided by the flat before they are compared; the change is one of corrected signals."""
+    draw, flat = np.random.default_rng(5), np.broadcast_to(np.linspace(0.4, 1.0, SIGNAL.shape[2]), SIGNAL.shape)
+    stain = np.where(SIGNAL[0] > np.median(SIGNAL[0]), -0.01 * SIGNAL[0], 0.0)
+    counts = {f"b{band}": np.repeat((flat[band] * SIGNAL[band])[None], 2, axis=0) for band in range(len(SIGNAL))}
+    counts["b2"][frame] += 2 * flat[2] * stain
+    counts = {band: 100 + pictures + draw.standard_normal(pictures.shape) for band, pictures in counts.items()}
+    capture = SimpleNamespace(
+        band_ids=tuple(counts),
+        band=lambda name: SimpleNamespace(name=name, frames=("1", "2")),
+        frames=lambda table: counts[table.name],
+        saturation_dn=1e6,
+    )
+    linearised = SimpleNamespace(
+        scale=1.0,
+        rendered=SimpleNamespace(signal=SIGNAL),
+        predictor=SimpleNamespace(sensing=SimpleNamespace(flat=flat)),
+        model=SimpleNamespace(used=np.ones(SIGNAL.shape, bool), sigma=(1 / flat).ravel()),
+    )
+    lead = lead_of_single_frames(linearised, _in_band(stain, 2), PRICE, capture)
+    assert lead.lead > 0
+    assert f"frame {frame + 1} of 2 of band b2" in lead.form
+    explanation = SimpleNamespace(change=_in_band(stain, 2))
+    assert "Photograph band b2 again" in frames_note(linearised, explanation, capture)[0]
+    assert frames_note(linearised, SimpleNamespace(change=_in_band(stain, 1)), capture) == ()
