@@ -65,8 +65,11 @@ LEAST, MOST = 0.04, 1.0
 #: Least gain in samples held out of an effect that is selected.
 LEAST_HELDOUT = 0.5
 
-#: Standard deviation of the weights.
+#: Standard deviation of the weights about those of `PRIOR`.
 RIDGE = 3.0
+
+#: Weights without any capture: 2 ln of odds, in tens, is an evidence whose half counts.
+PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 5.0])
 
 #: Another name of a flaw is neither right nor wrong.
 DESCRIBES = {
@@ -241,10 +244,12 @@ def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> N
 
     def loss(weights: NDArray[np.float64]) -> float:
         utility = features @ weights
-        return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + 0.5 * weights @ weights / RIDGE**2)
+        return float(
+            np.sum(np.logaddexp(0, utility) - imitates * utility) + 0.5 * np.sum((weights - PRIOR) ** 2) / RIDGE**2
+        )
 
     bounds = [(None, None), *[(0, None)] * (features.shape[1] - 1)]
-    return np.asarray(minimize(loss, np.zeros(features.shape[1]), bounds=bounds, method="L-BFGS-B").x)
+    return np.asarray(minimize(loss, PRIOR, bounds=bounds, method="L-BFGS-B").x)
 
 
 def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], str]) -> Iterator[tuple[float, bool]]:

@@ -51,11 +51,12 @@ def misfit(data: ResidualData, shape: NDArray[np.float64], together: NDArray[np.
     bands = np.arange(len(data.bands))[:, None, None]
     squares = np.broadcast_to((bands * _SQUARES + rows) * _SQUARES + columns, data.used.shape)[data.used]
     # (square, sample) the change in each square
-    parts = csr_matrix((shape, (squares, np.arange(shape.size))), (len(data.bands) * _SQUARES**2, shape.size))
-    nuisances = data.nuisances[data.used].astype(float)
-    along = np.asarray(parts @ nuisances)
-    information = np.diag(np.bincount(squares, shape**2, parts.shape[0])) - along @ along.T
-    product = np.asarray(parts @ together) - along @ (nuisances.T @ together)
+    size = len(data.bands) * _SQUARES**2, shape.size
+    parts = csr_matrix((shape.astype(np.float32), (squares, np.arange(shape.size))), size)
+    nuisances = data.nuisances[data.used]  # single precision, as they are large
+    along = np.asarray(parts @ nuisances, float)
+    information = np.diag(np.bincount(squares, shape**2, size[0])) - along @ along.T
+    product = np.bincount(squares, shape * together, size[0]) - along @ (together.astype(np.float32) @ nuisances)
     narrowed = np.linalg.inv(information + np.eye(len(information)))
     by_noise = noise_level(data.residual, data.used) * float(np.trace(narrowed @ information))
     beyond = float(product @ narrowed @ product) - by_noise
