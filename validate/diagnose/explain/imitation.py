@@ -1,7 +1,8 @@
 """Probability, learnt from simulations, of an effect that imitates another cause.
 
 A logistic regression on what the tests of an effect show. Its weights are data, see `learnt_weights`: made by
-`benchmarks/diagnosis/learn_imitations.py --rounds 2 --write`.
+`benchmarks/diagnosis/learn_imitations.py --rounds 2 --write`. Few simulations determine them in part alone, so
+probabilities are means over what the weights may be (MacKay 1992).
 """
 
 from __future__ import annotations
@@ -17,7 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-__all__ = ["FEATURES", "LEAST_PROBABILITY", "LIKELY", "Signs", "imitation_probability", "learnt_weights"]
+__all__ = [
+    "FEATURES",
+    "LEAST_PROBABILITY",
+    "LIKELY",
+    "Signs",
+    "expected_probability",
+    "imitation_probability",
+    "learnt_weights",
+]
 
 #: Names of the features, with which the table states the weights.
 FEATURES = (
@@ -31,6 +40,9 @@ FEATURES = (
 #: Chi2 per sample that a sound base leaves to flaws: the smallest flaw that is reported.
 _SOUND = 0.01
 
+#: Limits of the log of what flaws explain over the gain, as in the simulations: beyond them it says no more.
+_LOG_RATIOS = (-4.0, 4.0)
+
 #: Smallest gain that counts, chi2 per sample.
 _LEAST_GAIN = 1e-3
 
@@ -41,8 +53,8 @@ _MISSED_BY_SHAPES = 0.02
 #: twice the variance each, whose difference squared is lost.
 _MISSED_BY_NOISE = 4.0
 
-#: Largest 2 ln of the odds of a form that counts: beyond it, errors of shapes decide.
-_MAX_LEAD = 30.0
+#: Limits of the 2 ln of the odds of a form that count. Below, causes without a form decide; above, errors of shapes do.
+_LEADS = (-10.0, 30.0)
 
 #: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
 #: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
@@ -79,9 +91,11 @@ class Signs:
         gain = max(self.gain, _LEAST_GAIN)
         ratio = (max(self.flaws, 0.0) + _SOUND) / gain
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
-        lead = float(np.clip(self.lead, -_MAX_LEAD, _MAX_LEAD)) / 10
+        lead = float(np.clip(self.lead, *_LEADS)) / 10
         allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (gain * self.count)
-        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed), np.log1p(self.misfit), lead])
+        return np.array(
+            [1.0, np.clip(np.log(ratio), *_LOG_RATIOS), np.log1p(missing / allowed), np.log1p(self.misfit), lead]
+        )
 
 
 @lru_cache(maxsize=1)
@@ -91,7 +105,7 @@ def learnt_weights() -> Mapping[str, Any]:
     Returns
     -------
     Mapping
-        ``weights`` by feature, ``date``, ``captures``.
+        ``weights`` by feature, their ``covariance``, ``date``, ``captures``.
     """
     table: Mapping[str, Any] = json.loads(_TABLE.read_text(encoding="utf-8"))
     return table
@@ -112,6 +126,30 @@ def imitation_probability(signs: Signs) -> float:
     float
         0.02 to 1.
     """
-    weights = learnt_weights()["weights"]
-    utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), float(expit(signs.frames / 2)), LEAST_PROBABILITY)
+    learnt = learnt_weights()
+    weights = np.array([learnt["weights"][name] for name in FEATURES])
+    by_signs = float(expected_probability(signs.features, weights, np.array(learnt["covariance"])))
+    return max(by_signs, float(expit(signs.frames / 2)), LEAST_PROBABILITY)
+
+
+def expected_probability(
+    features: NDArray[np.float64], weights: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Probability by a logistic regression whose weights are uncertain.
+
+    Parameters
+    ----------
+    features
+        (..., feature) signs.
+    weights
+        (feature,) means of the weights.
+    covariance
+        (feature, feature) their covariance.
+
+    Returns
+    -------
+    NDArray
+        (...) means over a normal distribution of the weights, by the probit's formula.
+    """
+    variance = np.einsum("...i,ij,...j->...", features, covariance, features)
+    return np.asarray(expit(features @ weights / np.sqrt(1 + np.pi / 8 * variance)))
