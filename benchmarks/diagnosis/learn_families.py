@@ -3,7 +3,8 @@
 The first part simulates excesses (`simulated_excess`) and notes what every family's best form shows, a line each in
 --results; it goes on where it stopped. The second part fits the weights of a conditional logit with a ridge. It leaves
 each cause out in turn, and of sound captures each laboratory, and prints the confusion matrix and the reliability of
-what was left out. With --write the weights become the table of the package.
+what was left out. Probabilities are means over what the weights may be, a normal distribution about the fit. With
+--write the weights and their covariance become the table of the package.
 """
 
 from __future__ import annotations
@@ -12,15 +13,16 @@ import argparse
 import datetime
 import json
 import pickle
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from cboxlab.validation.diagnose.explain import NONE, SOUND, Registration, Rival, explain
-from cboxlab.validation.diagnose.explain.odds import FEATURES, features
+from cboxlab.validation.diagnose.explain.odds import FEATURES, design, expected_shares, features
 from excess_laboratory import BASES, Laboratory, laboratory
 from scipy.optimize import minimize
 from simulated_excess import CAUSES, excess_of
@@ -97,47 +99,52 @@ class Sample:
         self.true = self.outcomes.index(self.truth)
 
 
-def fit(samples: Sequence[Sample], names: Sequence[str]) -> np.ndarray:
-    """Weights of the features, then offsets of the outcomes, by penalised likelihood."""
-    column = {name: len(FEATURES) + i for i, name in enumerate(names)}
+class Fit(NamedTuple):
+    """Weights of the features, then offsets of the families, and their covariance."""
+
+    weights: np.ndarray
+    covariance: np.ndarray
+
+
+def fit(samples: Sequence[Sample], names: Sequence[str]) -> Fit:
+    """Weights by penalised likelihood; the covariance by its curvature."""
     counts = Counter(sample.cause for sample in samples)
-    designs = []
-    for sample in samples:
-        design = np.zeros((len(sample.outcomes), len(FEATURES) + len(names)))
-        design[:, : len(FEATURES)] = sample.table
-        for row, outcome in zip(design, sample.outcomes, strict=True):
-            if outcome in column:
-                row[column[outcome]] = 1
-        designs.append((design, sample.true, 1 / counts[sample.cause] ** 0.5))
+    designs = [(design(s.outcomes, s.table, names), s.true, 1 / counts[s.cause] ** 0.5) for s in samples]
     ridge = np.array([RIDGE["weights"]] * len(FEATURES) + [RIDGE["offsets"]] * len(names))
 
     def loss(weights: np.ndarray) -> tuple[float, np.ndarray]:
         value, slope = 0.5 * float(ridge @ weights**2), ridge * weights
-        for design, true, importance in designs:
-            utility = design @ weights
+        for columns, true, importance in designs:
+            utility = columns @ weights
             share = np.exp(utility - utility.max())
             share /= share.sum()
             value -= importance * float(np.log(share[true]))
-            slope = slope + importance * (share @ design - design[true])
+            slope = slope + importance * (share @ columns - columns[true])
         return value, slope
 
-    return np.asarray(minimize(loss, np.zeros(len(ridge)), jac=True, method="L-BFGS-B").x)
+    weights = np.asarray(minimize(loss, np.zeros(len(ridge)), jac=True, method="L-BFGS-B").x)
+    curvature = np.diag(ridge)
+    for columns, _, importance in designs:
+        utility = columns @ weights
+        share = np.exp(utility - utility.max())
+        share /= share.sum()
+        mean = share @ columns
+        curvature = curvature + importance * (columns.T * share @ columns - np.outer(mean, mean))
+    return Fit(weights, np.linalg.inv(curvature))
 
 
-def shares(sample: Sample, weights: np.ndarray, names: Sequence[str]) -> np.ndarray:
+def shares(sample: Sample, fitted: Fit, names: Sequence[str]) -> np.ndarray:
     """Probability of each outcome of a sample."""
-    offsets = dict(zip(names, weights[len(FEATURES) :], strict=True))
-    utility = sample.table @ weights[: len(FEATURES)] + [offsets.get(outcome, 0.0) for outcome in sample.outcomes]
-    share = np.exp(utility - utility.max())
-    return share / share.sum()
+    columns = design(sample.outcomes, sample.table, names)
+    return expected_shares(columns @ fitted.weights, columns @ fitted.covariance @ columns.T)
 
 
 def left_out(samples: Sequence[Sample], names: Sequence[str]) -> list[tuple[Sample, np.ndarray]]:
     """Every sample with its probabilities by a fit without its cause, or without its laboratory where sound."""
     answers = []
     for group in sorted({sample.group for sample in samples}):
-        weights = fit([sample for sample in samples if sample.group != group], names)
-        answers += [(sample, shares(sample, weights, names)) for sample in samples if sample.group == group]
+        fitted = fit([sample for sample in samples if sample.group != group], names)
+        answers += [(sample, shares(sample, fitted, names)) for sample in samples if sample.group == group]
     return answers
 
 
@@ -198,15 +205,16 @@ def main() -> None:
     samples = [Sample(row) for row in _rows(options.results)]
     names = sorted({outcome for sample in samples for outcome in sample.outcomes} - {NONE, SOUND})
     report(left_out(samples, names))
-    weights = fit(samples, names)
+    weights, covariance = fit(samples, names)
     table = {
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "captures": len(samples),
         "causes": len({sample.cause for sample in samples}),
         "weights": {name: round(float(w), 4) for name, w in zip(FEATURES, weights, strict=False)},
         "offsets": {name: round(float(w), 4) for name, w in zip(names, weights[len(FEATURES) :], strict=True)},
+        "covariance": [[round(float(c), 4) for c in row[: i + 1]] for i, row in enumerate(covariance)],
     }
-    text = json.dumps(table, indent=1) + "\n"
+    text = re.sub(r"(?<=[\d\[,])\s+(?=[-\d\]])", " ", json.dumps(table, indent=1)) + "\n"
     print(text)
     if options.write:
         TABLE.parent.mkdir(exist_ok=True)

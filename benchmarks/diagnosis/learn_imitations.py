@@ -3,7 +3,7 @@
 The first part simulates captures of several laboratories: a flaw of the base (`flawed_bases`) or none, and one effect
 of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
 rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
-The best effect to first order is judged as a diagnosis does, and what it shows goes to --results, which a later run
+The best effect to first order is fitted and judged as a diagnosis does, and what it shows goes to --results, which a later run
 continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in turn, and
 prints the reliability of what was left out. With --write the weights become the table of the package.
 """
@@ -14,13 +14,14 @@ import argparse
 import datetime
 import json
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -41,10 +42,15 @@ from cboxlab.validation.diagnose.evidence import (
     square,
 )
 from cboxlab.validation.diagnose.explain import lead_of_forms
-from cboxlab.validation.diagnose.explain.imitation import FEATURES, Signs
+from cboxlab.validation.diagnose.explain.imitation import FEATURES, LEAST_PROBABILITY, Signs, expected_probability
 from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
-from cboxlab.validation.diagnose.linearised_fit import LinearisedFit, linearised_fit
-from cboxlab.validation.diagnose.search import Candidate, columns_of, screen
+from cboxlab.validation.diagnose.linearised_fit import (
+    LinearisedFit,
+    linearised_fit,
+    refitted_together,
+    residual_with,
+)
+from cboxlab.validation.diagnose.search import Candidate, screen
 from cboxlab.validation.diagnose.stepwise import signatures_of
 from cboxlab.validation.diagnose.unexplained import residual_data_of
 from cboxlab.validation.predict import sensing
@@ -52,7 +58,7 @@ from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.strengths import at_strength
 from flawed_bases import FLAWS
 from numpy.typing import NDArray
-from outside_effects import KEPT_BACK, OUTSIDE
+from outside_effects import KEPT_BACK, NEIGHBOURS, OUTSIDE
 from scipy.optimize import minimize
 from scipy.special import expit
 
@@ -65,8 +71,11 @@ LEAST, MOST = 0.04, 1.0
 #: Least gain in samples held out of an effect that is selected.
 LEAST_HELDOUT = 0.5
 
-#: Standard deviation of the weights.
+#: Standard deviation of the weights about those of `PRIOR`.
 RIDGE = 3.0
+
+#: Weights without any capture: 2 ln of odds, in tens, is an evidence whose half counts.
+PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 5.0])
 
 #: Another name of a flaw is neither right nor wrong.
 DESCRIBES = {
@@ -78,6 +87,9 @@ DESCRIBES = {
 }
 
 TABLE = Path(__file__).parents[2] / "validate" / "diagnose" / "explain" / "data" / "imitations.json"
+
+#: Causes that the catalogue lacks.
+UNLISTED = OUTSIDE | KEPT_BACK | NEIGHBOURS
 
 Row = Mapping[str, Any]
 Signal = NDArray[np.float64]
@@ -134,39 +146,30 @@ class Laboratory:
 def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> AppliedEffect | None:
     """A cause by name with numbers by chance; None where it cannot be as strong as drawn."""
     target = float(np.exp(draw.uniform(np.log(LEAST), np.log(MOST))))
-    outside = OUTSIDE | KEPT_BACK
-    if name in outside:
-        trial = AppliedEffect(outside[name], {"amount": 0.01, "row": draw.uniform(), "column": draw.uniform()})
+    if name in UNLISTED:
+        trial = AppliedEffect(UNLISTED[name], {"amount": 0.01, "row": draw.uniform(), "column": draw.uniform()})
     else:
         trial = draw_effect(draw, bases.SCENE, tuple(laboratory.settings.filters), (name,))
     return at_strength(trial, target, laboratory.excess)
 
 
 def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
-    """The effect that a diagnosis would select to first order, and what its tests show; None for none."""
-    model = replace(laboratory.fit.model, residual=residual)
-    fit = replace(laboratory.fit, model=model)
-    singles = [(screen(laboratory.problem, s, residual), s) for s in laboratory.signatures]
-    first = min((candidate for candidate, _ in singles), key=penalised)
-    row = _row(laboratory, fit, first, np.asarray(first.predicted, float), residual)
+    """The effect that a diagnosis would select first, fitted, and what its tests show; None for none."""
+    fit = replace(laboratory.fit, model=replace(laboratory.fit.model, residual=residual))
+    first = min((screen(laboratory.problem, s, residual) for s in laboratory.signatures), key=penalised)
+    row = _row(laboratory, fit, first)
     if row is None:
-        candidate = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
-        if candidate is not None:
-            signature = next(s for s in laboratory.signatures if s.hypothesis is candidate.hypothesis)
-            steps = [
-                (p.to_coordinate(candidate.numbers[p.name]) - p.null_coordinate) / step
-                for p, step in zip(signature.hypothesis.free, signature.steps, strict=True)
-            ]
-            change = columns_of(laboratory.problem, signature) @ (steps or [1.0])
-            row = _row(laboratory, fit, candidate, change, residual)
+        by_flaws = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
+        row = None if by_flaws is None else _row(laboratory, fit, by_flaws)
     return row
 
 
-def _row(
-    laboratory: Laboratory, fit: LinearisedFit, candidate: Candidate, change: Signal, residual: Signal
-) -> dict[str, Any] | None:
-    """What an effect of this change shows; None where it would not be selected."""
-    model, rest = fit.model, residual - change
+def _row(laboratory: Laboratory, fit: LinearisedFit, screened: Candidate) -> dict[str, Any] | None:
+    """What an effect shows when it is fitted; None where it would not be selected."""
+    model, residual = fit.model, fit.model.residual
+    (candidate,) = refitted_together(fit, [screened])
+    rest = residual_with(fit, [candidate])
+    change = residual - rest
     heldout = min(heldout_pixels(model, residual, change), np.nan_to_num(heldout_bands(model, residual, change), nan=1))
     by_size = square(residual) - square(rest) > least_gain(replace(candidate, predicted=change), model)
     if not by_size or not beyond_tolerance(candidate) or heldout < LEAST_HELDOUT:
@@ -180,8 +183,9 @@ def _row(
     averaging = laboratory.problem.noise_averaging_gain(candidate.applied)
     data = residual_data_of(counting, residual, capture)
     price, shape_error = price_of(len(candidate.numbers)), shape_error_of(candidate.hypothesis.effect.stage)
-    lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error).lead
-    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, float(heldout), lead)
+    form = lead_of_forms(data, rest[: data.count], price, averaging, shape_error)
+    base_flaws, count = flaws.base_flaws.imitable_chi2, model.count
+    signs = Signs(verdict.gain, base_flaws, count, float(heldout), form.lead, form.misfit)
     return {"effect": verdict.effect, "signs": asdict(signs)}
 
 
@@ -190,7 +194,7 @@ def simulate(results: Path, laboratories: int, rounds: int) -> None:
     finished = {(row["cause"], row["seed"]) for row in rows_of(results)}
     able = [name for name, e in catalogue().items() if e.stage not in ("settings", "camera")]
     able = [name for name in able if not catalogue()[name].imitates_lamp_power]
-    outside = [*OUTSIDE, *KEPT_BACK]
+    outside = [*UNLISTED]
     for number in range(laboratories):
         laboratory = Laboratory(8900 + number)
         for index in range(rounds * len(able)):
@@ -221,24 +225,38 @@ def samples_of(rows: Sequence[Row]) -> list[tuple[Row, NDArray[np.float64], bool
 
     Another effect of the catalogue than the true one, and another name of the flaw, are left out.
     """
-    outside = OUTSIDE | KEPT_BACK
     return [
-        (row, Signs(**row["signs"]).features, row["cause"] in outside)
+        (row, Signs(**row["signs"]).features, row["cause"] in UNLISTED)
         for row in rows
         if "effect" in row
-        and (row["cause"] in outside or row["effect"] == row["cause"])
+        and (row["cause"] in UNLISTED or row["effect"] == row["cause"])
         and not (row["effect"] != row["cause"] and row["effect"] in DESCRIBES.get(row["flaw"], ()))
     ]
 
 
-def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects."""
+class Fit(NamedTuple):
+    """Weights of the signs, and their covariance."""
+
+    weights: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> Fit:
+    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects.
+
+    Each sign makes an imitation likelier: no weight but the constant is negative. The covariance is by the curvature.
+    """
 
     def loss(weights: NDArray[np.float64]) -> float:
         utility = features @ weights
-        return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + 0.5 * weights @ weights / RIDGE**2)
+        ridge = 0.5 * np.sum((weights - PRIOR) ** 2) / RIDGE**2
+        return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + ridge)
 
-    return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="L-BFGS-B").x)
+    bounds = [(None, None), *[(0, None)] * (features.shape[1] - 1)]
+    weights = np.asarray(minimize(loss, PRIOR, bounds=bounds, method="L-BFGS-B").x)
+    share = expit(features @ weights)
+    curvature = features.T * (share * (1 - share)) @ features + np.eye(len(weights)) / RIDGE**2
+    return Fit(weights, np.linalg.inv(curvature))
 
 
 def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], str]) -> Iterator[tuple[float, bool]]:
@@ -247,8 +265,8 @@ def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], 
     imitates = np.array([i for *_, i in samples])
     for group in np.unique(groups):
         inside = groups == group
-        weights = fit_weights(features[~inside], imitates[~inside])
-        yield from zip(expit(features[inside] @ weights).tolist(), imitates[inside].tolist(), strict=True)
+        probability = expected_probability(features[inside], *fit_weights(features[~inside], imitates[~inside]))
+        yield from zip(np.maximum(probability, LEAST_PROBABILITY).tolist(), imitates[inside].tolist(), strict=True)
 
 
 def report(samples: Sequence[tuple[Row, NDArray, bool]]) -> None:
@@ -279,14 +297,15 @@ def main() -> None:
     if len({imitates for *_, imitates in samples}) < 2:
         parser.exit(1, f"{options.results}: {len(samples)} answers, not of both kinds; simulate more (--rounds)\n")
     report(samples)
-    weights = fit_weights(np.array([f for _, f, _ in samples]), np.array([i for *_, i in samples]))
+    weights, covariance = fit_weights(np.array([f for _, f, _ in samples]), np.array([i for *_, i in samples]))
     table = {
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "captures": len(samples),
         "imitations": int(sum(i for *_, i in samples)),
         "weights": {name: round(float(w), 4) for name, w in zip(FEATURES, weights, strict=True)},
+        "covariance": covariance.round(4).tolist(),
     }
-    text = json.dumps(table, indent=1) + "\n"
+    text = re.sub(r"(?<=[\d\[,])\s+(?=[-\d\]])", " ", json.dumps(table, indent=1)) + "\n"
     print(text)
     if options.write:
         TABLE.parent.mkdir(exist_ok=True)

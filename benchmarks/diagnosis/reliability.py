@@ -1,4 +1,4 @@
-"""Reliability of stated probabilities: of effects, and of an unknown cause.
+"""Reliability of stated probabilities: of effects, of families, and of an unknown cause.
 
     python reliability.py ../measured/blind_diagnosis.jsonl ../measured/imperfect_bases.jsonl
 
@@ -45,6 +45,9 @@ class Stated(NamedTuple):
 def stated_probabilities(row: Row) -> Iterator[Stated]:
     """The probabilities that a row states, without those of nothing."""
     base = str(row.get("flaw", "none"))
+    if "family_probability" in row and row["family"] not in (None, "none"):
+        truth = row.get("family_true", row["truth"])
+        yield Stated("family", base, float(row["family_probability"]), row["family"] == truth)
     if "ranking" in row:
         entries = [(str(name), float(probability)) for name, _, _, probability in row["ranking"]]
     elif "probability" in row and row["selected"]:
@@ -82,7 +85,7 @@ def main() -> None:
     rows = [json.loads(line) for path in parser.parse_args().results for line in path.read_text().splitlines()]
     answers = [answer for row in rows for answer in stated_probabilities(row)]
     print(f"{len(rows)} captures.")
-    for of in ("effect", _UNKNOWN):
+    for of in ("effect", "family", _UNKNOWN):
         for name, flawed in (("perfect bases", False), ("flawed bases", True)):
             some = [a for a in answers if a.of == of and (a.base != "none") == flawed]
             print(f"\nProbability of {of}, {name}, {len(some)} answers:\n")

@@ -14,6 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
+from . import unexplained
 from .alternatives import (
     LikelyCause,
     SelectedEffect,
@@ -58,7 +59,6 @@ from .ranking import UNKNOWN, Ranked, ranking
 from .search import Candidate, Signature, scale_notes, without_imitated
 from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
-from .unexplained import close_leads, explanation_to_report, family_beats_effects, leads_of_forms, residual_data_of
 
 __all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
 
@@ -235,7 +235,8 @@ def diagnose_validation(
     path = _path(validation, start, answer)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
-    tolerated = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
+    notes = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
+    notes += unexplained.frames_note(answer.linearised, explanation, prepared.calibration.capture)
     return Diagnosis(
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
@@ -256,11 +257,11 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=scale_notes(prepared.free_scale, judged.imitated) + tolerated,
+        notes=scale_notes(prepared.free_scale, judged.imitated) + notes,
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
-        doubts=close_leads(judged.leads),
+        doubts=unexplained.close_leads(judged.leads),
         further=tuple(
             further_result(other, fit, answer.effects) for other, fit in zip(further, further_fits, strict=True)
         ),
@@ -281,19 +282,17 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
     change = model.whiten_used(flaws.change_dn) if flaws.small else np.zeros_like(residual)
     remains = something_remains(model, residual, rendered)
     by_flaws = remains and not something_remains(model, residual - change, rendered - change)
-    excess = residual_data_of(answer.linearised, residual - by_flaws * change, capture)
+    excess = unexplained.residual_data_of(answer.linearised, residual - by_flaws * change, capture)
     best = explain(excess, share(progress, 0.95, 0.97))
     if not remains and flaws.small and best.single_pixels:
         # the same deviations in other words
-        by_flaws, excess = True, residual_data_of(answer.linearised, residual - change, capture)
+        by_flaws, excess = True, unexplained.residual_data_of(answer.linearised, residual - change, capture)
         best = explain(excess, share(progress, 0.97, 0.97))
     if by_flaws:
         remains, residual = False, residual - change
         start = replace(start, residual=start.residual - start.whiten_used(flaws.change_dn))
-    by_effects = start.chi2 - square(residual)
-    explanation = explanation_to_report(
-        (best, *explain_masked_families(excess)), model, residual, by_effects, remains or unlisted > 0
-    )
+    several, by_effects = (best, *explain_masked_families(excess)), start.chi2 - square(residual)
+    explanation = unexplained.explanation_to_report(several, model, residual, by_effects, remains or unlisted > 0)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]
     imitations = dict(answer.imitations)
@@ -310,7 +309,7 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
         selected = (*selected, *next_to_effects) if hold else (UNKNOWN,)
     chi2_above_noise = square(residual) / model.count - 1
     if by_picture and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
-        alone = explain(residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
+        alone = explain(unexplained.residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         before_flaws = answer.residual
 
         def scores(by_family: NDArray[np.float64]) -> tuple[float, float]:
@@ -318,7 +317,7 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
             return of_effects, of_family
 
         scoring = scores if flaws.imitated and not by_flaws else None
-        beaten = family_beats_effects(alone, start, effects, model, residual, explanation, scoring)
+        beaten = unexplained.family_beats_effects(alone, start, effects, model, residual, explanation, scoring)
         if selected == (UNKNOWN,) or (beaten and not alone.single_pixels):
             explanation, selected = alone, (UNKNOWN,)
     explanation = None if explanation is None else explanation.named_if_likely()
@@ -341,7 +340,8 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
             by_size = (effect.chi2_without - effect.candidate.chi2) / effect.count
             gain = verdicts[name].gain if name in verdicts else by_size
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, judged.leads[name].lead)
+            lead = judged.leads[name]
+            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, lead.lead, lead.misfit, lead.frames)
             imitations[name] = imitation_probability(signs)
     return imitations
 
@@ -354,7 +354,7 @@ def _likelier_than_imitations(
     errors : (n,) over sigma each, flaws of the base next to the effects.
     """
     search, linearised = judged.search, judged.search.linearised
-    judged = replace(judged, leads=leads_of_forms(linearised, judged.effects, errors, capture))
+    judged = replace(judged, leads=unexplained.leads_of_forms(linearised, judged.effects, errors, capture))
     doubtful = {name: p for name, p in _imitations(judged, judged.assessed).items() if p > LIKELY}
     if not doubtful:
         return judged

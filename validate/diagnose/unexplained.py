@@ -26,7 +26,16 @@ from .evidence import (
     shape_error_of,
     square,
 )
-from .explain import MIN_HELDOUT_GAIN, NONE, Explanation, Lead, lead_of_forms
+from .explain import (
+    MIN_HELDOUT_GAIN,
+    NONE,
+    Explanation,
+    Lead,
+    flicker_of,
+    frame_amplitudes,
+    lead_of_forms,
+    lead_of_frames,
+)
 from .field_fit import ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -36,7 +45,9 @@ __all__ = [
     "close_leads",
     "explanation_to_report",
     "family_beats_effects",
+    "frames_note",
     "is_significant_pattern",
+    "lead_of_single_frames",
     "leads_of_forms",
     "residual_data_of",
 ]
@@ -129,7 +140,7 @@ def family_beats_effects(
 def leads_of_forms(
     linearised: LinearisedFit, selected: Sequence[Candidate], errors: Sequence[NDArray[np.floating]], capture: Capture
 ) -> dict[str, Lead]:
-    """Lead of the best form of an unlisted cause over each effect.
+    """Lead of the best form of an unlisted cause, or of events in frames, over each effect.
 
     Flaws of the base are errors of both. What errors of the effect's shape may lack is forgiven. Several effects may
     be the imitation of one cause together: the form in place of all of them counts for each, too.
@@ -165,12 +176,87 @@ def leads_of_forms(
     for candidate in by_picture:
         others = [other for other in selected if other is not candidate]
         others = refitted_together(linearised, others) if others else []
-        leads[candidate.hypothesis.effect.id] = over([candidate], others)
+        name = candidate.hypothesis.effect.id
+        leads[name] = over([candidate], others)
+        change, price = _changed(linearised, candidate, others), price_of(len(candidate.numbers))
+        in_frames = lead_of_single_frames(linearised, change, price, capture)
+        if in_frames is not None:
+            leads[name] = replace(leads[name], frames=in_frames.lead)
+            if in_frames.lead > leads[name].lead:
+                leads[name] = replace(in_frames, misfit=leads[name].misfit, frames=in_frames.lead)
     if len(by_picture) > 1:
         others = [candidate for candidate in selected if candidate.by_priors]
         together_lead = over(by_picture, refitted_together(linearised, others) if others else [])
-        leads = {name: max(lead, together_lead, key=lambda each: each.lead) for name, lead in leads.items()}
+        leads = {
+            name: replace(max(lead, together_lead, key=lambda each: each.lead), misfit=lead.misfit, frames=lead.frames)
+            for name, lead in leads.items()
+        }
     return leads
+
+
+def _changed(linearised: LinearisedFit, candidate: Candidate, others: Sequence[Candidate]) -> NDArray[np.float64]:
+    """(band, y, x) change of the signal by an effect, others in place, DN; camera and lamp stay."""
+    before = (*linearised.model_effects, *(c.applied for c in others))
+    signal, changed = (linearised.predictor.signal(each) for each in (before, (*before, candidate.applied)))
+    return np.asarray(linearised.scale * (changed - signal))
+
+
+def lead_of_single_frames(
+    linearised: LinearisedFit, change: NDArray[np.float64], price: float, capture: Capture
+) -> Lead | None:
+    """Lead of events in single frames over a cause that acts in all frames of a band.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    change
+        (band, y, x) change by the cause, DN.
+    price
+        Chi2 that the cause's numbers must gain.
+    capture
+        The capture.
+
+    Returns
+    -------
+    Lead or None
+        None where the frames of every band are alike.
+    """
+    used, flat = linearised.model.used, linearised.predictor.sensing.flat
+    signal, weight = linearised.scale * linearised.rendered.signal, np.zeros(used.shape)
+    weight[used] = 1 / linearised.model.sigma
+    flicker, each = flicker_of(_repeats(capture)[0]), []
+    for index, band in enumerate(capture.band_ids):
+        frames = capture.frames(capture.band(band))
+        if len(frames) > 1 and frames.shape[1:] == used.shape[1:]:
+            net = frames / np.where(used[index], flat[index], 1.0)
+            each.append(frame_amplitudes(band, net, change[index], signal[index], weight[index], flicker))
+    return lead_of_frames(each, price)
+
+
+def frames_note(linearised: LinearisedFit, explanation: Explanation | None, capture: Capture) -> tuple[str, ...]:
+    """Sentence on what remains where only one frame of a band shows it.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit.
+    explanation
+        Explanation of what remains; None without any.
+    capture
+        The capture.
+
+    Returns
+    -------
+    tuple of str
+        Empty where all frames show it, or none was compared.
+    """
+    if explanation is None or not explanation.change.any():
+        return ()
+    lead = lead_of_single_frames(linearised, explanation.change, 0.0, capture)
+    if lead is None or lead.lead <= 0 or lead.advice is None:
+        return ()
+    return (f"What remains is an event in {lead.form}. {lead.advice.experiment}",)
 
 
 def close_leads(leads: Mapping[str, Lead]) -> dict[str, Lead]:

@@ -6,6 +6,7 @@ from .imitation import LEAST_PROBABILITY, LIKELY, Signs, imitation_probability
 from .laboratory import advice, appearance
 from .noise import noise_level
 from .registration import Registration, registration
+from .repeats import FrameAmplitudes, flicker_of, frame_amplitudes, lead_of_frames
 from .rival_form import Lead, lead_of_forms, rival_forms
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "NONE",
     "SOUND",
     "Explanation",
+    "FrameAmplitudes",
     "Lead",
     "Registration",
     "Rival",
@@ -23,8 +25,11 @@ __all__ = [
     "appearance",
     "explain",
     "explain_masked_families",
+    "flicker_of",
+    "frame_amplitudes",
     "imitation_probability",
     "lead_of_forms",
+    "lead_of_frames",
     "noise_level",
     "registration",
     "rival_forms",

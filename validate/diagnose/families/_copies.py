@@ -25,6 +25,9 @@ _MIN_SHIFT_PX = 2
 #: Blurs of copies out of focus that are tried, px: standard deviations, twice the one before.
 _BLURS_PX = (2.0, 4.0)
 
+#: The same of mirrored and turned copies.
+_UNSHARP_PX = (2.0, 4.0, 8.0)
+
 #: Least sum of the brightness of a copy of a point over the sum of its sizes: light is added, not taken away.
 _MIN_ADDED = 0.5
 
@@ -58,23 +61,24 @@ def copies(data: ResidualData, family: Family) -> Iterator[FittedExplanation]:
     for form, orientations in (
         ("a faint copy of the picture", [PictureCopy()]),
         ("a blurred copy of the picture", [PictureCopy(blur_px=blur) for blur in _BLURS_PX]),
-        (
-            "a mirrored copy of the picture",
-            [PictureCopy(turns, True) for turns in quarter],
-        ),
+        ("a mirrored copy of the picture", [PictureCopy(turns, True) for turns in quarter]),
         ("a turned copy of the picture", [PictureCopy(turns) for turns in quarter[1:]]),
     ):
         choices = len(orientations) * data.used[0].size
         trials = [_best_shifts(data, orientation) for orientation in orientations]
-        best = max((shared for shared, _ in trials), key=lambda shift: shift[0])
-        yield from _if_added(_fitted(data, family, form, best[1], np.ones(bands), choices))
-        if orientations[0].turned_or_mirrored:
+        best = max((shared for shared, _ in trials), key=lambda shift: shift[0])[1]
+        yield from _if_added(_fitted(data, family, form, best, np.ones(bands), choices))
+        if not orientations[0].turned_or_mirrored:
+            in_one_band = (
+                _fitted(data, family, f"{form} in one band", where, np.eye(bands)[band], choices * bands)
+                for _, (_, where, band) in trials
+            )
+            yield from _if_added(max(in_one_band, key=lambda copy: copy.evidence))
             continue
-        in_one_band = (
-            _fitted(data, family, f"{form} in one band", where, np.eye(bands)[band], choices * bands)
-            for _, (_, where, band) in trials
-        )
-        yield from _if_added(max(in_one_band, key=lambda copy: copy.evidence))
+        # a pane far from the focus mirrors an unsharp copy
+        unsharp = [_best_shifts(data, replace(best, blur_px=blur))[0] for blur in _UNSHARP_PX]
+        where, choices = max(unsharp, key=lambda shift: shift[0])[1], choices * len(unsharp)
+        yield from _if_added(_fitted(data, family, f"{form}, out of focus", where, np.ones(bands), choices))
 
 
 def _if_added(copy: FittedExplanation) -> Iterator[FittedExplanation]:

@@ -13,12 +13,12 @@ from cboxlab.validation.diagnose.explain.imitation import (
 )
 
 #: A medium effect on a base that is off by a tenth of it, far ahead of all forms of unlisted causes.
-_CLEAR = Signs(gain=1.0, flaws=0.1, count=10_000, heldout=1.0, lead=-1000.0)
+_CLEAR = Signs(gain=1.0, flaws=0.1, count=10_000, heldout=1.0, lead=-1000.0, misfit=0.0)
 
 
 def test_an_effect_that_explains_far_more_than_flaws_and_holds_everywhere_is_real():
-    assert imitation_probability(_CLEAR) < 0.1
-    assert imitation_probability(replace(_CLEAR, gain=100.0, flaws=0.0)) == LEAST_PROBABILITY
+    assert LEAST_PROBABILITY <= imitation_probability(_CLEAR) < 0.12
+    assert LEAST_PROBABILITY <= imitation_probability(replace(_CLEAR, gain=100.0, flaws=0.0)) < 0.12
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,9 @@ def test_an_effect_that_explains_far_more_than_flaws_and_holds_everywhere_is_rea
     [
         ("flaws", (0.1, 0.5, 2.0)),
         ("heldout", (1.0, 0.8, 0.5)),
-        ("lead", (0.0, 3.0, 10.0)),
+        ("lead", (-20.0, 0.0, 20.0)),
+        ("misfit", (0.0, 5.0, 50.0)),
+        ("frames", (-9.0, 5.0, 9.0)),
     ],
 )
 def test_each_sign_of_an_imitation_makes_it_likelier(worse, values):
@@ -42,8 +44,10 @@ def test_noise_in_samples_held_out_counts_little_for_a_weak_effect():
     assert imitation_probability(few) < imitation_probability(many)
 
 
-def test_a_form_with_even_odds_leaves_no_more_than_even_odds():
-    assert imitation_probability(replace(_CLEAR, lead=0.0)) >= 0.5
+def test_a_form_that_explains_far_more_than_the_effect_takes_its_place():
+    """Even odds of a form alone do not: two forms may predict the same picture, and the effect is the usual cause."""
+    assert imitation_probability(replace(_CLEAR, lead=1000.0)) > 0.5
+    assert imitation_probability(replace(_CLEAR, lead=0.0)) < 0.5
 
 
 def test_what_was_not_tested_counts_neither_way():

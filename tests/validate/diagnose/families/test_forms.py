@@ -13,6 +13,7 @@ from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.diagnose.families._copies import copies
 from cboxlab.validation.report.explanation import explanation_record, laboratory_sentences
 from helpers.captures.small_excess import BANDS, COLUMNS, EMISSION, EXPOSURE_S, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from scipy.ndimage import gaussian_filter
 
 DRAW = np.random.default_rng(8)
 
@@ -58,6 +59,15 @@ def test_a_copy_out_of_focus_in_one_band_is_found_there():
     assert np.argmax(np.abs(copy.fit.coefficients).sum(axis=1)) == 2
     again = field_of_record(json.loads(json.dumps(field_record(fitted_field(excess, copy)))), "field.toml")
     assert again.picture_copy == copy.picture_copy
+
+
+@pytest.mark.parametrize("blur", [3.0, 7.0])
+def test_a_mirrored_copy_out_of_focus_is_no_pattern_of_the_sensor(blur):
+    """A pane far from the focus: smooth counts that no sensor adds, since the picture itself has their shape."""
+    copy = np.array([gaussian_filter(band[:, ::-1], blur, mode="nearest") for band in SIGNAL])
+    explanation = explain(small_excess(0.03 * copy))
+    assert explanation.family == "blur"
+    assert explanation.form.startswith("a mirrored copy of the picture, out of focus")
 
 
 def test_a_copy_is_that_of_numpy():
