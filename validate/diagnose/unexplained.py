@@ -17,6 +17,7 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from ..predict import charge_change
 from .evidence import (
     INDISTINGUISHABLE_CHI2,
     MIN_GAIN_PER_SAMPLE,
@@ -330,6 +331,8 @@ def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], c
         repeats=levels,
         repeat_sigma=sigma,
         transport=_transport(linearised),
+        cell=capture.cell,
+        charge=None if capture.cell is None else lambda moved: linearised.scale * charge_change(predictor, moved),
     )
 
 
