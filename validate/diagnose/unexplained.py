@@ -17,7 +17,7 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from ..predict import charge_change
+from ..predict import charge_exchange
 from .evidence import (
     INDISTINGUISHABLE_CHI2,
     MIN_GAIN_PER_SAMPLE,
@@ -28,7 +28,7 @@ from .evidence import (
     square,
 )
 from .explain import MIN_HELDOUT_GAIN, NONE, Explanation, Lead, lead_of_forms
-from .field_fit import ResidualData, Transport
+from .field_fit import ChargeExchange, ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
@@ -332,8 +332,14 @@ def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], c
         repeat_sigma=sigma,
         transport=_transport(linearised),
         cell=capture.cell,
-        charge=None if capture.cell is None else lambda moved: linearised.scale * charge_change(predictor, moved),
+        charge=None if capture.cell is None else _charge_exchange(linearised),
     )
+
+
+def _charge_exchange(linearised: LinearisedFit) -> ChargeExchange:
+    """Exchange of charge in the raw frames, at the fitted lamp power."""
+    change = charge_exchange(linearised.predictor)
+    return lambda exchange: linearised.scale * change(exchange)
 
 
 def _flat_exposure(capture: Capture, band: str) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .predictor import Predictor
 
-__all__ = ["charge_change"]
+__all__ = ["charge_exchange"]
 
 #: Part of the charge that moves where a change is computed, without unit: small against 1, since the change is linear.
 _STEP = 1e-3
@@ -35,25 +35,26 @@ class _Moved:
         return with_charge_moved(counts, lambda frames: _STEP * self.exchange(frames))
 
 
-def charge_change(
-    predictor: Predictor, exchange: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Change of the corrected signals by a unit of an exchange of charge, to first order.
+def charge_exchange(
+    predictor: Predictor,
+) -> Callable[[Callable[[NDArray[np.float64]], NDArray[np.float64]]], NDArray[np.float64]]:
+    """Changes of the corrected signals by a unit of an exchange of charge, to first order.
 
     Parameters
     ----------
     predictor
         Predictor of the capture.
-    exchange
-        Change of (band, y, x) raw frames above dark, DN, by these frames.
 
     Returns
     -------
-    NDArray
-        (band, y, x) DN over the lamp's scale.
+    Callable
+        Change (band, y, x) of the signals, DN over the lamp's scale, by an exchange. The exchange gives the change of
+        raw frames (band, y, x) above dark, DN, by these frames.
     """
     light = predictor.before_optics(predictor.included)
-    before, after = (
-        expected_signal(light, predictor.sensing, effects, predictor.camera) for effects in ((), (_Moved(exchange),))
-    )
-    return (after - before) / (_STEP * predictor.lamp_scale)
+
+    def signal(*effects: _Moved) -> NDArray[np.float64]:
+        return expected_signal(light, predictor.sensing, effects, predictor.camera) / predictor.lamp_scale
+
+    before = signal()
+    return lambda exchange: (signal(_Moved(exchange)) - before) / _STEP
