@@ -151,16 +151,17 @@ class SensorPatterns:
             patterns["places of the mosaic's repeat"] = places
         bands = len(data.bands)
         for form, maps in patterns.items():
-            columns, within = self._columns(maps), self._within_bands(maps)
+            columns, within, share = self._columns(maps), self._within_bands(maps), self._shares(maps)
             fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(bands))
-            yield self._apart(form, fit, columns, maps, unit, len(patterns))
+            words = self._apart(fit.coefficients, share if maps is places else None, unit)
+            yield self._sharp(f"{form}, {words}", fit, columns, maps, len(patterns))
             n = equations_in_all_bands(data, within)
             fit = max((fixed_spectrum(n, band) for band in np.eye(bands)), key=lambda trial: trial.evidence)
-            share = self._shares(maps)
             mean = np.sum(share * fit.coefficients, axis=1, keepdims=True)
             band = np.arange(bands)[:, None] == int(np.argmax(fit.size))
             fit = replace(fit, coefficients=np.where(band & (share > 0), fit.coefficients - mean, 0.0))
-            yield self._apart(f"{form} in one band", fit, columns, maps, unit, len(patterns) * bands)
+            words = self._apart(fit.coefficients, share, unit)
+            yield self._sharp(f"{form} in one band, {words}", fit, columns, maps, len(patterns) * bands)
 
     def black_levels(self) -> Iterator[FittedExplanation]:
         """The same number in all pixels of one channel.
@@ -176,11 +177,12 @@ class SensorPatterns:
         columns = self._columns(maps)
         n = equations_in_all_bands(self.data, columns)
         fit = max((fixed_spectrum(n, band) for band in np.eye(bands)), key=lambda trial: trial.evidence)
-        form = f"a black level in one band, {float(fit.coefficients.sum()):+.3g} DN"
-        yield FittedExplanation(self.family, form, fit, columns, self.acts, maps, sharp=True, num_choices=bands)
+        where = self.data.bands[int(np.argmax(fit.size))]
+        form = f"a black level in one band, {float(fit.coefficients.sum()):+.3g} DN in {where}"
+        yield self._sharp(form, fit, columns, maps, bands)
         each = each_band(n)
         form = f"a black level in each band, {np.abs(each.coefficients).max():.3g} DN at most"
-        yield FittedExplanation(self.family, form, each, columns, self.acts, maps, sharp=True)
+        yield self._sharp(form, each, columns, maps, 1)
 
     def _shares(self, maps: ImageMaps) -> NDArray[np.float64]:
         """(band, k) shares of a band's used pixels in each map."""
@@ -193,14 +195,22 @@ class SensorPatterns:
         matrix, share = csr_matrix(maps.matrix(self.data.shape)).toarray(), self._shares(maps)
         return lambda band: np.asarray((matrix - share[band][:, None]) * self.operator[band].ravel())
 
-    def _apart(
-        self, form: str, fit: FieldFit, columns: Columns, maps: ImageMaps, unit: str, num_choices: int
+    def _apart(self, coefficients: NDArray[np.float64], share: NDArray[np.float64] | None, unit: str) -> str:
+        """Distance of the largest and smallest of numbers (band, k), in the band where its maps are farthest apart.
+
+        share : (band, k) share of each band's pixels in the maps; None for maps that all bands share.
+        """
+        inside = np.ones(coefficients.shape, bool) if share is None else share > 0
+        apart = [float(np.ptp(each[of])) if of.any() else 0.0 for each, of in zip(coefficients, inside, strict=True)]
+        most = int(np.argmax(apart))
+        words = f"{apart[most]:.2%} apart" if unit == "%" else f"{apart[most]:.3g}{unit} apart"
+        return words if share is None else f"{words} in {self.data.bands[most]}"
+
+    def _sharp(
+        self, form: str, fit: FieldFit, columns: Columns, maps: ImageMaps, num_choices: int
     ) -> FittedExplanation:
-        """A pattern with the distance of its largest and smallest number in its words."""
-        strongest = fit.coefficients[int(np.argmax(np.abs(fit.coefficients).sum(axis=1)))]
-        apart = float(np.ptp(strongest[strongest != 0])) if strongest.any() else 0.0
-        words = f"{form}, {apart:.2%} apart" if unit == "%" else f"{form}, {apart:.3g}{unit} apart"
-        return FittedExplanation(self.family, words, fit, columns, self.acts, maps, sharp=True, num_choices=num_choices)
+        """A form that errors of the rendering do not make."""
+        return FittedExplanation(self.family, form, fit, columns, self.acts, maps, sharp=True, num_choices=num_choices)
 
     def waves(self, of_one_band: Callable[[Wave, int], FittedExplanation] | None = None) -> Iterator[FittedExplanation]:
         """Straight waves and rings.

@@ -106,8 +106,9 @@ def _bends(data: ResidualData) -> Iterator[FittedExplanation]:
         "in each band otherwise": each_band(n),
     }
     for where, fit in fits.items():
-        strongest = fit.coefficients[int(np.argmax(fit.size))]
-        form = f"a bend of the counts {where}, {strongest[1]:.2%} at {most:.0f} DN"
+        strongest = int(np.argmax(fit.size))
+        bend = fit.coefficients[strongest, 1]
+        form = f"a bend of the counts {where}, {bend:.2%} at {most:.0f} DN in {data.bands[strongest]}"
         choices = len(n.b) if where == "in one band" else 1
         fit = replace(fit, coefficients=fit.coefficients @ parts)
         yield FittedExplanation(
