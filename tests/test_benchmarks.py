@@ -68,10 +68,17 @@ def test_causes_of_colour_sensors():
     np.testing.assert_allclose(rows.flat.sum(axis=2), before.flat.sum(axis=2))
     np.testing.assert_allclose(columns.scene.sum(axis=1), before.scene.sum(axis=1))
     assert not np.allclose(rows.reference, before.reference, rtol=1e-4)
-    for name, share in (("other-rows", 1 / 2), ("column-pair", 2 / 12)):
+    shares = (("other-rows", 1 / 2), ("column-pair", 2 / 12), ("one-place", 1 / 4), ("quarter", 1 / 4))
+    for name, share in shares:
         changed = after(name, 1.0)
         assert changed.flat is before.flat
         assert np.mean(changed.scene != before.scene) == pytest.approx(share)
+    black = after("black-level", 1.0)
+    assert np.unique(np.round(black.flat - before.flat, 6)).tolist() == [0.0, 10.0]
+    one_way = after("one-way-leak", 1.0).scene - before.scene
+    signal = before.scene - 50
+    np.testing.assert_allclose(one_way[:, :, :-1], 0.01 * (signal[:, :, 1:] - signal[:, :, :-1]))
+    assert (after("bent-place", 1.0).reference <= before.reference).all()
     camera = cornell_camera(16)
     curves = over_field(unit_factors(behind_mosaic(CaptureSettings(), "RGGB"), 16), camera)
     mixed = causes["mixed-dyes"].apply(curves, amount=0.1, row=0.5, column=0.5)

@@ -237,4 +237,10 @@ INSTRUMENTS: dict[str, tuple[int, Callable[[CaptureSettings], CaptureSettings]]]
     "rgbw": (64, lambda s: behind_mosaic(s, "WRGB")),
     "filter-array": (64, lambda s: behind_mosaic(s, "ABCD EFGH IJKL MNOP")),
     "x-trans": (64, lambda s: behind_mosaic(s, "GGRGGB GGBGGR BRGRBG GGBGGR GGRGGB RBGBRG")),
+    "rccb": (64, lambda s: behind_mosaic(s, "RCCB")),
+    "filter-array-25": (65, lambda s: behind_mosaic(s, "ABCDE FGHIJ KLMNO PQRST UVWXY")),
+    "bayer-filters": (
+        64,
+        lambda s: replace(behind_mosaic(s, "GBRG"), filters=_filters([470.0, 600.0], 40.0, 0.6)),
+    ),
 }

@@ -295,6 +295,60 @@ def _column_pair(counts: Counts, amount: float, row: float, column: float) -> Co
     return replace(counts, scene=counts.scene + 20 * amount * signal * pair)
 
 
+def _one_way(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """Charge of each pixel that stays behind for the next one of its register, in every frame."""
+    axis, step = 1 + round(row), 1 if column > 0.5 else -1
+
+    def after(frames: NDArray[np.float64], dark: NDArray[np.float64]) -> NDArray[np.float64]:
+        charge = frames - dark[:, None, None]
+        before = np.roll(charge, step, axis=axis)
+        ends = [slice(None)] * 3
+        ends[axis] = slice(0, 1) if step > 0 else slice(-1, None)
+        before[tuple(ends)] = charge[tuple(ends)]
+        return frames + amount * (before - charge)
+
+    return replace(
+        counts,
+        scene=after(counts.scene, counts.dark_scene),
+        flat=after(counts.flat, counts.dark_flat),
+        reference=after(counts.reference, counts.dark_reference),
+    )
+
+
+def _place(counts: Counts, row: float, column: float) -> NDArray[np.bool_]:
+    """(y, x) pixels of one place of a repeat of 2 x 2: one of the greens, or another channel."""
+    rows, columns = np.indices(counts.scene.shape[1:])
+    return (rows % 2 == round(row)) & (columns % 2 == round(column))
+
+
+def _one_place(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """Pixels of one place count more in frames of the scene: a green that differs from the other one."""
+    signal = counts.scene - counts.dark_scene[:, None, None]
+    return replace(counts, scene=counts.scene + amount * signal * _place(counts, row, column))
+
+
+def _black_level(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """Pixels of one place carry counts that the darks lack."""
+    added = amount * 1000 * _place(counts, row, column)
+    return replace(counts, scene=counts.scene + added, flat=counts.flat + added, reference=counts.reference + added)
+
+
+def _bent_place(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """The amplifier of one place bends: counts in all frames lack a part that grows with them."""
+    bend = -amount * _place(counts, row, column) / counts.full_scale
+    frames = [frame * (1 + bend * frame) for frame in (counts.scene, counts.flat, counts.reference)]
+    return replace(counts, scene=frames[0], flat=frames[1], reference=frames[2])
+
+
+def _quarter(counts: Counts, amount: float, row: float, column: float) -> Counts:
+    """One of four amplifiers, each of which reads a quarter of the sensor, has drifted."""
+    height, width = counts.scene.shape[1:]
+    rows, columns = np.indices((height, width))
+    inside = (rows * 2 // height == round(row)) & (columns * 2 // width == round(column))
+    signal = counts.scene - counts.dark_scene[:, None, None]
+    return replace(counts, scene=counts.scene + amount * signal * inside)
+
+
 def _deep_red(curves: BandCurves, amount: float, row: float, column: float) -> BandCurves:
     """All dyes pass light at the long end of the spectrum, about the same of it."""
     beyond = np.exp(-0.5 * ((curves.wavelength_nm - 685 - 10 * column) / 12) ** 2)
@@ -373,6 +427,11 @@ COLOUR_SENSOR = _effects(
     ("sideways-leak", "counts", _sideways),
     ("other-rows", "counts", _other_rows),
     ("column-pair", "counts", _column_pair),
+    ("one-way-leak", "counts", _one_way),
+    ("one-place", "counts", _one_place),
+    ("black-level", "counts", _black_level),
+    ("bent-place", "counts", _bent_place),
+    ("quarter", "counts", _quarter),
     ("deep-red", "filter", _deep_red),
     ("mixed-dyes", "filter", _mixed_dyes),
     ("halation", "optics", _halation),

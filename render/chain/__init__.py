@@ -11,7 +11,7 @@ effects act. Where both apply they agree: a simulated capture holds its cube's l
 
 from .band_curves import BandCurves, field_shares, field_sine_squared, over_field
 from .bands import render_bands
-from .counts import Counts
+from .counts import Counts, with_charge_moved
 from .expected import expected_counts, expected_signal
 from .interleaving import Interleaving, UnseenChannel
 from .light import Light, with_scene_behind
@@ -46,5 +46,6 @@ __all__ = [
     "scene_light",
     "stages_between",
     "uniform_light",
+    "with_charge_moved",
     "with_scene_behind",
 ]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Counts"]
+__all__ = ["Counts", "with_charge_moved"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,3 +42,30 @@ class Counts:
     minutes: NDArray[np.float64]
     #: Largest count, DN.
     full_scale: float
+
+
+def with_charge_moved(counts: Counts, moved: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Counts:
+    """Counts whose charge moves between pixels, in frames of the scene, flats and reference alike.
+
+    Parameters
+    ----------
+    counts
+        The counts before.
+    moved
+        Change of (band, y, x) frames above dark, DN, by these frames.
+
+    Returns
+    -------
+    Counts
+        The counts after.
+    """
+
+    def after(frames: NDArray[np.float64], dark: NDArray[np.float64]) -> NDArray[np.float64]:
+        return frames + moved(frames - dark[:, None, None])
+
+    return replace(
+        counts,
+        scene=after(counts.scene, counts.dark_scene),
+        flat=after(counts.flat, counts.dark_flat),
+        reference=after(counts.reference, counts.dark_reference),
+    )

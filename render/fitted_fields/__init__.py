@@ -9,11 +9,12 @@ from .exchange import IN_PLACE, PictureCopy, exchanges
 from .fitted_field import Acts, FittedField, field_record
 from .from_diagnosis import effect_of_diagnosis
 from .image_maps import ImageMaps
-from .levels import parts_of_levels
+from .levels import LEVELS, parts_of_levels
 from .surface_maps import PointMap, SurfaceMap, WaveMap
 
 __all__ = [
     "IN_PLACE",
+    "LEVELS",
     "Acts",
     "FittedField",
     "ImageMaps",

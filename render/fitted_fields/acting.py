@@ -17,7 +17,7 @@ from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from ..chain import Counts, Light, Stage
+from ..chain import Counts, Light, Stage, with_charge_moved
 from ..effects import Effect, Parameter
 from ..perturbation import PatchLight
 from .exchange import exchanges
@@ -45,6 +45,8 @@ _STAGES: dict[Acts, Stage] = {
     "streak": "optics",
     "trail": "optics",
     "copy": "optics",
+    "leak": "counts",
+    "register": "counts",
     "lamp": "scene",
     "reflectance": "transport",
     "irradiance": "transport",
@@ -88,7 +90,7 @@ def field_effect(name: str, field: FittedField, title: str, summary: str) -> Eff
         parameters=(AMPLITUDE,),
         apply=partial(acting[stage], field, name),
         confirm="Take the scene again: a cause fixed in the box or on the sensor has the same amplitude then.",
-        acts_on_charge=field.acts in ("gain", "previous"),
+        acts_on_charge=field.acts in ("gain", "previous", "leak", "register"),
     )
 
 
@@ -120,7 +122,7 @@ def _coefficients(field: FittedField) -> NDArray[np.float64]:
 
 
 def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) -> Counts:
-    """Counts of the scene's frames changed by a field on the sensor."""
+    """Counts changed by a field on the sensor: those of the scene; of all frames where charge moves."""
     missing = [band for band in counts.bands if band not in field.bands]
     if missing:
         raise InputError(f"effect {name}", f"band '{missing[0]}'", f"one of {', '.join(field.bands)}")
@@ -134,10 +136,19 @@ def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) 
         pairs = zip(_coefficients(field)[indices], counts.scene - dark, strict=True)
         added = [part @ parts_of_levels(frame.ravel(), field.most_dn) for part, frame in pairs]
         return replace(counts, scene=counts.scene + amplitude * np.reshape(added, counts.scene.shape))
+    if field.acts in ("leak", "register"):
+        fields = amplitude * _images(field, name, (rows, columns), indices)
+        return with_charge_moved(counts, partial(_exchanged, field, fields))
     change = amplitude * _images(field, name, (rows, columns), indices)[:, 0]
     if field.acts == "offset":
         return replace(counts, scene=counts.scene + change)
     return replace(counts, scene=dark + (1 + change) * (counts.scene - dark))
+
+
+def _exchanged(field: FittedField, fields: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(band, y, x) change of raw frames above dark by the exchanges of a field (band, uses, y, x)."""
+    each = [exchanges(field.acts, frame, angle_deg=field.angle_deg) for frame in frames]
+    return np.asarray(np.sum(fields * np.array(each), axis=1))
 
 
 def _nearest(field: FittedField, nm: NDArray[np.float64]) -> list[int]:

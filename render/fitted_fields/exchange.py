@@ -1,4 +1,4 @@
-"""Light that pixels exchange: with neighbours, in wide Gaussians, along a line, in copies.
+"""Light or charge that pixels exchange: with neighbours, in wide Gaussians, along a line, in copies.
 
 An exchange moves light between pixels and adds none, except at the border, where the outermost pixels are repeated.
 """
@@ -18,6 +18,9 @@ _HALO_WIDTHS_PX = (1.5, 3.0, 6.0, 12.0, 24.0)
 
 #: Standard deviations of a streak's Gaussians along its line, px.
 _STREAK_WIDTHS_PX = (4.0, 10.0, 25.0)
+
+#: Steps (down, right) of charge that leaks to one neighbour: to the right, down, to the left, up.
+_LEAK_STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 
 #: Distances in which trails fall to 1 / e, px.
 _TRAIL_LENGTHS_PX = (0.7, 2.5, 8.0)
@@ -103,13 +106,14 @@ def exchanges(
     Parameters
     ----------
     acts
-        "neighbours", "moments", "halo", "streak", "trail" or "copy", see ``Acts``.
+        "neighbours", "moments", "halo", "streak", "trail", "copy", "leak" or "register", see ``Acts``.
     signal
-        (y, x) the picture, DN.
+        (y, x) the picture, or a raw frame above dark, DN.
     radius
         Largest distance of neighbours along rows and columns, px.
     angle_deg
-        Angle of a streak or of a trail from the rows downwards, degrees; 0, 90, 180 or 270 for a trail.
+        Angle of a streak, of a trail or of a register from the rows downwards, degrees; 0, 90, 180 or 270 but for a
+        streak.
     picture_copy
         The copy, with its place.
 
@@ -124,7 +128,9 @@ def exchanges(
         return list(with_moments(signal))
     if acts == "halo":
         return [_with_halo(signal, width) for width in _HALO_WIDTHS_PX]
-    if acts == "trail":
+    if acts == "leak":
+        return [_leaked(signal, step) for step in _LEAK_STEPS]
+    if acts in ("trail", "register"):
         return [_with_trail(signal, angle_deg, length) for length in _TRAIL_LENGTHS_PX]
     if acts == "copy":
         return picture_copy.of(signal)
@@ -152,6 +158,8 @@ def number_of_exchanges(acts: str, radius: int) -> int:
         "halo": len(_HALO_WIDTHS_PX),
         "streak": len(_STREAK_WIDTHS_PX),
         "trail": len(_TRAIL_LENGTHS_PX),
+        "register": len(_TRAIL_LENGTHS_PX),
+        "leak": len(_LEAK_STEPS),
         "copy": 9,
     }
     return several.get(acts, 1)
@@ -190,6 +198,11 @@ def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
     across, down = (_with_neighbours(signal, step) for step in ((0, 1), (1, 0)))
     falling, rising = (_with_neighbours(signal, step) for step in ((1, 1), (1, -1)))
     return np.array([across + down, across - down, falling - rising])
+
+
+def _leaked(frame: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
+    """(y, x) charge that a pixel gets from the neighbour a step before it, minus what it gives to the one after it."""
+    return np.asarray(shift(frame, step, order=0, mode="nearest") - frame)
 
 
 def _with_halo(signal: NDArray[np.float64], width_px: float) -> NDArray[np.float64]:

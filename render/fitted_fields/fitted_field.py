@@ -29,6 +29,8 @@ __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"
 #: - neighbours: light exchanged with pixels on opposite sides; moments: the second moments of a small blur
 #: - halo: light exchanged in round Gaussians; streak: light exchanged in Gaussians along a line
 #: - trail: light that lags behind along rows or columns; copy: light that makes another picture, mirrored or turned
+#: - leak: charge that pixels of the raw frames give to the next one to the right, down, to the left, and up
+#: - register: charge that lags behind along rows or columns of the raw frames
 #: - lamp: relative change of the lamp's radiance
 #: - reflectance: relative change of surfaces' reflectance
 #: - irradiance: irradiance over pi on surfaces, relative to the lamp's radiance
@@ -46,6 +48,8 @@ Acts = Literal[
     "streak",
     "trail",
     "copy",
+    "leak",
+    "register",
     "lamp",
     "reflectance",
     "irradiance",
@@ -66,6 +70,8 @@ ON_SENSOR: tuple[Acts, ...] = (
     "streak",
     "trail",
     "copy",
+    "leak",
+    "register",
 )
 
 #: Significant digits of numbers in records: a relative rounding of 1e-6, far below the noise of a fit.
@@ -88,7 +94,7 @@ class FittedField:
     image: ImageMaps | None = None
     #: Largest distance of "neighbours" along rows and columns, px.
     radius: int = 1
-    #: Angle of a "streak" or a "trail" from the rows downwards, degrees.
+    #: Angle of a "streak", a "trail" or a "register" from the rows downwards, degrees.
     angle_deg: float = 0.0
     #: Highest count above dark of "levels", DN.
     most_dn: float = 1.0
@@ -117,13 +123,14 @@ class _Strict(BaseModel):
 class _Image(_Strict):
     """Image maps of a record, see ``ImageMaps``."""
 
-    kind: Literal["rows", "columns", "pixels", "cosines", "wave", "bells"]
+    kind: Literal["rows", "columns", "pixels", "repeat", "quarters", "cosines", "wave", "bells"]
     order: int = Field(0, ge=0, le=40)
     per_px: _Two = (0.0, 0.0)
     curvature: float = 0.0
     centres: list[_Two] = Field(default_factory=list)
     pitch: float = Field(1.0, gt=0)
     nm: float = Field(0.0, ge=0)
+    repeat: _Pair = (1, 1)
 
 
 class _Surface(_Strict):
@@ -188,7 +195,7 @@ def field_record(field: FittedField) -> dict[str, Any]:
         record["image"] = _image_record(field.image)
         if field.acts == "neighbours":
             record["radius"] = field.radius
-        if field.acts in ("streak", "trail"):
+        if field.acts in ("streak", "trail", "register"):
             record["angle_deg"] = field.angle_deg
         if field.acts == "copy":
             record["turns"], record["mirrored"] = field.picture_copy.turns, field.picture_copy.mirrored
@@ -220,6 +227,8 @@ def _image_record(maps: ImageMaps) -> dict[str, Any]:
     if maps.kind == "bells":
         centres = [_rounded(centre) for centre in maps.centres]
         return {"kind": maps.kind, "pitch": float(maps.pitch), "centres": centres}
+    if maps.kind == "repeat":
+        return {"kind": maps.kind, "repeat": list(maps.repeat)}
     return {"kind": maps.kind}
 
 
@@ -284,7 +293,14 @@ def _image_field(entry: _Field, where: str) -> FittedField:
         raise InputError(where, "no image or no coefficients", f"both, as acts = '{entry.acts}' needs them")
     image = entry.image
     maps = ImageMaps(
-        image.kind, image.order, image.per_px, image.curvature, tuple(image.centres), image.pitch, image.nm
+        image.kind,
+        image.order,
+        image.per_px,
+        image.curvature,
+        tuple(image.centres),
+        image.pitch,
+        image.nm,
+        image.repeat,
     )
     uses = number_of_uses(entry.acts, entry.radius, len(entry.bands))
     required = (len(entry.bands), uses * maps.count(entry.size))

@@ -1,4 +1,4 @@
-"""Maps over the picture, fixed on the sensor: rows, columns, pixels, smooth waves, bells.
+"""Maps over the picture, fixed on the sensor: rows, columns, pixels, repeats, quarters, smooth waves, bells.
 
 A wave follows the two-beam interference of a plate or wedge: cos(2 pi (f . x + c |x|^2)), f and c in waves per px and
 per px^2.
@@ -31,13 +31,15 @@ class ImageMaps:
 
     - "rows" and "columns": one map for each row or column, 1 in it and 0 elsewhere
     - "pixels": one map for each pixel, 1 in it and 0 elsewhere
+    - "repeat": one map for each place of a pattern that repeats every ``repeat`` rows and columns, 1 in that place
+    - "quarters": one map for each quarter of the picture, 1 in it and 0 elsewhere
     - "cosines": products of cosines along rows and columns with up to ``order`` half waves together
     - "wave": cosine and sine of one wave, each times the cosines up to ``order``
     - "bells": Gaussians about ``centres``
     """
 
     #: Kind of the maps.
-    kind: Literal["rows", "columns", "pixels", "cosines", "wave", "bells"]
+    kind: Literal["rows", "columns", "pixels", "repeat", "quarters", "cosines", "wave", "bells"]
     #: Most half waves of "cosines", and of the strength of a "wave".
     order: int = 0
     #: Frequency of a "wave" downwards and to the right, waves per px.
@@ -50,6 +52,8 @@ class ImageMaps:
     pitch: float = 1.0
     #: Wavelength of ``per_px`` and ``curvature``, nm, if they are proportional to its inverse; 0 if not.
     nm: float = 0.0
+    #: Rows and columns of one "repeat", px.
+    repeat: tuple[int, int] = (1, 1)
 
     def at(self, nm: float) -> ImageMaps:
         """Maps in a band.
@@ -85,7 +89,8 @@ class ImageMaps:
         if self.kind == "bells":
             return len(self.centres)
         products = (self.order + 1) * (self.order + 2) // 2
-        counts = {"rows": shape[0], "columns": shape[1], "pixels": shape[0] * shape[1]}
+        counts = {"rows": shape[0], "columns": shape[1], "pixels": shape[0] * shape[1], "quarters": 4}
+        counts["repeat"] = self.repeat[0] * self.repeat[1]
         return {**counts, "cosines": products, "wave": 2 * products}[self.kind]
 
     def matrix(self, shape: tuple[int, int]) -> NDArray[np.float64] | csr_matrix:
@@ -99,7 +104,7 @@ class ImageMaps:
         Returns
         -------
         NDArray or csr_matrix
-            (k, pixel) values, pixels row by row; sparse for rows, columns, pixels and bells.
+            (k, pixel) values, pixels row by row; dense for cosines and waves alone.
         """
         if self.kind == "rows":
             return csr_matrix(kron(identity(shape[0]), np.ones((1, shape[1]))))
@@ -107,6 +112,12 @@ class ImageMaps:
             return csr_matrix(kron(np.ones((1, shape[0])), identity(shape[1])))
         if self.kind == "pixels":
             return csr_matrix(identity(shape[0] * shape[1]))
+        if self.kind in ("repeat", "quarters"):
+            y, x = np.indices(shape)
+            height, width = self.repeat if self.kind == "repeat" else (2, 2)
+            down, right = (y % height, x % width) if self.kind == "repeat" else (2 * y // shape[0], 2 * x // shape[1])
+            place = (down * width + right).ravel()
+            return csr_matrix((np.ones(place.size), (place, np.arange(place.size))), (height * width, place.size))
         if self.kind == "cosines":
             return _cosines(shape, self.order)
         if self.kind == "wave":

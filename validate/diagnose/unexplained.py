@@ -17,6 +17,7 @@ from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from ..predict import charge_exchange
 from .evidence import (
     INDISTINGUISHABLE_CHI2,
     MIN_GAIN_PER_SAMPLE,
@@ -36,7 +37,7 @@ from .explain import (
     lead_of_forms,
     lead_of_frames,
 )
-from .field_fit import ResidualData, Transport
+from .field_fit import ChargeExchange, ResidualData, Transport
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
@@ -416,7 +417,15 @@ def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], c
         repeats=levels,
         repeat_sigma=sigma,
         transport=_transport(linearised),
+        cell=capture.cell,
+        charge=None if capture.cell is None else _charge_exchange(linearised),
     )
+
+
+def _charge_exchange(linearised: LinearisedFit) -> ChargeExchange:
+    """Exchange of charge in the raw frames, at the fitted lamp power."""
+    change = charge_exchange(linearised.predictor)
+    return lambda exchange: linearised.scale * change(exchange)
 
 
 def _flat_exposure(capture: Capture, band: str) -> float:

@@ -1,5 +1,6 @@
 """Prediction of the signals of one capture, with any effects."""
 
+from .charge import charge_exchange
 from .external_picture import ExternalPicture, external_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
 from .picture_errors import PictureErrors, cells_and_columns, picture_errors
@@ -20,6 +21,7 @@ __all__ = [
     "build_predictor",
     "cached_picture",
     "cells_and_columns",
+    "charge_exchange",
     "coated",
     "default_cache",
     "digest_of",

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from cboxlab.rendering.chain import Counts, Light
-from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.effects import apply_checked, catalogue
 from cboxlab.rendering.fitted_fields import (
     FittedField,
     ImageMaps,
@@ -191,3 +191,36 @@ def test_a_part_of_the_frames_before_is_added_above_dark():
     changed = _changed(field_effect("persistence", field, "", ""), 2.0)
     assert np.allclose(changed[0], 0, atol=1e-9)
     assert np.allclose(changed[1:], 0.2 * SIGNAL[:-1])
+
+
+def _field_on_counts(acts, image, coefficients, **more):
+    """The effect of a field read back from its record."""
+    bands = ("b0", "b1", "b2", "b3")
+    field = FittedField(acts, bands, NM, (SIZE, SIZE), image=image, coefficients=coefficients, **more)
+    return field_effect("field", field_of_record(json.loads(json.dumps(field_record(field))), "field.toml"), "", "")
+
+
+def test_equal_leaks_to_all_neighbours_are_crosstalk():
+    effect = _field_on_counts("leak", ImageMaps("cosines"), np.full((BANDS, 4), 0.03 / 4))
+    leaked = apply_checked(effect, {"amplitude": 1.0}, "test").apply(_counts())
+    shared = apply_checked(catalogue()["crosstalk"], {"fraction": 0.03}, "test").apply(_counts())
+    for frames in ("scene", "flat", "reference"):
+        np.testing.assert_allclose(getattr(leaked, frames), getattr(shared, frames), rtol=1e-12)
+
+
+def test_charge_that_stays_behind_in_the_register_is_in_all_frames():
+    effect = _field_on_counts("register", ImageMaps("cosines"), np.full((BANDS, 3), 0.01), angle_deg=90)
+    before, after = _counts(), apply_checked(effect, {"amplitude": 1.0}, "test").apply(_counts())
+    for frames in ("scene", "flat", "reference"):
+        change = getattr(after, frames) - getattr(before, frames)
+        # the first rows of the darker floor get charge of the wall above, the wall gets none of the floor
+        assert change[:, 30].mean() > 5
+        assert np.abs(change[:, 28, :6]).max() < 1
+
+
+def test_places_of_a_repeat_and_quarters_are_where_they_say():
+    numbers = np.tile(np.arange(6.0), (BANDS, 1))
+    effect = _field_on_counts("offset", ImageMaps("repeat", repeat=(2, 3)), numbers)
+    assert np.allclose(_changed(effect, 1.0), 3 * (ROWS % 2) + COLUMNS % 3)
+    effect = _field_on_counts("offset", ImageMaps("quarters"), numbers[:, :4])
+    assert np.allclose(_changed(effect, 1.0), 2 * (ROWS >= SIZE / 2) + (COLUMNS >= SIZE / 2))

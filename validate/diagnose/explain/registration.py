@@ -109,12 +109,15 @@ def _missing(data: ResidualData, square: NDArray[np.float64], noise: float) -> f
 
 
 def _gain(data: ResidualData, operator: NDArray[Any], labels: NDArray[Any], noise: float) -> float:
-    """Chi2 explained by one number for each label, less what noise makes of as many numbers."""
+    """Chi2 explained by one number for each label, less what noise makes of as many numbers.
+
+    A label of a single sample explains nothing: each pixel behind a mosaic is one in a frame.
+    """
     whitened = np.broadcast_to(operator, data.used.shape) * data.weight
     groups = np.broadcast_to(labels, data.used.shape).ravel()
     product = np.bincount(groups, (whitened * data.residual).ravel())
     power = np.bincount(groups, (whitened**2).ravel())
-    determined = power > 0
+    determined = np.bincount(groups, (whitened != 0).ravel()) > 1
     return float(np.sum(product[determined] ** 2 / power[determined]) - noise * determined.sum())
 
 

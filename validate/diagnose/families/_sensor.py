@@ -1,4 +1,4 @@
-"""Patterns fixed on the sensor: rows, columns, pixels, smooth patterns, waves, spots."""
+"""Patterns fixed on the sensor: rows, columns, pixels, amplifiers in turn, smooth patterns, waves, spots."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from scipy.sparse import csr_matrix
 from ..field_fit import (
     Columns,
     Family,
+    FieldFit,
     FitInput,
     FittedExplanation,
     ResidualData,
@@ -29,6 +30,9 @@ from ..field_fit import (
 )
 
 __all__ = ["SensorPatterns"]
+
+#: Pixels that a read-out takes in turn, in words, by rows and columns of their repeat, px.
+_IN_TURN = {"every second row": (2, 1), "every second column": (1, 2)}
 
 #: Highest order of the cosines of a smooth pattern: resolves a tenth of the image.
 _SMOOTH_ORDER = 10
@@ -94,8 +98,11 @@ class SensorPatterns:
         Yields
         ------
         FittedExplanation
-            None where neighbours are alike: then it is no pattern of single pixels.
+            None where neighbours are alike: then it is no pattern of single pixels. None behind a mosaic where one
+            frame has all bands: nothing else then shows the same pixel.
         """
+        if self.data.used.sum(axis=0).max() < min(len(self.data.bands), 2):
+            return
         spectra = (
             ("alike in all bands", np.ones(len(self.data.bands)), self.common_variance),
             (self.exposure_form, self.by_exposure, 0.0),
@@ -116,6 +123,94 @@ class SensorPatterns:
             yield FittedExplanation(
                 self.family, f"single pixels, {form}", fit, self._columns(maps), self.acts, maps, sharp=sharp
             )
+
+    def of_amplifiers(self, unit: str) -> Iterator[FittedExplanation]:
+        """Patterns of amplifiers that take pixels of a mosaic in turn, or a quarter of the sensor each.
+
+        In one band only differences between its own pixels count, such as those of the two greens.
+
+        Parameters
+        ----------
+        unit
+            Unit of the numbers after a value, such as " DN"; "%" for parts.
+
+        Yields
+        ------
+        FittedExplanation
+            Rows or columns in turn, and places of the mosaic's repeat, in all bands alike and in one band; quarters.
+            Nothing without a mosaic.
+        """
+        data = self.data
+        if data.cell is None:
+            return
+        patterns = {form: ImageMaps("repeat", repeat=repeat) for form, repeat in _IN_TURN.items()}
+        patterns["quarters of the sensor"] = ImageMaps("quarters")
+        places = ImageMaps("repeat", repeat=data.cell)
+        seen = places.matrix(data.shape) @ data.used.reshape(len(data.bands), -1).T.astype(float) > 0
+        if seen.sum(axis=0).max() > 1:  # a channel has several places
+            patterns["places of the mosaic's repeat"] = places
+        bands = len(data.bands)
+        for form, maps in patterns.items():
+            columns, within, share = self._columns(maps), self._within_bands(maps), self._shares(maps)
+            fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(bands))
+            words = self._apart(fit.coefficients, share if maps is places else None, unit)
+            yield self._sharp(f"{form}, {words}", fit, columns, maps, len(patterns))
+            n = equations_in_all_bands(data, within)
+            fit = max((fixed_spectrum(n, band) for band in np.eye(bands)), key=lambda trial: trial.evidence)
+            mean = np.sum(share * fit.coefficients, axis=1, keepdims=True)
+            band = np.arange(bands)[:, None] == int(np.argmax(fit.size))
+            fit = replace(fit, coefficients=np.where(band & (share > 0), fit.coefficients - mean, 0.0))
+            words = self._apart(fit.coefficients, share, unit)
+            yield self._sharp(f"{form} in one band, {words}", fit, columns, maps, len(patterns) * bands)
+
+    def black_levels(self) -> Iterator[FittedExplanation]:
+        """The same number in all pixels of one channel.
+
+        Yields
+        ------
+        FittedExplanation
+            The channel that gains most, and each channel otherwise. Nothing without a mosaic.
+        """
+        if self.data.cell is None:
+            return
+        maps, bands = ImageMaps("cosines"), len(self.data.bands)
+        columns = self._columns(maps)
+        n = equations_in_all_bands(self.data, columns)
+        fit = max((fixed_spectrum(n, band) for band in np.eye(bands)), key=lambda trial: trial.evidence)
+        where = self.data.bands[int(np.argmax(fit.size))]
+        form = f"a black level in one band, {float(fit.coefficients.sum()):+.3g} DN in {where}"
+        yield self._sharp(form, fit, columns, maps, bands)
+        each = each_band(n)
+        form = f"a black level in each band, {np.abs(each.coefficients).max():.3g} DN at most"
+        yield self._sharp(form, each, columns, maps, 1)
+
+    def _shares(self, maps: ImageMaps) -> NDArray[np.float64]:
+        """(band, k) shares of a band's used pixels in each map."""
+        used = self.data.used.reshape(len(self.data.bands), -1).T.astype(float)
+        count = np.asarray(maps.matrix(self.data.shape) @ used).T
+        return count / np.maximum(count.sum(axis=1, keepdims=True), 1.0)
+
+    def _within_bands(self, maps: ImageMaps) -> Columns:
+        """Changes by maps less their mean over the pixels that a band sees."""
+        matrix, share = csr_matrix(maps.matrix(self.data.shape)).toarray(), self._shares(maps)
+        return lambda band: np.asarray((matrix - share[band][:, None]) * self.operator[band].ravel())
+
+    def _apart(self, coefficients: NDArray[np.float64], share: NDArray[np.float64] | None, unit: str) -> str:
+        """Distance of the largest and smallest of numbers (band, k), in the band where its maps are farthest apart.
+
+        share : (band, k) share of each band's pixels in the maps; None for maps that all bands share.
+        """
+        inside = np.ones(coefficients.shape, bool) if share is None else share > 0
+        apart = [float(np.ptp(each[of])) if of.any() else 0.0 for each, of in zip(coefficients, inside, strict=True)]
+        most = int(np.argmax(apart))
+        words = f"{apart[most]:.2%} apart" if unit == "%" else f"{apart[most]:.3g}{unit} apart"
+        return words if share is None else f"{words} in {self.data.bands[most]}"
+
+    def _sharp(
+        self, form: str, fit: FieldFit, columns: Columns, maps: ImageMaps, num_choices: int
+    ) -> FittedExplanation:
+        """A form that errors of the rendering do not make."""
+        return FittedExplanation(self.family, form, fit, columns, self.acts, maps, sharp=True, num_choices=num_choices)
 
     def waves(self, of_one_band: Callable[[Wave, int], FittedExplanation] | None = None) -> Iterator[FittedExplanation]:
         """Straight waves and rings.

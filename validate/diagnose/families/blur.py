@@ -23,6 +23,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
+from ._charge import TRAILS, moved_charge
 from ._copies import copies
 from ._spectra import forms_by_spectrum
 
@@ -40,9 +41,6 @@ _ROUND_LEAVES = 0.01
 
 #: Directions of streaks that are tried, degrees from the rows, downwards.
 _STREAKS_DEG = tuple(range(0, 180, 15))
-
-#: Ways along which charge may trail, in words, by degrees from the rows, downwards.
-_TRAILS = {0: "to the right", 90: "down", 180: "to the left", 270: "up"}
 
 #: Directions in words, at 0, 45, 90 and 135 degrees from the rows, downwards.
 _LINES = ("the rows", "the falling diagonal", "the columns", "the rising diagonal")
@@ -64,7 +62,9 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         FAMILY, "a wide halo", equations_in_all_bands(data, halo), halo, "halo", ImageMaps("cosines")
     )
     yield max((_streak(data, angle) for angle in _STREAKS_DEG), key=lambda explanation: explanation.evidence)
-    yield from (_trail(data, angle) for angle in _TRAILS)
+    if data.charge is None:
+        yield from (_trail(data, angle) for angle in TRAILS)
+    yield from moved_charge(data, FAMILY)
     yield from copies(data, FAMILY)
 
 
@@ -88,8 +88,8 @@ def _trail(data: ResidualData, angle_deg: int) -> FittedExplanation:
     """Charge that stays behind in the register and is read with pixels that follow."""
     columns = _even_exchange(data, "trail", angle_deg)
     fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
-    form = f"trails {_TRAILS[angle_deg]}"
-    choices, maps = len(_TRAILS), ImageMaps("cosines")
+    form = f"trails {TRAILS[angle_deg]}"
+    choices, maps = len(TRAILS), ImageMaps("cosines")
     return FittedExplanation(
         FAMILY, form, fit, columns, "trail", maps, sharp=True, num_choices=choices, angle_deg=angle_deg
     )
@@ -262,6 +262,17 @@ _ADVICE = (
         "in the register of the sensor",
         ("charge left behind in a cold register", "a read-out that is too fast", "radiation damage"),
         "Photograph a bright edge on a dark ground with a slower read-out: trails of a register get shorter.",
+    ),
+    Advice(
+        "charge that leaks",
+        "between pixels of the sensor",
+        (
+            "wells whose walls leak along one line",
+            "charge left behind at each shift",
+            "amplifiers of neighbours that couple",
+        ),
+        "Light single pixels through a pinhole, or look at hot pixels of long darks: only neighbours in that way are "
+        "brighter. Turn the camera by 90 degrees and photograph again: the way keeps to the sensor.",
     ),
     Advice(
         "along ",

@@ -32,9 +32,9 @@ __all__ = ["FAMILY"]
 _ENVELOPE_ORDER = 8
 
 
-def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+def _patterns(fit_input: FitInput) -> SensorPatterns:
     data = fit_input.data
-    patterns = SensorPatterns(
+    return SensorPatterns(
         FAMILY,
         "gain",
         fit_input,
@@ -42,7 +42,16 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         by_exposure=1 / data.exposure_s - 1 / data.flat_exposure_s,
         exposure_form="as of a shutter's opening",
     )
+
+
+def _amplifiers(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    yield from _patterns(fit_input).of_amplifiers("%")
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data, patterns = fit_input.data, _patterns(fit_input)
     yield from patterns.over_the_sensor()
+    yield from _amplifiers(fit_input)
     yield from patterns.single_pixels()
     yield from patterns.waves(lambda wave, num_choices: _interference(data, wave, num_choices))
     yield from patterns.spots()
@@ -73,6 +82,34 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
 
 #: Words for the laboratory.
 _ADVICE = (
+    Advice(
+        "in one band,",
+        "in the read-out of one channel's pixels",
+        (
+            "two amplifiers that read the greens",
+            "neighbours of unlike colour that leak charge",
+            "a raw file whose channels were scaled otherwise",
+        ),
+        "Photograph an evenly lit card through a narrow filter: the channel's pixels then differ by amplifiers alone.",
+    ),
+    Advice(
+        "every second",
+        "in the read-out",
+        ("two amplifiers of unlike gain", "two converters that read in turn", "gains that drifted since the flats"),
+        "Photograph an evenly lit card at two exposures: rows or columns in turn differ by the same part.",
+    ),
+    Advice(
+        "quarters",
+        "in the read-out",
+        ("four amplifiers of unlike gain", "a gain that drifted since the flats", "a shutter of two halves"),
+        "Photograph an evenly lit card at two exposures: quarters differ by the same part, with straight borders.",
+    ),
+    Advice(
+        "mosaic's repeat",
+        "in the read-out",
+        ("amplifiers that read pixels in turn", "gains that drifted since the flats", "a wrong phase of the mosaic"),
+        "Take new flats right after the scene, and calibrate with them.",
+    ),
     Advice(
         "single pixels",
         "in pixels of the sensor",
@@ -135,6 +172,7 @@ FAMILY = Family(
     acts_on="sensor",
     generate=_generate,
     order=20,
+    rivals=_amplifiers,
     spot_log_odds=_spot_log_odds,
     advice=_ADVICE,
 )

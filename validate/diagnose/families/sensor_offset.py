@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from cboxlab.rendering.fitted_fields import ImageMaps, parts_of_levels
+from cboxlab.rendering.fitted_fields import LEVELS, ImageMaps, parts_of_levels
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
@@ -18,6 +19,7 @@ from ..field_fit import (
     FittedExplanation,
     ResidualData,
     SpotAppearance,
+    each_band,
     equations_in_all_bands,
     fixed_spectrum,
     scaled,
@@ -33,9 +35,9 @@ _MIN_FLAT = 0.05
 _WITHOUT_LIGHT = 1
 
 
-def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+def _patterns(fit_input: FitInput) -> SensorPatterns:
     data = fit_input.data
-    patterns = SensorPatterns(
+    return SensorPatterns(
         FAMILY,
         "offset",
         fit_input,
@@ -44,7 +46,21 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         exposure_form="that grows with the exposure",
         common_variance=_variance_of_darks(data),
     )
+
+
+def _of_channels(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    """Black levels and bends of single channels, and of amplifiers in turn; nothing without a mosaic."""
+    patterns = _patterns(fit_input)
+    yield from patterns.of_amplifiers(" DN")
+    yield from patterns.black_levels()
+    if fit_input.data.cell is not None:
+        yield from _bends(fit_input.data)
+
+
+def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    data, patterns = fit_input.data, _patterns(fit_input)
     yield from patterns.over_the_sensor()
+    yield from _of_channels(fit_input)
     yield from patterns.single_pixels()
     yield from patterns.waves()
     yield from patterns.spots()
@@ -73,6 +89,33 @@ def _by_level(data: ResidualData) -> FittedExplanation:
     return FittedExplanation(FAMILY, form, fit, columns, "levels", ImageMaps("cosines"), most_dn=most)
 
 
+def _bends(data: ResidualData) -> Iterator[FittedExplanation]:
+    """Counts that bend in one channel or in each otherwise: their part grows with the count."""
+    counts = data.signal * data.flat
+    most = float(counts[data.used].max())
+
+    def columns(band: int) -> NDArray[Any] | csr_matrix:
+        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(data.flat[band], _MIN_FLAT))
+
+    level = np.linspace(0.0, most, LEVELS)
+    # flats and reference bend as well, which leaves another level of the channel
+    parts = np.array([level, level * level / most])
+    n = equations_in_all_bands(data, columns).of_sums(parts)
+    fits = {
+        "in one band": max((fixed_spectrum(n, band) for band in np.eye(len(n.b))), key=lambda fit: fit.evidence),
+        "in each band otherwise": each_band(n),
+    }
+    for where, fit in fits.items():
+        strongest = int(np.argmax(fit.size))
+        bend = fit.coefficients[strongest, 1]
+        form = f"a bend of the counts {where}, {bend:.2%} at {most:.0f} DN in {data.bands[strongest]}"
+        choices = len(n.b) if where == "in one band" else 1
+        fit = replace(fit, coefficients=fit.coefficients @ parts)
+        yield FittedExplanation(
+            FAMILY, form, fit, columns, "levels", ImageMaps("cosines"), sharp=True, most_dn=most, num_choices=choices
+        )
+
+
 def _spot_log_odds(spot: SpotAppearance) -> float:
     """Amplifiers, which glow, sit at the border of a sensor."""
     return 0.0 if spot.at_the_border else -PENALTY_UNLIKELY
@@ -80,6 +123,44 @@ def _spot_log_odds(spot: SpotAppearance) -> float:
 
 #: Words for the laboratory.
 _ADVICE = (
+    Advice(
+        "black level",
+        "in the read-out of one channel",
+        (
+            "a black level that differs between channels",
+            "a raw file whose black level was subtracted twice",
+            "light in the dark frames",
+        ),
+        "Cover the lens and take frames of the shortest exposure: each channel's mean is its black level.",
+    ),
+    Advice(
+        "a bend",
+        "in the read-out of one channel",
+        ("an amplifier near its limit", "a raw file with a curve", "charge that a full pixel gives away"),
+        "Photograph an evenly lit card at ten exposure times, and fit each channel's counts over time.",
+    ),
+    Advice(
+        "every second",
+        "in the read-out",
+        ("two amplifiers of unlike offset", "two converters that read in turn", "a changed read-out setting"),
+        "Cover the lens and take frames of the shortest exposure: rows or columns in turn differ there as well.",
+    ),
+    Advice(
+        "quarters",
+        "in the read-out",
+        ("four amplifiers of unlike offset", "an amplifier that drifted since the darks", "a changed read-out setting"),
+        "Cover the lens and take darks again: quarters that stay come from the amplifiers.",
+    ),
+    Advice(
+        "mosaic's repeat",
+        "in the read-out",
+        (
+            "amplifiers that read pixels in turn",
+            "unlike black levels",
+            "a wrong phase of the mosaic",
+        ),
+        "Cover the lens and take frames of the shortest exposure: places that stay come from the read-out.",
+    ),
     Advice(
         "single pixels",
         "in pixels of the sensor",
@@ -142,6 +223,7 @@ FAMILY = Family(
     acts_on="sensor",
     generate=_generate,
     order=10,
+    rivals=_of_channels,
     additive=True,
     spot_log_odds=_spot_log_odds,
     advice=_ADVICE,

@@ -33,12 +33,13 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
     yield from _in_order(fit_input, repeats)
     if repeats > 0 or not np.isfinite(fit_input.data.repeat_sigma).any():  # single frames carry no other information
         columns = relative_levels(fit_input.data)
-        fit = fit_levels(level_equations(fit_input.data), np.eye(len(fit_input.data.bands)), repeats)
+        _, frame = np.unique(fit_input.data.minutes, return_inverse=True)
+        fit = fit_levels(level_equations(fit_input.data), np.eye(int(frame.max()) + 1)[frame], repeats)
         yield FittedExplanation(FAMILY, "levels that differ from frame to frame", fit, columns, "gain", EVEN)
 
 
 def _in_order(fit_input: FitInput, repeats: float = 0.0) -> Iterator[FittedExplanation]:
-    """Steps, drifts and persistence.
+    """Steps, drifts and persistence; channels of one frame have one time, and without a second one nothing changed.
 
     repeats : 2 ln evidence from differences of repeats; against effects the picture alone counts.
     """
@@ -48,19 +49,21 @@ def _in_order(fit_input: FitInput, repeats: float = 0.0) -> Iterator[FittedExpla
     def levels(form: str, fit: FieldFit, num_choices: int = 1) -> FittedExplanation:
         return FittedExplanation(FAMILY, form, fit, columns, "gain", EVEN, num_choices=num_choices)
 
+    moments, rank = np.unique(data.minutes, return_inverse=True)
+    if len(moments) < 2:
+        return
     n = level_equations(data)
-    bands = len(data.bands)
-    rank = np.argsort(np.argsort(data.minutes))
-    time = data.minutes - data.minutes.min()
-    for first, last in combinations(range(bands + 1), 2):
-        if (first, last) == (0, bands):
+    number = len(moments)
+    time = data.minutes - moments[0]
+    for first, last in combinations(range(number + 1), 2):
+        if (first, last) == (0, number):
             continue
-        form = "a step of the lamp" if first == 0 or last == bands else "another level of the lamp for a while"
+        form = "a step of the lamp" if first == 0 or last == number else "another level of the lamp for a while"
         inside = ((rank >= first) & (rank < last)).astype(float)
-        yield levels(form, fit_levels(n, inside[:, None], repeats), bands * (bands + 1) // 2)
-    for k in range(1, bands - 1):
-        ramp = np.maximum(time - np.sort(time)[k], 0)
-        yield levels("a drift of the lamp that sets in", fit_levels(n, ramp[:, None], repeats), bands)
+        yield levels(form, fit_levels(n, inside[:, None], repeats), number * (number + 1) // 2)
+    for moment in moments[1:-1]:
+        ramp = np.maximum(data.minutes - moment, 0)
+        yield levels("a drift of the lamp that sets in", fit_levels(n, ramp[:, None], repeats), number)
     powers = np.array([(time / max(time.max(), 1e-9)) ** p for p in (1, 2, 3)]).T
     yield levels("a drift of the lamp", fit_levels(n, powers[:, :2], repeats))
     yield _persistence(data, repeats)
@@ -74,8 +77,11 @@ def _persistence(data: ResidualData, repeats: float) -> FittedExplanation:
     bands = len(data.bands)
     frames = np.maximum(np.isfinite(data.repeats).sum(axis=1), 1)
     before = np.diag((frames - 1.0) / frames)
-    order = np.argsort(data.minutes, kind="stable")
-    before[order[1:], order[:-1]] += 1 / frames[order[1:]]
+    _, rank = np.unique(data.minutes, return_inverse=True)
+    for band in np.flatnonzero(rank):
+        earlier = np.flatnonzero(rank == rank[band] - 1)
+        same_pixels = [int((data.used[band] & data.used[other]).sum()) for other in earlier]
+        before[band, earlier[int(np.argmax(same_pixels))]] += 1 / frames[band]
     signal = data.signal.reshape(bands, -1)
 
     def previous(band: int) -> NDArray[Any]:

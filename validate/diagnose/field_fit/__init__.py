@@ -15,7 +15,7 @@ from .field import (
     solve_coefficients,
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
-from .residual_data import ResidualData, Transport
+from .residual_data import ChargeExchange, ResidualData, Transport
 from .spot_appearance import (
     PENALTY_IMPOSSIBLE,
     PENALTY_ODD,
@@ -34,6 +34,7 @@ __all__ = [
     "PENALTY_UNLIKELY",
     "ActsOn",
     "Advice",
+    "ChargeExchange",
     "Columns",
     "Family",
     "FieldFit",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -9,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-__all__ = ["ResidualData", "Transport"]
+__all__ = ["ChargeExchange", "ResidualData", "Transport"]
+
+#: Change (band, y, x) of the signal, DN, by a unit of an exchange of charge. The exchange gives the change of raw
+#: frames (band, y, x) above dark by these frames.
+ChargeExchange = Callable[[Callable[[NDArray[np.float64]], NDArray[np.float64]]], NDArray[np.float64]]
+
+#: Side of the squares that are held out in turn, px; that of a mosaic's repeat where larger.
+_HELD_OUT_PX = 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,6 +122,10 @@ class ResidualData:
     repeat_sigma: NDArray[np.float64]
     #: Light exchange of the scene.
     transport: Transport
+    #: Rows and columns of one repeat of the sensor's mosaic, px; None without a mosaic.
+    cell: tuple[int, int] | None = None
+    #: Exchange of charge in all raw frames; None without a mosaic, where pixels exchange light of one band alone.
+    charge: ChargeExchange | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -193,6 +205,10 @@ class ResidualData:
 
     @cached_property
     def held_out(self) -> NDArray[np.bool_]:
-        """(y, x) pixels excluded from trial fits: squares of 2 x 2 pixels, as on a chessboard."""
+        """(y, x) pixels excluded from trial fits: squares of 2 x 2 pixels, or repeats of a mosaic, as on a chessboard.
+
+        So each band has pixels in either colour, however its mosaic repeats.
+        """
         rows, columns = np.indices(self.shape)
-        return ((rows // 2 + columns // 2) % 2).astype(bool)
+        height, width = (max(_HELD_OUT_PX, side) for side in self.cell or (1, 1))
+        return ((rows // height + columns // width) % 2).astype(bool)
