@@ -89,6 +89,17 @@ def test_a_data_set():
     assert len(pictures.model(0).scene.surfaces) > 5
 
 
+@pytest.mark.parametrize("content", ["[]", '[["a", 1]]', "3", "null"])
+def test_a_data_sets_json_without_an_object_is_refused(tmp_path, content):
+    shutil.copytree(OLD / "dataset", tmp_path / "dataset")
+    (tmp_path / "dataset" / "boxes" / "000000" / "box.json").write_text(content)
+    with pytest.raises(cboxlab.InputError, match=r"box\.json.*JSON without an object"):
+        cboxlab.open_dataset(tmp_path / "dataset").drawn_values(0)
+    (tmp_path / "dataset" / "dataset.json").write_text(content)
+    with pytest.raises(cboxlab.InputError, match=r"dataset\.json.*JSON without an object"):
+        cboxlab.open_dataset(tmp_path / "dataset")
+
+
 def test_a_version_that_comes_later_is_named(tmp_path):
     """A file of a format that does not exist yet: which formats this version reads."""
     shutil.copytree(OLD / "capture", tmp_path / "capture")

@@ -16,7 +16,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 Pairs = dict[str, tuple[Callable[[Path], Path], Callable[[Path], object]]]
 
 
-def _written(name: str, write: Callable[[Path], object]) -> Callable[[Path], Path]:
+def written_file(name: str, write: Callable[[Path], object]) -> Callable[[Path], Path]:
     """What writes a file of that name."""
 
     def sound(folder: Path) -> Path:
@@ -26,12 +26,12 @@ def _written(name: str, write: Callable[[Path], object]) -> Callable[[Path], Pat
     return sound
 
 
-def _text(name: str, content: str) -> Callable[[Path], Path]:
-    return _written(name, lambda path: path.write_text(content, encoding="utf-8"))
+def text_file(name: str, content: str) -> Callable[[Path], Path]:
+    return written_file(name, lambda path: path.write_text(content, encoding="utf-8"))
 
 
 def _copy(name: str, source: Path) -> Callable[[Path], Path]:
-    return _written(name, lambda path: path.write_bytes(source.read_bytes()))
+    return written_file(name, lambda path: path.write_bytes(source.read_bytes()))
 
 
 def frames() -> Pairs:
@@ -55,27 +55,27 @@ def frames() -> Pairs:
 
     keywords = {"EXPTIME": 2.0, "FOCRATIO": 8}
     return {
-        "dng": (_written("a.dng", lambda path: write_dng(path, counts)), read_pictures),
+        "dng": (written_file("a.dng", lambda path: write_dng(path, counts)), read_pictures),
         "fits-cube": (
-            _written("a.fits", lambda path: write_fits(path, repeats, **keywords)),
+            written_file("a.fits", lambda path: write_fits(path, repeats, **keywords)),
             read_pictures,
         ),
-        "fits-gz": (_written("a.fits.gz", packed), read_pictures),
-        "fits-fz": (_written("a.fits.fz", lambda path: write_fits(path, repeats, GAIN=3)), read_pictures),
+        "fits-gz": (written_file("a.fits.gz", packed), read_pictures),
+        "fits-fz": (written_file("a.fits.fz", lambda path: write_fits(path, repeats, GAIN=3)), read_pictures),
         "tiff-pages": (
-            _written("a.tif", lambda path: tifffile.imwrite(path, repeats, compression="zlib", **grey)),
+            written_file("a.tif", lambda path: tifffile.imwrite(path, repeats, compression="zlib", **grey)),
             read_pictures,
         ),
         "tiff-merged": (
-            _written("a.tif", lambda path: tifffile.imwrite(path, merged)),
+            written_file("a.tif", lambda path: tifffile.imwrite(path, merged)),
             read_values,
         ),
         "imagej": (
-            _written("a.tif", lambda path: tifffile.imwrite(path, repeats, imagej=True, metadata={"axes": "TYX"})),
+            written_file("a.tif", lambda path: tifffile.imwrite(path, repeats, imagej=True, metadata={"axes": "TYX"})),
             read_pictures,
         ),
-        "hdr-frame": (_written("a.hdr", lambda path: write_rgbe(path, np.ones((8, 12, 3)))), read_values),
-        "exr-frame": (_written("a.exr", lambda path: write_channels(path, {}, {"f550": merged})), read_values),
+        "hdr-frame": (written_file("a.hdr", lambda path: write_rgbe(path, np.ones((8, 12, 3)))), read_values),
+        "exr-frame": (written_file("a.exr", lambda path: write_channels(path, {}, {"f550": merged})), read_values),
     }
 
 
@@ -118,17 +118,17 @@ def tables() -> Pairs:
         return file_mesh(path, 1.0)
 
     instruments = {
-        f"spectrum-{name}": (_text("spectrum.txt", sample.text), read_instrument_file)
+        f"spectrum-{name}": (text_file("spectrum.txt", sample.text), read_instrument_file)
         for name, sample in INSTRUMENTS.items()
     }
     return instruments | {
-        "recipe": (_text("recipe.toml", PLAIN), load_recipe),
-        "lens": (_text("camera.json", json.dumps(camera, indent=1)), read_camera),
-        "effect": (_text("gradient.toml", field), load_effect_file),
-        "obj": (_text("mesh.obj", corners), mesh),
-        "ply": (_text("mesh.ply", heading + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), mesh),
-        "stl": (_text("mesh.stl", ball), mesh),
-        "result": (_text("manifest.json", json.dumps(manifest, indent=1)), lambda path: verify(path.parent)),
+        "recipe": (text_file("recipe.toml", PLAIN), load_recipe),
+        "lens": (text_file("camera.json", json.dumps(camera, indent=1)), read_camera),
+        "effect": (text_file("gradient.toml", field), load_effect_file),
+        "obj": (text_file("mesh.obj", corners), mesh),
+        "ply": (text_file("mesh.ply", heading + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), mesh),
+        "stl": (text_file("mesh.stl", ball), mesh),
+        "result": (text_file("manifest.json", json.dumps(manifest, indent=1)), lambda path: verify(path.parent)),
     }
 
 
@@ -161,9 +161,9 @@ def cubes() -> Pairs:
     return {
         **{f"envi-{source.stem}": (_copy("a.hdr", source), read_header) for source in headers},
         **formats,
-        "regress-exr": (_written("a.exr", lambda path: write_channels(path, {}, colours)), read_stack),
-        "regress-hdr": (_written("a.hdr", lambda path: write_rgbe(path, np.ones((6, 8, 3)))), read_radiance),
-        "spectral-exr": (_written("a.exr", lambda path: write_channels(path, unit, spectral)), read_picture),
+        "regress-exr": (written_file("a.exr", lambda path: write_channels(path, {}, colours)), read_stack),
+        "regress-hdr": (written_file("a.hdr", lambda path: write_rgbe(path, np.ones((6, 8, 3)))), read_radiance),
+        "spectral-exr": (written_file("a.exr", lambda path: write_channels(path, unit, spectral)), read_picture),
     }
 
 

@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import TextIO
 
 from further_readers import further_readers
+from newer_readers import newer_readers
 
 LONGEST_S, MOST_BYTES = 2.0, 256 * 2**20
 
@@ -245,7 +246,7 @@ def readers() -> dict[str, Reader]:
             written("entry", lambda path: store_checked(path, "key", b"picture")),
             lambda path: load_checked(path, "key"),
         ),
-        **{name: Reader(sound, read) for name, (sound, read) in further_readers().items()},
+        **{name: Reader(sound, read) for name, (sound, read) in (further_readers() | newer_readers()).items()},
     }
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "kind_of",
     "read_channels",
     "read_json",
+    "read_json_object",
     "read_rows",
     "read_text",
     "read_toml",
@@ -351,6 +352,32 @@ def read_json(path: Path, expected: str) -> Any:
         raise InputError(path, "values nested too deeply", expected) from None
     except ValueError as error:
         raise InputError(path, f"a fault in the JSON: {error}", expected) from None
+
+
+def read_json_object(path: Path, expected: str) -> dict[str, Any]:
+    """Content of a JSON file that holds one object.
+
+    Parameters
+    ----------
+    path
+        The file.
+    expected
+        Words for the file that should be there.
+
+    Returns
+    -------
+    dict
+        The object.
+
+    Raises
+    ------
+    InputError
+        As `read_json`, and for another content, such as a list.
+    """
+    content = read_json(path, expected)
+    if not isinstance(content, dict):
+        raise InputError(path, "JSON without an object at the top", expected)
+    return content
 
 
 def read_rows(path: Path, expected: str = "a CSV file") -> list[tuple[int, list[str]]]:

@@ -14,7 +14,7 @@ from typing import Any
 from cboxlab.rendering.dataset import Recipe
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.input_files import read_json
+from cboxlab.utils.input_files import read_json_object
 
 __all__ = [
     "FAILED",
@@ -112,7 +112,7 @@ class Layout:
             try:
                 record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
                 size = (self.folder / record["file"]).stat().st_size
-            except (OSError, ValueError, KeyError):
+            except (OSError, ValueError, KeyError, TypeError):
                 continue
             if size == record.get("bytes"):
                 return record
@@ -166,7 +166,7 @@ def read_box(layout: Layout, number: int) -> dict[str, Any]:
     for failed in (False, True):
         path = layout.box(number, failed) / "box.json"
         if path.exists():
-            return dict(read_json(path, "the drawn values of a box"))
+            return read_json_object(path, "the drawn values of a box")
     raise InputError(layout.box(number), "no box.json", "the drawn values of a box")
 
 
@@ -217,10 +217,10 @@ def read_state(folder: Path) -> dict[str, Any]:
         If the folder holds no data set of this format.
     """
     path = folder / STATE
-    state = read_json(path, "the state of a data set")
+    state = read_json_object(path, "the state of a data set")
     if state.get("format") != FORMAT:
         raise InputError(f"{path}: format", repr(state.get("format")), repr(FORMAT))
-    return dict(state)
+    return state
 
 
 def begin(recipe: Recipe, recipe_file: Path, folder: Path) -> Layout:

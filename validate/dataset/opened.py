@@ -22,7 +22,7 @@ from cboxlab.utils.arguments import (
 )
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
-from cboxlab.utils.input_files import read_json, require_regular_file
+from cboxlab.utils.input_files import read_json_object, require_regular_file
 from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
@@ -150,7 +150,7 @@ class Dataset(FrozenMappings):
             If there is no such row, or its box.json cannot be read.
         """
         path = (self.folder / self._row(number)["model"]).with_name("box.json")
-        return dict(read_json(path, "the drawn values of a box"))
+        return read_json_object(path, "the drawn values of a box")
 
     def arrays(self, *names: str) -> Arrays:
         """Pictures as NumPy arrays, for a loader of PyTorch and the like.

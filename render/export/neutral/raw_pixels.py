@@ -66,12 +66,15 @@ def npy_pixels(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """
     require_regular_file(path, _EXPECTED, _HINT)
     try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(path, str(error), "a NumPy array") from None
+        array = np.load(path, mmap_mode="r", allow_pickle=False)  # a header may state more than the file holds
+    except Exception as error:  # the reader raises exceptions of any type on damaged files
+        raise InputError(path, f"{type(error).__name__}: {error}", "a NumPy array") from None
     if array.shape != shape:
         raise InputError(path, f"an array {array.shape}", f"an array {shape}")
-    return np.asarray(array, np.float64)
+    try:
+        return np.array(array, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(path, f"values of the type {array.dtype}", "numbers") from None
 
 
 def exr_pixels(path: Path, shape: tuple[int, int], channels: list[str]) -> NDArray[np.float64]:

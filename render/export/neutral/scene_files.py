@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import numpy as np
 from cboxlab.scenes.scene import Surface
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.input_files import read_json
+from cboxlab.utils.input_files import read_channels, read_json, read_json_object, require_regular_file
+from cboxlab.utils.limits import MAX_PACKED_BYTES, require_size
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -318,10 +320,28 @@ def read_surfaces(folder: Path) -> tuple[NDArray[np.int16], tuple[str, ...]]:
         (y, x) index into the names, or LAMP or NOTHING as in ``RenderedImage.surface``.
     names
         Names of the surfaces.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` is no export, or the map is missing, damaged or of another picture.
     """
-    names = tuple(surface["name"] for surface in read_json(folder / "scene.json", "a scene.json")["surfaces"])
-    with Image.open(folder / "surfaces.png") as picture:
-        index = np.asarray(picture).astype(np.int16)
+    layout, path = read_layout(folder), folder / "scene.json"
+    surfaces = read_json_object(path, "a scene.json").get("surfaces")
+    if not isinstance(surfaces, list) or not all(
+        isinstance(s, dict) and isinstance(s.get("name"), str) for s in surfaces
+    ):
+        raise InputError(f"{path}: surfaces", "no list of surfaces with names", "a scene.json as an export writes it")
+    names = tuple(str(surface["name"]) for surface in surfaces)
+    picture = read_channels(folder / "surfaces.png")
+    if picture.shape != (layout.height_px, layout.width_px, 1):
+        expected = f"a grey picture of {layout.width_px} x {layout.height_px} px"
+        raise InputError(folder / "surfaces.png", f"an array of shape {picture.shape}", expected)
+    index = np.rint(_EMPTY_PIXEL * picture[..., 0]).astype(np.int16)
+    unknown = index[(index >= len(names)) & (index < _LAMP_PIXEL)]
+    if unknown.size:
+        fault = f"the number {unknown.min()} of a surface"
+        raise InputError(folder / "surfaces.png", fault, f"numbers from 0 to {len(names) - 1}")
     index[index == _LAMP_PIXEL], index[index == _EMPTY_PIXEL] = LAMP, NOTHING
     return index, names
 
@@ -338,9 +358,31 @@ def read_warp(folder: Path) -> tuple[NDArray, NDArray, NDArray] | None:
     -------
     tuple of NDArray or None
         Rows, columns and weights of ``pixel_means``; None for a camera without distortion.
+
+    Raises
+    ------
+    InputError
+        If ``folder`` is no export, or the file is damaged or of another picture.
     """
     path = folder / "warp.npz"
     if not path.exists():
         return None
-    with np.load(path) as stored:
-        return stored["row"], stored["column"], stored["weight"]
+    layout, expected = read_layout(folder), "rows, columns and weights of pixels as an export writes them"
+    require_regular_file(path, expected)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            require_size(path, sum(each.file_size for each in archive.infolist()), MAX_PACKED_BYTES, "unpacked bytes")
+        with np.load(path) as stored:
+            row, column, weight = (np.atleast_1d(stored[key]) for key in ("row", "column", "weight"))
+    except InputError:
+        raise
+    except Exception as error:  # the reader raises exceptions of any type on damaged files
+        raise InputError(path, f"{type(error).__name__}: {error}", expected) from None
+    sizes = layout.height_px * layout.width_px, layout.film_height_px * layout.film_width_px
+    indices = all(
+        each.shape == weight.shape == (weight.size,) and each.dtype.kind in "iu" and np.all((each >= 0) & (each < size))
+        for each, size in zip((row, column), sizes, strict=True)
+    )
+    if not indices or weight.dtype.kind != "f" or not np.isfinite(weight).all():
+        raise InputError(path, "other numbers than those of its picture", expected)
+    return row, column, weight

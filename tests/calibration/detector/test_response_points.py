@@ -1,14 +1,16 @@
 """Response series out of a capture's own tables: a sphere at several settings, through the whole calibration."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
-from cboxlab.calibration.detector.response_points import _middle, response_points
+from cboxlab.calibration.detector.response_points import ResponsePoint, _middle, light_series, response_points
 from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.calibration.result.write import write_calibration
-from helpers.fakes.capture import DISTANCE_MM, F_NUMBER, GAIN, READ_NOISE, FakeCapture
+from helpers.fakes.capture import BIAS, DISTANCE_MM, F_NUMBER, GAIN, READ_NOISE, FakeCapture
 
 TIMES, STOPS, DISTANCES, LEVELS = (0.25, 0.5, 1.0), (5.6, 11.0, 16.0), (40.0, 46.0, 52.0), (0.1, 0.25, 0.5)
 
@@ -41,10 +43,13 @@ def series_capture(folder, late_s=0.0, times=TIMES, further=True, shade=0.0):
         for border in (np.s_[-fake.height // 5 :, :], np.s_[:, -fake.width // 5 :]):
             signal[border] *= 1 - shade * (index % 2)
         column = "sphere" if level == 1 else f"sphere{level:g}"
-        tifffile.imwrite(folder / f"frames/series-{index}.tif", fake.counts(signal, seconds))
+        # the last one has a repeat
+        names = [f"frames/series-{index}.tif", "frames/repeat.tif"][: 1 + (index == len(settings) - 1)]
+        for name in names:
+            tifffile.imwrite(folder / name, fake.counts(signal, seconds))
         text += (
             f'[[reference]]\nband = "f550"\nradiance = "spectra/all.csv:{column}"\nexposure_s = {seconds}\n'
-            f'f_number = {stop}\nimage_distance_mm = {distance}\nframes = ["frames/series-{index}.tif"]\n'
+            f"f_number = {stop}\nimage_distance_mm = {distance}\nframes = {names}\n"
         )
         if seconds not in darks and seconds != base:
             darks.add(seconds)
@@ -77,17 +82,56 @@ def test_the_slopes_are_the_sensor_equation(straight):
     assert abs(fit.slope - expected) < 4.5 * fit.slope_sigma
 
 
-def test_a_points_error_is_that_of_a_mean(straight):
-    """Shot noise of the middle's pixels over the root of their number; read noise of frame and darks at most thrice."""
+@pytest.fixture(scope="module")
+def points(straight):
     capture = straight.capture
     dark = read_darks(capture)
     noise = measure_noise(capture, dark)
-    points = response_points(capture, correct_bands(capture, dark, noise), dark, noise)
-    pixels = _middle(capture.shape).sum()
-    floor = (READ_NOISE / GAIN) ** 2 + 1 / 12
+    return response_points(capture, correct_bands(capture, dark, noise), dark, noise)
+
+
+#: Variance of a count without charge, DN^2.
+FLOOR = (READ_NOISE / GAIN) ** 2 + 1 / 12
+
+
+def test_a_points_error_is_that_of_a_mean(straight, points):
+    """Shot noise of the middle's pixels over the root of their number; read noise of frame and darks at most thrice."""
+    pixels, floor = _middle(straight.capture.shape).sum(), FLOOR
+    assert {point.frames for point in points} == {1, 2}
     for point in points:
         shot = point.signal_dn / GAIN / point.frames / pixels
         assert 0.9 * shot < point.sigma_dn**2 < 1.1 * (shot + 3 * floor / pixels)
+
+
+def test_the_error_that_points_share_is_that_of_the_flats_mean(straight, points):
+    """By the noise that the fake camera has, over the root of the number of all counts of the middle of the flat."""
+    (flat,) = straight.capture.flats("f550")
+    middle = _middle(straight.capture.shape)
+    level = straight.capture.frames(flat).mean(axis=0)[middle].mean() - BIAS
+    counts = len(flat.frames) * middle.sum()
+    shot, most = (np.sqrt((level / GAIN + share * FLOOR) / counts) / level for share in (0, 3))
+    for point in points:
+        assert 0.95 * shot < point.flat_sigma < 1.05 * most
+
+
+def test_a_points_count_is_the_mean_of_what_is_stored(straight, points):
+    middle = _middle(straight.capture.shape)
+    means = [straight.capture.frames(table)[:, middle].mean() for table in straight.capture.references("f550")]
+    stored = [point.count_dn for point in points if point.source == "reference"]
+    assert len(stored) > 10
+    np.testing.assert_allclose(stored, means, rtol=1e-9)
+
+
+def test_light_and_error_of_a_series_for_the_curve():
+    """Light is t / (f d)^2 times the flux, 1 where one is not stated; a shutter's scatter falls with repeats, too."""
+    settings = {"exposure": 0.5, "f_number": 4.0, "image_distance": None, "flux": 3.0}
+    changes = ({}, {"exposure": 2.0}, {"image_distance": 10.0, "flux": None})
+    own = [ResponsePoint("f550", "flat", settings | c, 1000.0, 0.5, 1100.0 + i, 4) for i, c in enumerate(changes)]
+    (series,) = light_series((*own, replace(own[0], source="scene")))
+    assert series.name == "f550 flat"
+    np.testing.assert_allclose(series.light, [0.5 * 3 / 16, 2 * 3 / 16, 0.5 / 1600])
+    np.testing.assert_allclose(series.count, [1100, 1101, 1102])
+    np.testing.assert_allclose(series.sigma, np.hypot(0.5, 0.001 * 1000 / 2))
 
 
 def test_the_curve_is_a_line_on_a_linear_camera(straight):

@@ -3,12 +3,13 @@
 import cv2
 import numpy as np
 import pytest
-from cboxlab.calibration.geometry.camera_fit import SurveyedPoints, fit_camera
+from cboxlab.calibration.geometry.camera_fit import FALSE_ALARM, SurveyedPoints, fit_camera
 from cboxlab.calibration.geometry.distortion_choice import choose_distortion
 from cboxlab.calibration.geometry.lens_model import ONE_TERM
 from cboxlab.calibration.geometry.target_adjustment import adjust
 from cboxlab.calibration.result.geometry_plot import plot_geometry, wireframe
 from cboxlab.scenes import cornell_box, cornell_camera
+from scipy.stats import f as f_distribution
 
 SIGMA_PX = 0.1
 
@@ -68,6 +69,56 @@ def test_held_out_errors_are_those_of_fits_without_the_points():
         (camera,) = adjust([fit.camera], [(points.points_mm[rest], points.image_px[rest])], [1.0])
         squares.append(np.sum((points.image_px[fold] - camera.project(points.points_mm[fold])) ** 2, axis=1))
     assert held_out_rms_px == pytest.approx(np.sqrt(np.mean(np.concatenate(squares)) / 2), rel=0.02)
+
+
+@pytest.mark.parametrize("sigma_px", [0.02, 5.0])
+def test_held_out_errors_do_not_depend_on_the_unit_of_the_sigma(sigma_px):
+    """In pixels; the errors of the fit are divided by the sigma and multiplied again."""
+    points, fit = survey([-0.2, 1.5, 0, 0, 0], count=30)
+    measured = [(points.points_mm, points.image_px)]
+    errors = [
+        choose_distortion([fit.camera], measured, [s], ONE_TERM, []).held_out_rms_px["k1"] for s in (1.0, sigma_px)
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-9)
+
+
+#: Few points, so that each degree of freedom counts.
+FEW, THREE_TERMS = 14, ONE_TERM.with_terms(("k2", "k3"))
+
+
+def chosen(monkeypatch, f_ratio, errors, others=(THREE_TERMS,)):
+    """Name of the lens where three terms lower the sum of squares by that ratio to Fisher's limit.
+
+    errors : their gain at held-out points, in its standard errors. others : three terms, and lenses that fail.
+    """
+    freedom = 2 * FEW - (4 + 2) - 6  # focal length, principal point, k1; k2, k3; pose
+    limit = f_distribution.isf(FALSE_ALARM / (1 + len(others)), 2, freedom)
+    gain = np.random.default_rng(1).standard_normal(FEW)
+    gain = (gain - gain.mean()) / gain.std(ddof=1) * np.sqrt(FEW) + errors
+    results = {ONE_TERM: (10 + gain, freedom + 2 * limit * f_ratio), THREE_TERMS: (np.full(FEW, 10.0), float(freedom))}
+
+    def held_out(cameras, measured, sigmas, model, folds):
+        if model not in results:
+            raise np.linalg.LinAlgError
+        return results[model]
+
+    monkeypatch.setattr("cboxlab.calibration.geometry.distortion_choice._held_out", held_out)
+    monkeypatch.setattr("cboxlab.calibration.geometry.distortion_choice.adjust", lambda starts, *_: starts)
+    measured = [(np.zeros((FEW, 3)), np.zeros((FEW, 2)))]
+    return choose_distortion([cornell_camera(512)], measured, [1.0], ONE_TERM, others).name
+
+
+def test_more_terms_need_two_standard_errors_and_a_fit_that_chance_does_not_give(monkeypatch):
+    """Just above and just below both limits, which are computed here on their own."""
+    assert chosen(monkeypatch, 1.02, 2.05) == "k1 k2 k3"
+    assert chosen(monkeypatch, 0.98, 2.05) == "k1"
+    assert chosen(monkeypatch, 1.02, 1.95) == "k1"
+
+
+def test_the_chance_of_a_false_alarm_is_shared_by_all_lenses_that_are_tried(monkeypatch):
+    others = (THREE_TERMS, *(ONE_TERM.with_terms(terms) for terms in (("k2",), ("p1", "p2"), ("aspect",))))
+    assert chosen(monkeypatch, 1.02, 3.0, others) == "k1 k2 k3"
+    assert chosen(monkeypatch, 0.98, 3.0, others) == "k1"
 
 
 def test_few_points_choose_nothing():

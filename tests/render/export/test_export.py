@@ -1,6 +1,8 @@
 """An export holds the same box: triangles, spectra, rays, film; and what comes back is what was written."""
 
+import io
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -15,15 +17,29 @@ from cboxlab.rendering.export import (
     renderer_catalogue,
     write_export,
 )
+from cboxlab.rendering.export.neutral import npy_pixels, read_surfaces, read_warp
 from cboxlab.scenes import Surface, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh, sphere_mesh
 from cboxlab.utils.errors import InputError
 from helpers.scenes.boxes import box_with_lamp, camera_inside
+from PIL import Image
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
 SIZE, BATCHES, SUBPIXELS = 10, 2, 3
 SETTINGS = ExportSettings(np.array([450.0, 500.0, 550.0, 640.0]), samples=9, batches=BATCHES, subpixels=SUBPIXELS)
+
+
+def _png(values):
+    stream = io.BytesIO()
+    Image.fromarray(values.astype(np.uint8)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def _npz(**arrays):
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
 
 
 def crooked():
@@ -147,6 +163,35 @@ def test_what_is_missing_or_cut_short_is_reported(exported, renderer, tmp_path):
         (fresh / renderer / "out" / name).write_bytes(b"not a picture")
     with pytest.raises(InputError):
         read_rendered(fresh, renderer)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "fault"),
+    [
+        ("surfaces.png", b"not a picture", "surfaces.png"),
+        ("surfaces.png", _png(np.zeros((SIZE, SIZE + 1))), "a grey picture"),
+        ("surfaces.png", _png(np.full((SIZE, SIZE), 99)), "the number 99 of a surface"),
+        ("warp.npz", b"not an archive", "rows, columns and weights"),
+        ("warp.npz", _npz(row=[0], column=[10**9], weight=[1.0]), "other numbers"),
+        ("warp.npz", _npz(row=[0], column=[0], weight=[np.nan]), "other numbers"),
+        ("warp.npz", _npz(row=[0], column=[0]), "weight"),
+    ],
+    ids=["no picture", "too wide", "no surface", "no archive", "too far", "not finite", "a part"],
+)
+def test_a_damaged_map_of_an_export_is_a_fault_of_that_file(exported, tmp_path, name, content, fault):
+    shutil.copytree(exported[0], tmp_path / "box")
+    (tmp_path / "box" / name).write_bytes(content)
+    with pytest.raises(InputError, match=fault):
+        read_surfaces(tmp_path / "box"), read_warp(tmp_path / "box")
+
+
+def test_an_array_that_states_more_than_it_holds_is_refused(tmp_path):
+    path = tmp_path / "a.npy"
+    np.save(path, np.ones((2, 3)))
+    assert np.array_equal(npy_pixels(path, (2, 3)), np.ones((2, 3)))
+    path.write_bytes(path.read_bytes().replace(b"(2, 3)", b"(2000000000, 300000)").replace(b" " * 14 + b"\n", b"\n"))
+    with pytest.raises(InputError, match="a NumPy array"):
+        npy_pixels(path, (2000000000, 300000))
 
 
 def test_what_not_all_renderers_have_is_refused():

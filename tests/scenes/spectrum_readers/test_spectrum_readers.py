@@ -51,6 +51,17 @@ def test_the_ending_and_windows_lines_change_nothing(tmp_path, key):
         assert np.array_equal(content[name].values, other[name].values)
 
 
+def test_factors_of_jcamp_count_for_every_point(tmp_path):
+    """XFACTOR of lines that begin with an abscissa, and both factors of pairs."""
+    plain, points = INSTRUMENTS["jcamp"].text, INSTRUMENTS["jcamp_points"].text
+    scaled = plain.replace("XFACTOR=1.0", "XFACTOR=10").replace("420 305", "42 305").replace("400 105", "40 105")
+    pairs = points.replace("##NPOINTS", "##XFACTOR=0.5\n##YFACTOR=2\n##NPOINTS")
+    for text, other, x, y in ((plain, scaled, 1.0, 1.0), (points, pairs, 0.5, 2.0)):
+        first, second = (read_instrument_file(write(tmp_path, content)).spectra[0] for content in (text, other))
+        assert second.wavelength_nm == pytest.approx(x * first.wavelength_nm, rel=1e-12)
+        assert second.values == pytest.approx(y * first.values, rel=1e-12)
+
+
 def test_every_format_has_a_file_here():
     assert {instrument.reader for instrument in INSTRUMENTS.values()} == set(spectrum_reader_catalogue())
 
@@ -206,6 +217,7 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, locat
         ("<html><body>400 1</body></html>", "XML or HTML"),
         ("Model Name\tx\n380nm\t1\n381nm\t1\nBEGIN_DATA_FORMAT\n", "the marks of"),
         ("nothing here", "no table of numbers"),
+        ("Wavelength\tRadiance [W/(sr m2 nm)]\n400\t0.1\n410\t0.2\n", "wavelengths without a unit"),
         ("wl (nm);a\n400;1\n410;2\nsecond\n420;3\n", "second"),
         (INSTRUMENTS["jcamp"].text.replace("NANOMETERS", "1/CM"), "XUNITS '1/CM'"),
         (INSTRUMENTS["jcamp"].text.replace("REFLECTANCE", "ABSORBANCE"), "YUNITS 'ABSORBANCE'"),

@@ -1,19 +1,20 @@
 """Free factors and fall-off of a capture without absolute scale: exact fits, noise, and a whole validation."""
 
 import tomllib
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import tomli_w
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.correction import LensAxis
+from cboxlab.calibration.correction import CorrectedBands, LensAxis, evaluate_variance
+from cboxlab.calibration.correction.correction import FlatField
 from cboxlab.calibration.instrument import band_images
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.validation.compare import validate_capture
-from cboxlab.validation.compare.free_scale import FreeScale, free_columns, refined_scale
+from cboxlab.validation.compare.free_scale import FreeScale, free_columns, refined_scale, rescaled
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 BANDS = ("a", "b", "c")
@@ -35,6 +36,31 @@ def start(by_band, nominal):
 
 def rendering(seed=0):
     return 500 * (1 + np.random.default_rng(seed).random((3, *SHAPE)))
+
+
+def test_a_further_fall_off_changes_signals_variances_and_flats_alike():
+    """The variance of a divided signal is divided by the square; a flat keeps its own relative error."""
+    rng = np.random.default_rng(4)
+    signal, bent = rendering(), 1 - 0.3 * rng.random(SHAPE)
+    coefficients = rng.uniform(0.5, 2, (3, 3, *SHAPE)) * np.array([1, 0.1, 1e-4])[:, None, None]
+    images = band_images(BANDS, signal, evaluate_variance(coefficients, signal))
+    response, error = rng.uniform(0.5, 1, SHAPE), rng.uniform(1e-4, 2e-4, SHAPE)
+    flat = FlatField(response, error, 1000.0, np.ones(1), np.zeros(SHAPE, bool))
+    before = CorrectedBands(images, coefficients, dict.fromkeys(BANDS, flat), ())
+    radiometry = make_dataclass("R", ["constant", "band_factors"])(2.0, np.array([1.0, 3.0, 0.5]))
+    names = ["bands", "radiometry", "responses"]
+    factors = np.array([4.0, 2.0, 8.0])
+    after = rescaled(make_dataclass("C", names)(before, radiometry, None), factors, bent)
+    np.testing.assert_allclose(after.bands.images["signal"], signal / bent)
+    expected = before.predicted_variance(signal) / bent**2
+    np.testing.assert_allclose(after.bands.images["variance"], expected)
+    np.testing.assert_allclose(after.bands.predicted_variance(signal / bent), expected)
+    changed = after.bands.flats["b"]
+    np.testing.assert_allclose(changed.response, flat.response * bent)
+    relative = [each.relative_variance / each.response**2 for each in (changed, flat)]
+    np.testing.assert_allclose(*relative)
+    constants = after.radiometry.constant * after.radiometry.band_factors
+    np.testing.assert_allclose(constants, 2.0 * np.array([1.0, 3.0, 0.5]) * factors)
 
 
 @pytest.mark.parametrize("by_band", [False, True])

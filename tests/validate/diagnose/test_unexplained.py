@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.rendering.effects import catalogue
+from cboxlab.validation.diagnose.evidence import explained_part
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.unexplained import _cosine, _repeats, family_beats_effects
 
@@ -24,6 +25,12 @@ def test_levels_must_gain_more_than_effects_less_what_those_paid(numbers, effect
     for chi2, wins in ((1010 - paid + 9.2 - 0.1, False), (1010 - paid + 9.2 + 0.1, True)):
         explanation = SimpleNamespace(family="time-order", levels=True, change=None, gain=50.0, evidence=50.0 + chi2)
         assert family_beats_effects(explanation, model, selection, model, LEFT) == wins
+
+
+@pytest.mark.parametrize(("remaining", "part"), [(100.0, 0.0), (70.0, 0.5), (40.0, 1.0), (20.0, 1.0)])
+def test_the_explained_part_is_that_of_the_excess(remaining, part):
+    """Of chi2 100 over its expectation 40; effects that leave less than that explain all and no more."""
+    assert explained_part(SimpleNamespace(chi2=100.0, count=40), np.sqrt([remaining, 0.0])) == pytest.approx(part)
 
 
 @pytest.mark.parametrize(

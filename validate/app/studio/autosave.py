@@ -51,6 +51,8 @@ def autosave(root: Path, study: Study, folder: Path | None) -> Path | None:
 def _new_folder(root: Path, study: Study) -> Path:
     """Empty folder of a new name, so that no study replaces another one."""
     parent, name = root / AUTOSAVE_FOLDER, study.captures[0].folder.resolve().name[:_MAX_NAME]
+    if parent.is_symlink():
+        raise OSError(f"{parent} is a link, which may lead anywhere")
     parent.mkdir(exist_ok=True)
     for number in count(1):
         try:
@@ -94,7 +96,7 @@ def discard_unsaved(root: Path, name: str) -> None:
 
 
 def unsaved_studies(root: Path) -> list[dict[str, Any]]:
-    """Studies with unsaved work, the newest first.
+    """Studies with unsaved work, the newest first; links are left out, since they may lead anywhere.
 
     Parameters
     ----------
@@ -106,7 +108,9 @@ def unsaved_studies(root: Path) -> list[dict[str, Any]]:
     list of dict
         Path relative to ``root``, the capture's ``name``, and when it ``changed``, seconds since 1970.
     """
-    files = [(path, path.stat().st_mtime) for path in (root / AUTOSAVE_FOLDER).glob("*/study.json")]
+    folder = root / AUTOSAVE_FOLDER
+    paths = [] if folder.is_symlink() else folder.glob("*/study.json")
+    files = [(path, path.stat().st_mtime) for path in paths if not path.parent.is_symlink() and path.is_file()]
     return [
         {
             "path": path.parent.relative_to(root).as_posix(),

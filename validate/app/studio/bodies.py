@@ -32,7 +32,7 @@ async def json_body(request: Request) -> dict[str, Any]:
     Raises
     ------
     InputError
-        For another type of content, a body that is too long, and NaN or Infinity.
+        For another type of content, a body that is too long, NaN or Infinity, and letters that are no Unicode.
     """
     expected = "a JSON object"
     if request.headers.get("content-type", "").partition(";")[0] != "application/json":
@@ -44,6 +44,7 @@ async def json_body(request: Request) -> dict[str, Any]:
             raise InputError("the request", "a body that is too long", f"at most {_MAX_BODY} bytes")
     try:
         content = json.loads(text or b"{}", parse_constant=_no_number)
+        json.dumps(content, ensure_ascii=False).encode()  # halves of letters, which no answer can repeat
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):

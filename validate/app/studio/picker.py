@@ -205,12 +205,14 @@ def _points(picture: _Picture, marks: Sequence[Any]) -> SurveyedPoints:
         if not isinstance(name, str) or name not in corners or name in positions:
             raise InputError("points", repr(mark)[:80], "corners of the scene, each once")
         position = [mark.get(key) for key in ("u", "v")]
-        if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in position):
+        numbers = [value for value in position if isinstance(value, int | float) and not isinstance(value, bool)]
+        if len(numbers) != len(position):
             raise InputError(f"points, {name}", repr(position)[:80], "u and v, px")
-        u, v = (float(value) for value in position)
+        u, v = numbers  # an integer may be too large for a float
         if not (-0.5 <= u < width and -0.5 <= v < height):
-            raise InputError(f"points, {name}", f"{u:g}, {v:g}", f"a position in the picture of {width} x {height} px")
-        positions[name] = u, v
+            fault = ", ".join(map(str, numbers))[:80]
+            raise InputError(f"points, {name}", fault, f"a position in the picture of {width} x {height} px")
+        positions[name] = float(u), float(v)
     if not positions:
         raise InputError("points", "none", "at least one marked corner")
     places_mm = np.array([corners[name].position_mm for name in positions])

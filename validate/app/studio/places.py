@@ -31,7 +31,7 @@ def path_of_name(root: Path, name: str | Path, what: str, *, new: bool = False) 
     name
         Name, relative to ``root`` or absolute. A ``Path`` comes from the program and is returned unchecked.
     what
-        Kind of the file or folder, for messages: "capture", "model" or "folder".
+        Kind of the file or folder, for messages: "capture", "model", "effect" or "folder".
     new
         Whether it may be missing.
 
@@ -48,18 +48,18 @@ def path_of_name(root: Path, name: str | Path, what: str, *, new: bool = False) 
     if isinstance(name, Path):
         return name
     text = name.strip()
-    inside = text
+    inside, expected = text, f"{'an' if what.startswith('e') else 'a'} {what} below {root}"
     if text and Path(text).is_absolute():
         inside = os.path.relpath(text, root)
         if inside.startswith(".."):
-            raise InputError(what, repr(text), f"a {what} below {root}")
+            raise InputError(what, repr(text), expected)
     path = path_inside(root, Path(inside).as_posix() if inside else "", what)
     try:
         exists, is_folder = path.exists(), path.is_dir()
     except OSError as error:
-        raise InputError(what, f"{text[:80]!r} ({error.strerror})", f"a {what} below {root}") from None
+        raise InputError(what, f"{text[:80]!r} ({error.strerror})", expected) from None
     if not new and not exists:
-        raise InputError(what, repr(text), f"a {what} below {root}")
+        raise InputError(what, repr(text), expected)
     if new and exists and not is_folder:
         raise InputError(what, f"{text!r}, a file", "a folder")
     return path
@@ -78,7 +78,7 @@ def require_study_folder(root: Path, folder: Path) -> None:
     Raises
     ------
     InputError
-        If it is in the folder of a capture, or contains files but no study.
+        If it is in the folder of a capture, contains files but no study, or folders that are links.
     """
     for parent in (folder, *folder.parents):
         if (parent / "capture.toml").exists():
@@ -88,6 +88,9 @@ def require_study_folder(root: Path, folder: Path) -> None:
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "study.json").exists():
         hint = "Choose another name."
         raise InputError("folder", f"'{folder}', with files of other kinds", "a new folder, or a saved study's", hint)
+    for parent, names, _ in os.walk(folder):
+        for link in (Path(parent) / name for name in names if (Path(parent) / name).is_symlink()):
+            raise InputError("folder", f"'{link}', a link to a folder", "a study's own folders", "Remove the link.")
 
 
 def list_inputs(root: Path) -> dict[str, Any]:
@@ -117,11 +120,13 @@ def list_inputs(root: Path) -> dict[str, Any]:
 
 
 def _files(root: Path) -> Iterator[Path]:
-    """Scene, model, capture and study files below a folder, without hidden folders."""
+    """Scene, model, capture and study files below a folder, without hidden folders, pipes and links out of it."""
+    resolved = root.resolve()
     for folder, below, file_names in os.walk(root):
         depth = len(Path(folder).relative_to(root).parts)
         below[:] = sorted(name for name in below if not name.startswith(".")) if depth < _MAX_DEPTH else []
-        yield from (Path(folder) / name for name in sorted(file_names) if name.endswith((".toml", "study.json")))
+        paths = [Path(folder) / name for name in sorted(file_names) if name.endswith((".toml", "study.json"))]
+        yield from (path for path in paths if path.is_file() and path.resolve().is_relative_to(resolved))
 
 
 def _is_model(path: Path) -> bool:

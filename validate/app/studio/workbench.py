@@ -239,6 +239,9 @@ class Workbench:
             return None
         return load_model(name if name in packaged_scenes() else path_of_name(self.root, name, "model"))
 
+    def _effect(self, name: str) -> str:
+        return str(path_of_name(self.root, name, "effect")) if name.endswith(".toml") else name
+
     def _begin(self, study: Study, unsaved: Path | None = None) -> None:
         """Set a study of other inputs, without a diagnosis; unsaved work is in a folder."""
         self._predicted(study)
@@ -272,10 +275,8 @@ class Workbench:
         InputError
             As of ``Study.add``.
         """
-        if effect.endswith(".toml"):
-            effect = str(path_of_name(self.root, effect, "effect"))
         with self._inputs():
-            study = self.study.add(effect, **values)
+            study = self.study.add(self._effect(effect), **values)
         self._take(study)
 
     def change(self, which: int, values: Mapping[str, str | float], commit: bool) -> None:
@@ -395,7 +396,7 @@ class Workbench:
             As of ``Study.patterns``.
         """
         with self._inputs():
-            return self.study.patterns(effect, self.capture, refit=self.refit, draft=True)
+            return self.study.patterns(self._effect(effect), self.capture, refit=self.refit, draft=True)
 
     def earlier(self, is_first: bool) -> Prediction:
         """Prediction of the capture in view in an earlier state of the study.

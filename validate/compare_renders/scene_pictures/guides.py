@@ -112,9 +112,17 @@ def cryptomatte(header: Mapping[str, Any], planes: Mapping[str, NDArray[np.float
         )
         if pair is not None:
             identity = np.ascontiguousarray(pair[0], np.float32).view(np.uint32).astype(np.int64)
-            names = {int(code, 16): text for text, code in json.loads(str(mattes[name]) or "{}").items()}
-            return _numbered(identity, pair[1] > _COVERED, names, kind, f"the cryptomatte {name}")
+            return _numbered(identity, pair[1] > _COVERED, _names(mattes[name]), kind, f"the cryptomatte {name}")
     return None
+
+
+def _names(manifest: object) -> dict[int, str]:
+    """Names by number of a cryptomatte's manifest; without those of one that cannot be read, numbers are the names."""
+    try:
+        content = json.loads(str(manifest) or "{}")
+        return {int(code, 16): str(text) for text, code in content.items()}
+    except (AttributeError, RecursionError, TypeError, ValueError):
+        return {}
 
 
 def _of_index(values: NDArray[np.float64], kind: str) -> Regions | None:

@@ -5,11 +5,13 @@ import json
 import os
 import time
 from itertools import product
+from types import SimpleNamespace
 
 import pytest
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.input_files import inputs_below, read_text
 from cboxlab.validation.app.studio import ANY_ADDRESS, Workbench, build_app
+from cboxlab.validation.app.studio.autosave import autosave
 from helpers.captures.glare_capture import glare_capture
 from starlette.testclient import TestClient
 
@@ -39,6 +41,9 @@ def folders(tmp_path_factory):
     (root / "link.toml").symlink_to(outside / "secret.toml")
     (root / "linked").symlink_to(outside)
     os.mkfifo(root / "pipe.toml")
+    (outside / "unsaved").mkdir()
+    (outside / "unsaved" / "study.json").write_text("{}")
+    (root / ".cbox-unsaved").symlink_to(outside)
     (root / "mine").mkdir()
     (root / "mine" / "model.toml").write_text('format = "model/1"\nscene = "cornell-box"\n')
     return root, outside
@@ -63,7 +68,8 @@ def unchanged(folders):
 
 def answered(client, path, body):
     """Body of the answer to a request, or the error of the computation that it started."""
-    answer = client.post(f"/secret/api/{path}", json=body)
+    headers = {"content-type": "application/json"}
+    answer = client.post(f"/secret/api/{path}", content=json.dumps(body), headers=headers)
     assert answer.status_code in (200, 202, 400), answer.text
     if answer.status_code == 202:
         while (state := client.get("/secret/api/state").json())["job"]:
@@ -84,6 +90,7 @@ def names(outside):
     paths += ["/proc/self/environ", "link.toml", "pipe.toml", "~/x.toml", "$HOME/x.toml", "file:///etc/passwd"]
     paths += ["..\\outside\\secret.toml", "..%2foutside%2fsecret.toml", "%2e%2e/outside/secret.toml", "\0.toml"]
     paths += ["a" * 300, "a" * 300 + ".toml", "a/" * 2000 + "b.toml", "．．/outside/secret.toml", "capture\0/x"]
+    paths += ["\ud800", "a\ud800.toml", "*.toml", ".cbox-unsaved/unsaved", ".cbox-unsaved", ".cbox-unsaved/../mine/x"]
     return [*paths, f"//{outside}/secret.toml", f"./{'../' * 20}etc/passwd.toml", f"{outside}/../outside/secret.toml"]
 
 
@@ -100,10 +107,52 @@ def test_names_that_leave_the_folder_are_refused(client, folders):
             ("first/draft", {"folder": name}),
             ("first/write", {"folder": name}),
             ("points/write", {"capture": name, "points": [{"id": "c02", "u": 1, "v": 1}]}),
+            ("first/thumbnails", {"folder": name}),
+            ("discard", {"study": name}),
         ]:
             assert answered(client, path, body), (path, name)
             count += 1
-    assert count > 200
+    assert count > 400
+    assert (folders[1] / "unsaved" / "study.json").exists()
+
+
+def test_numbers_of_any_size_are_refused_in_a_line(client):
+    """Integers that are larger than any float, and numbers that JSON reads as infinity."""
+    answered(client, "points/picture", {"capture": "capture"})
+    for number in ("1" + "0" * 400, "-1" + "0" * 400, "1e999", "-1e999", "true", '"1"', "null", "[1]", '"\\ud800"'):
+        for path, body in [
+            ("points/locate", f'{{"capture": "capture", "points": [{{"id": "c02", "u": {number}, "v": 5}}]}}'),
+            ("points/write", f'{{"capture": "capture", "points": [{{"id": "c02", "u": 5, "v": {number}}}]}}'),
+            ("step/add", f'{{"effect": "veiling-glare", "values": {{"fraction": {number}}}}}'),
+            ("step/change", f'{{"which": {number}}}'),
+        ]:
+            headers = {"content-type": "application/json"}
+            answer = client.post(f"/secret/api/{path}", content=body, headers=headers)
+            assert answer.status_code in (400, 409) and "\n" not in answer.text, (path, number, answer.text)
+
+
+def test_the_list_of_inputs_leaves_out_what_leads_outside(client, folders):
+    """A pipe would never end, a link leads outside; unsaved work is not looked for behind a link."""
+    lists = client.get("/secret/api/places").json()
+    assert "mine/model.toml" in lists["models"] and "capture" in lists["captures"]
+    assert not {"pipe.toml", "link.toml"} & set(lists["models"]) and lists["unsaved"] == []
+
+
+def test_a_studys_folder_with_links_to_folders_is_not_written(client, folders):
+    """A study of somebody else's, whose folder of the diagnosis or of pictures leads outside."""
+    for name in ("diagnosis", "maps"):
+        folder = folders[0] / f"their-{name}"
+        folder.mkdir()
+        (folder / "study.json").write_text("{}")
+        (folder / name).symlink_to(folders[1])
+        assert "a link to a folder" in answered(client, "job/save", {"folder": folder.name, "report": True})
+        assert not (folder / "model.toml").exists()
+
+
+def test_unsaved_work_is_not_stored_behind_a_link(folders, caplog):
+    study = SimpleNamespace(captures=[SimpleNamespace(folder=folders[0] / "capture")])
+    assert autosave(folders[0], study, None) is None
+    assert "unsaved work is not stored" in caplog.text
 
 
 def test_files_below_the_folder_open_no_others(client, folders):

@@ -82,10 +82,15 @@ def test_a_moved_effect_is_answered_with_its_prediction(client, bench):
         ("pattern", {"effect": "veiling-glar"}, "Did you mean 'veiling-glare'"),
         ("job/profile", {"effect": 3, "parameter": "fraction"}, "found 3"),
         ("job/open", {"capture": "../other"}, "leaves the folder"),
+        ("pattern", {"effect": "../other.toml"}, "leaves the folder"),
+        ("pattern", {"effect": "/etc/passwd.toml"}, "an effect below"),
+        ("step/add", {"effect": "veiling-glare", "values": {"\ud800": 1}}, "a JSON object"),
+        ("step/add", {"effect": "veiling-glare", "values": {"fraction": 10**400}}, "from 0 to 0.5"),
     ],
 )
 def test_every_mistake_is_one_line(client, path, body, line):
-    answer = client.post(f"/secret/api/{path}", json={"revision": present(client), **body})
+    content = json.dumps({"revision": present(client), **body})
+    answer = client.post(f"/secret/api/{path}", content=content, headers={"content-type": "application/json"})
     message = answer.json().get("error")
     if message is None:
         while (state := client.get("/secret/api/state").json())["job"]:

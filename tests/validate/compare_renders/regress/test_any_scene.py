@@ -10,6 +10,7 @@ from cboxlab.rendering.files import Declared
 from cboxlab.rendering.files.colour_pictures import as_xyz_picture
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders.regress import read_side, regress_inputs, regress_pictures, side_of
+from cboxlab.validation.compare_renders.scene_pictures.guides import cryptomatte
 from cboxlab.validation.compare_renders.stored_references import measured_reference, require_same_light
 from scipy.ndimage import gaussian_filter, minimum_filter
 
@@ -122,6 +123,23 @@ def test_layers_of_cycles_give_picture_and_objects(tmp_path):
     assert {row.name for row in outcome.of_kind("surface")} == {"wall", "floor", "ball"}
     assert [row.name for row in outcome.of_kind("surface") if row.different] == ["ball"]
     assert any("cryptomatte" in note for note in outcome.notes)
+
+
+@pytest.mark.parametrize("manifest", [b"\xe9", b"{", b"[1]", b'{"wall": 3}', b'{"wall": "x"}', b"[" * 5000])
+def test_objects_of_a_cryptomatte_without_readable_names_are_numbered(manifest):
+    planes, _ = matte()
+    header = {"cryptomatte/a/name": "ViewLayer.CryptoObject", "cryptomatte/a/manifest": _Text(manifest)}
+    assert set(cryptomatte(header, planes).names) == {f"object {c}" for c in (0x3F800001, 0x40000002, 0x40400003)}
+
+
+class _Text:
+    """A text of a header, which the library decodes when it is asked for."""
+
+    def __init__(self, content):
+        self.content = content
+
+    def __str__(self):
+        return self.content.decode()
 
 
 def test_an_index_that_a_filter_averages_gives_objects_away_from_edges(tmp_path):

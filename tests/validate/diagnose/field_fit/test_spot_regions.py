@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import hot_spot, hot_spot_of_one_band
+from cboxlab.validation.diagnose.field_fit.spot_appearance import _sharp_line
 from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
 from scipy.ndimage import gaussian_filter
 
@@ -27,3 +28,14 @@ def test_a_spot_begins_at_six_sigmas(region, variance, bands, sigmas, is_spot):
     excess[bands] = sigmas * SMOOTHED * np.sqrt(variance) * BELL / len(excess[bands])
     data = replace(data, residual=np.sqrt(data.used + excess).astype(np.float32))
     assert (region(data) is not None) is is_spot
+
+
+@pytest.mark.parametrize(("apart_px", "is_sharp"), [(0.9, False), (1.1, True), (-1.1, True)])
+@pytest.mark.parametrize("across_rows", [False, True])
+def test_a_line_from_side_to_side_is_a_thread_if_its_ends_are_a_pixel_apart(apart_px, is_sharp, across_rows):
+    """Shared between two pixels of each column; one along a column may be a faulty column."""
+    x = np.arange(60)
+    row = 30.3 + apart_px * (x - 29.5) / 60
+    weight = np.zeros((60, 60))
+    weight[np.floor(row).astype(int), x], weight[np.floor(row).astype(int) + 1, x] = 1 - row % 1, row % 1
+    assert _sharp_line(weight.T if across_rows else weight) is is_sharp
