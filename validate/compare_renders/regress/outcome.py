@@ -366,8 +366,10 @@ def change_text(change: NamedChange) -> str:
     Returns
     -------
     str
-        Identifier, and the parameters in brackets.
+        Identifier, and the parameters in brackets; of an unknown cause its description.
     """
+    if change.change == UNKNOWN and set(change.parameters) == {"description"}:
+        return f"{UNKNOWN}, {change.parameters['description']}"
     values = ", ".join(f"{key} {_written(value, 4)}" for key, value in change.parameters.items())
     return f"{change.change} ({values})" if values else change.change
 

@@ -11,6 +11,7 @@ from cboxlab.validation.compare_renders.regress.patterns import (
     reused_numbers,
     slow_change,
 )
+from cboxlab.validation.compare_renders.regress.patterns.difference import common_size, self_normalised
 from helpers.programs.other_suite import run_suite
 from scipy.ndimage import gaussian_filter, median_filter, shift, uniform_filter
 
@@ -206,3 +207,32 @@ def test_the_fixture_compares_single_pictures_with_copies_of_earlier_ones(tmp_pa
     code, printed = run_suite(tmp_path)
     assert code == 1
     assert "3 failed, 1 passed" in printed, printed
+
+
+@pytest.mark.parametrize("lamp", [1.0, 30.0], ids=["no lamp", "lamp"])
+def test_a_bright_lamp_hides_no_gradient(lamp):
+    """A lamp whose edges are brighter than all else would rule sums over the picture by a few pixels."""
+    rng = np.random.default_rng(3)
+    light = 1 + 0.3 * Y[..., 0]
+    light[4:8, 20:30] *= lamp
+    scatter = np.where(light > 5, 0.02, 0.1)
+    noisy = [light * (1 + scatter * (rng.standard_gamma(1.0, light.shape) - 1)) for _ in range(2)]
+    inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
+    smooth = inside & (light < 5)
+    for slope, seen in ((0.05, True), (0.0, False)):
+        total = noisy[1] * (1 + slope * X[..., 0]) - noisy[0]
+        finding = slow_change(Difference(noisy[0], total, None, smooth, {"edges": inside & ~smooth}))
+        assert (finding.probability < 5e-5) == seen
+
+
+def test_few_blocks_that_agree_are_clear_and_their_false_alarms_are_as_stated():
+    rng = np.random.default_rng(1)
+    norms = np.r_[np.ones(8), np.full(136, 1e-3)]
+    terms = norms * (0.5 + 0.03 * rng.standard_normal(norms.size))
+    size, sigma, degrees, probability = common_size(terms, norms)
+    assert size == pytest.approx(0.5, abs=4 * sigma)
+    assert 6 < degrees < 8
+    assert probability < 1e-8 < self_normalised(terms)[1]
+    # blocks of heavy tails and unequal weights: 1 % of 4,000
+    draws = [common_size(w * rng.standard_t(4, 12), w)[3] for w in rng.uniform(0.5, 1.5, (4000, 12))]
+    assert 0.004 < np.mean(np.array(draws) < 0.01) < 0.016

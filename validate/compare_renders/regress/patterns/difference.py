@@ -15,7 +15,7 @@ from scipy.ndimage import median_filter
 
 from .correlation import clustering_by_filter
 
-__all__ = ["Difference", "Finding", "self_normalised", "sigma_of"]
+__all__ = ["Difference", "Finding", "common_size", "self_normalised", "sigma_of"]
 
 #: Radiance below which a pixel counts as dark, over the mean.
 _DARK = 1e-3
@@ -23,6 +23,8 @@ _DARK = 1e-3
 _LEVEL_PX = 5
 #: Pixels that correlation makes one, above which the noise is none of a pixel filter: three pixels wide.
 _WIDEST_FILTER = 6.0
+#: Fewest degrees of freedom of a common size: the scatter of fewer blocks says little.
+_LEAST_DEGREES = 4.0
 #: Scatters at which single pixels are cut in the look at the correlation of noise.
 _CUT = 6.0
 
@@ -113,6 +115,42 @@ def self_normalised(terms: NDArray[np.float64], alike: float = 1.0) -> tuple[flo
     below = max(1 - quotient**2 / count, 1e-12)
     student = quotient * np.sqrt((count - 1) / count / below)
     return quotient, float(2 * student_tail(abs(student), count - 1))
+
+
+def common_size(
+    terms: NDArray[np.float64], norms: NDArray[np.float64], alike: float = 1.0
+) -> tuple[float, float, float, float]:
+    """Size that blocks have in common, by their scatter about it.
+
+    Few blocks that agree are clear here, unlike in ``self_normalised``, whose quotient cannot exceed the root of their
+    number. Residuals are those without the block itself (MacKinnon and White 1985), so that one block rules nothing.
+
+    Parameters
+    ----------
+    terms
+        (n,) independent terms, of mean 0 in equal pictures.
+    norms
+        (n,) terms of a size of 1, at least 0.
+    alike
+        Number of neighbouring terms that correlation makes one.
+
+    Returns
+    -------
+    size, sigma, degrees
+        The size, its standard deviation and degrees of freedom, one less than the number of blocks that count.
+    probability
+        Two-sided probability of a size this large, of Student's t; 1 for few blocks.
+    """
+    total = float(norms.sum())
+    if total <= 0:
+        return 0.0, np.inf, 0.0, 1.0
+    size, share = float(terms.sum()) / total, norms / total
+    degrees = 1 / max(float((share**2).sum()) * alike, 1e-300) - 1
+    residuals = (terms - size * norms) / np.maximum(1 - share * alike, 1e-3)
+    sigma = float(np.sqrt((residuals**2).sum() * alike)) / total
+    if degrees < _LEAST_DEGREES or sigma == 0:
+        return size, np.inf, degrees, 1.0
+    return size, sigma, degrees, float(2 * student_tail(abs(size) / sigma, degrees))
 
 
 def sigma_of(size: float, probability: float, degrees: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
-from .difference import Difference, Finding, self_normalised
+from .difference import Difference, Finding, common_size, self_normalised
 
 __all__ = ["block_sums", "fine_light", "moved_slightly", "other_contrast"]
 
@@ -29,6 +29,8 @@ _BLOCK_PX = 4
 _LEAST_BLOCKS = 36
 #: Squares of a block over the median block's, from which it counts about fully.
 _STRUCTURED = 2.0
+#: Squares of a block's difference over the median block's, below which it counts no more.
+_QUIET = 0.3
 #: Correlation of both sides in a block from which it shows a common structure.
 _ALIKE = 0.3
 #: Median square of the difference over that of steps, up to which steps explain it: normal noise has 0.45 of its mean.
@@ -60,16 +62,14 @@ def _contrast(difference: Difference, steps: float, window_px: int) -> list[Find
     blocks = _blocks(fine)
     if blocks is None or _by_steps(fine, steps):
         return []
-    sums, weight = blocks
-    before, after, product = sums
-    weight = weight * np.clip(2 * product / np.maximum(before + after, 1e-300) - _ALIKE, 0.0, None)
-    findings = []
+    (before, after, product), alike, (structured, quiet) = blocks
+    weights = alike * structured, quiet
+    structure, findings = np.maximum(product, 0.0), []
     for name, weaker in (("weaker", after), ("stronger", before)):
-        statistic, share = self_normalised(weight * (product - weaker), _alike(difference))
-        probability = min(1.0, len(_CONTRAST_PX) * share) if statistic > 0 else 1.0
-        size = 1 - float((weight * product).sum() / max(float((weight * (before + after - weaker)).sum()), 1e-300))
+        size, sigma, degrees, share = _common(product - weaker, structure, weights, _alike(difference))
+        probability = min(1.0, len(_CONTRAST_PX) * share) if size > 0 else 1.0
         label = f"fine structure of the candidate {name}"
-        findings.append(_finding(label, difference, max(size, 0.0), statistic, before.size, probability))
+        findings.append(_finding(label, difference, max(size, 0.0), sigma, degrees, probability))
     return findings
 
 
@@ -92,17 +92,36 @@ def moved_slightly(difference: Difference, steps: float = 0.0) -> Finding | None
     blocks = _blocks(fine)
     if blocks is None or _by_steps(fine, steps):
         return None
-    _, weight = blocks
+    _, _, weights = blocks
     findings = []
     for axis, name in enumerate(("down", "to the right")):
         slopes = [np.gradient(picture, axis=axis) for picture in fine]
-        terms = weight * block_sums(fine[0] * slopes[1] - fine[1] * slopes[0])
-        statistic, share = self_normalised(terms, _alike(difference))
-        squares = weight * block_sums(2 * slopes[0] * slopes[1])
-        size = float(terms.sum() / max(abs(float(squares.sum())), 1e-300))
+        terms = block_sums(fine[0] * slopes[1] - fine[1] * slopes[0])
+        squares = np.maximum(block_sums(2 * slopes[0] * slopes[1]), 0.0)
+        size, sigma, degrees, share = _common(terms, squares, weights, _alike(difference))
         probability = min(1.0, 2 * share)
-        findings.append(_finding(f"moved {name}", difference, size, statistic, terms.size, probability, "px"))
+        findings.append(_finding(f"moved {name}", difference, size, sigma, degrees, probability, "px"))
     return min(findings, key=lambda finding: finding.probability)
+
+
+def _common(
+    terms: NDArray[np.float64],
+    norms: NDArray[np.float64],
+    weights: tuple[NDArray[np.float64], ...],
+    alike: float,
+) -> tuple[float, float, float, float]:
+    """Clearest size that blocks have in common: size, standard deviation, degrees of freedom, probability.
+
+    Large changes are clear by their sign in many blocks, small ones by their agreement in few.
+    """
+    tests = []
+    for weight in weights:
+        size, sigma, degrees, probability = common_size(weight * terms, weight * norms, alike)
+        _, by_sign = self_normalised(weight * terms, alike)
+        share = min(1.0, 2 * len(weights) * min(probability, by_sign))
+        tests.append((share, size, sigma, degrees))
+    share, size, sigma, degrees = min(tests)
+    return size, sigma, degrees, share
 
 
 def _by_steps(fine: tuple[NDArray[np.float64], NDArray[np.float64]], steps: float) -> bool:
@@ -121,11 +140,11 @@ def _alike(difference: Difference) -> float:
 
 
 def _finding(
-    name: str, difference: Difference, size: float, statistic: float, count: int, probability: float, unit: str = "1"
+    name: str, difference: Difference, size: float, sigma: float, degrees: float, probability: float, unit: str = "1"
 ) -> Finding:
-    """Finding of a sum over blocks."""
-    sigma = abs(size) / max(abs(float(statistic)), 1e-3)
-    return Finding(name, int(difference.smooth.size), size, max(sigma, 1e-9), count - 1.0, probability, unit=unit)
+    """Finding of a size that blocks have in common."""
+    sigma = float(np.clip(sigma, 1e-9, 1e9))
+    return Finding(name, int(difference.smooth.size), size, sigma, max(degrees, 1.0), probability, unit=unit)
 
 
 def fine_light(difference: Difference, window_px: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -151,8 +170,13 @@ def fine_light(difference: Difference, window_px: int) -> tuple[NDArray[np.float
     return np.where(used, first, 0.0) / light, np.where(used, second, 0.0) / light
 
 
-def _blocks(fine: tuple[NDArray, NDArray]) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray] | None:
-    """Squares of both sides and their product, summed over blocks, and weights of the blocks."""
+def _blocks(
+    fine: tuple[NDArray, NDArray],
+) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray[np.float64], tuple[NDArray[np.float64], ...]] | None:
+    """Squares of both sides and their product, summed over blocks, their likeness, and weights of the blocks.
+
+    The first weights are about alike for all structured blocks, the second are larger where both sides agree.
+    """
     first, second = fine
     height, width = first.shape
     if (height // _BLOCK_PX) * (width // _BLOCK_PX) < _LEAST_BLOCKS:
@@ -161,8 +185,10 @@ def _blocks(fine: tuple[NDArray, NDArray]) -> tuple[tuple[NDArray, NDArray, NDAr
     both = before + after
     if not both.any():
         return None
-    typical = float(np.median(both[both > 0]))
-    return (before, after, product), 1 / (both + _STRUCTURED * typical)
+    alike = np.clip(2 * product / np.maximum(both, 1e-300) - _ALIKE, 0.0, None)
+    apart = both - 2 * product
+    structured, quiet = (p + part * float(np.median(p[both > 0])) for p, part in ((both, _STRUCTURED), (apart, _QUIET)))
+    return (before, after, product), alike, (1 / np.maximum(structured, 1e-300), alike / np.maximum(quiet, 1e-300))
 
 
 def block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -52,8 +52,10 @@ _OF_MEDIAN = 1.571
 _MIN_INDEPENDENT = 5.0
 #: Most degrees of freedom: noise of renderings is not normal.
 _SQUARE_DEGREES = 15.0
-#: Least scatter of the surroundings over the typical one.
-_LEAST_SCATTER = 0.03
+#: Least light of a pixel over the median one: filters spread a lamp's noise over dark surroundings.
+_LEAST_LEVEL = 0.1
+#: Least scatter of the surroundings over the typical one: where a denoiser left little noise, its errors are no part.
+_LEAST_SCATTER = 0.3
 #: Squares elsewhere that may have changed, too.
 _OTHERS = 2
 #: Factor by which a finding has to be clearer than all others: a denoiser's noisy spots are about alike.
@@ -269,7 +271,7 @@ def small_part(difference: Difference) -> Finding | None:
     if min(used.shape) < _LEAST_PX or not used.any() or not difference.of_pixel_filter:
         return None
     level = median_filter(difference.level + 0.5 * difference.total, _LEVEL_PX, mode="nearest")
-    relative = difference.total / np.maximum(level, 1e-3 * max(float(difference.level.mean()), 1e-300))
+    relative = difference.total / np.maximum(level, _LEAST_LEVEL * float(np.median(level[used])) + 1e-300)
     off = np.where(used, relative - median_filter(relative, _AROUND_PX, mode="nearest"), 0.0)
     around = median_filter(off**2, _AROUND_PX, mode="nearest") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300)

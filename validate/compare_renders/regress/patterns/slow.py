@@ -14,7 +14,7 @@ from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from .difference import Difference, Finding, self_normalised, sigma_of
+from .difference import Difference, Finding, common_size, sigma_of
 
 __all__ = ["slow_change", "without_slow"]
 
@@ -42,6 +42,8 @@ _FASTEST = 16.0
 _CUT = 5.0
 #: Pixels a side of the window that gives the local level.
 _LEVEL_PX = 5
+#: Light of a pixel over the local level, above which it counts less: the lamp's edge would rule the picture.
+_MOST_LIGHT = 2.0
 #: Pixels a side of the window that gives the local scatter.
 _WINDOW_PX = 7
 #: Pixels a side of the smallest picture.
@@ -85,13 +87,18 @@ def slow_change(difference: Difference) -> Finding | None:
     power = (orthogonal.T @ goal[bright]) ** 2
     free = len(polynomials) - 1
     slow = float(power[1 : free + 1].mean())
-    terms = orthogonal[:, 1 : free + 1] * goal[bright][:, None]
+    shapes = orthogonal[:, 1 : free + 1]
+    sizes = shapes.T @ goal[bright]
+    rest = goal[bright] - shapes @ sizes
+    terms, norms = shapes * (rest[:, None] + shapes * sizes), shapes**2
     if difference.of_pixel_filter:
         shortest = min(used.shape)
-        blocks = min(_SMALL_BLOCKS, shortest // _LEAST_BLOCK_PX)
-        probability = _by_blocks(terms, bright, blocks, 1 + difference.clustering * (blocks / shortest) ** 2)
+        numbers = {min(_SMALL_BLOCKS, shortest // _LEAST_BLOCK_PX), _BLOCKS}
+        probability = max(
+            _by_blocks(terms, norms, bright, n, 1 + difference.clustering * (n / shortest) ** 2) for n in numbers
+        )
     else:
-        probability = max(_by_waves(slow, free, power[free + 1 :], halves), _by_blocks(terms, bright, _BLOCKS))
+        probability = max(_by_waves(slow, free, power[free + 1 :], halves), _by_blocks(terms, norms, bright, _BLOCKS))
     size = float(np.sqrt(slow * free / max(float((weight**2).sum()), 1e-300)))
     sigma = sigma_of(size, probability, len(waves))
     amplitudes = {"amplitudes": rough}
@@ -144,8 +151,10 @@ def _cells(
     half = np.maximum(difference.level + 0.5 * difference.total, 0.0)
     local = median_filter(half, _LEVEL_PX, mode="nearest")
     local = np.maximum(local, 1e-3 * max(float(local.mean()), 1e-300))
-    common = float(difference.total[used].sum()) / max(float(half[used].sum()), 1e-300)
-    rest = difference.total - (common + about) * half
+    common = float(np.median((difference.total / local)[used]))
+    share = np.minimum(1.0, _MOST_LIGHT * local / np.maximum(half, 1e-300))
+    half, total = share * half, share * difference.total
+    rest = total - (common + about) * half
     around = 1.4826 * median_filter(np.where(used, np.abs(rest) / local, 0.0), _WINDOW_PX, mode="nearest")
     typical = float(np.median(around[used]))
     if typical <= 0:
@@ -192,13 +201,19 @@ def _by_waves(slow: float, free: int, power: NDArray[np.float64], halves: NDArra
     return max(level, next_to_it**2)
 
 
-def _by_blocks(terms: NDArray[np.float64], bright: NDArray[np.bool_], blocks: int, alike: float = 1.0) -> float:
+def _by_blocks(
+    terms: NDArray[np.float64],
+    norms: NDArray[np.float64],
+    bright: NDArray[np.bool_],
+    blocks: int,
+    alike: float = 1.0,
+) -> float:
     """Probability of the clearest polynomial, by the scatter of its parts from block to block.
 
-    The parts of equal pictures have random signs. Noise that a small part of the picture has alone makes few of them.
-    blocks : along each side of the picture. alike : number of neighbouring blocks that correlation makes one.
+    terms, norms : (n, k) parts of the cells, and those of a size of 1. blocks : along each side of the picture.
+    alike : number of neighbouring blocks that correlation makes one.
     """
     rows, columns = (np.arange(size) * blocks // size for size in bright.shape)
     block = (rows[:, None] * blocks + columns)[bright]
-    sums = [np.asarray(np.bincount(block, part, blocks**2), float) for part in terms.T]
-    return min(1.0, len(sums) * min(self_normalised(part, alike)[1] for part in sums))
+    parts = [[np.asarray(np.bincount(block, p, blocks**2), float) for p in columns_.T] for columns_ in (terms, norms)]
+    return min(1.0, len(parts[0]) * min(common_size(t, n, alike)[3] for t, n in zip(*parts, strict=True)))
