@@ -198,11 +198,11 @@ def check_independence(
     complete = all(stack.key in correlated for stack in stacks if stack.kind in kinds)
     where = list(dict.fromkeys(stack.kind if complete else stack.key for stack in correlated.values()))
     how = "interpolated (demosaiced), resampled" if capture.manifest.mosaic is not None else "resampled"
-    strength, count = max(strengths)
+    correlation, count = max(strengths)
     suspicion = Suspicion(
         f"the frames of {', '.join(where)} were {how}, binned, smoothed or compressed after the exposure",
         ", ".join(f"{name}.frames" for name in where),
-        f"The noise of neighbouring pixels has a correlation of {strength:.2f} (median of {count} pairs of repeats); a "
+        f"The noise of neighbouring pixels has a correlation of {correlation:.2f} (median of {count} pairs of repeats); a "
         "sensor's has none.",
     )
     return (suspicion,), frozenset(correlated)
