@@ -4,8 +4,8 @@ The first part simulates captures of several laboratories: a flaw of the base (`
 of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
 rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
 The best effect to first order is fitted and judged as a diagnosis does, and what it shows goes to --results, which a
-later run continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in turn, and
-prints the reliability of what was left out. With --write the weights become the table of the package.
+later run continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in
+turn, and prints the reliability of what was left out. With --write the weights become the table of the package.
 """
 
 from __future__ import annotations
