@@ -202,8 +202,8 @@ def check_independence(
     suspicion = Suspicion(
         f"the frames of {', '.join(where)} were {how}, binned, smoothed or compressed after the exposure",
         ", ".join(f"{name}.frames" for name in where),
-        f"The noise of neighbouring pixels has a correlation of {correlation:.2f} (median of {count} pairs of repeats); "
-        "a sensor's has none.",
+        f"The noise of neighbouring pixels has a correlation of {correlation:.2f} (median of {count} pairs of "
+        "repeats); a sensor's has none.",
     )
     return (suspicion,), frozenset(correlated)
 
