@@ -21,8 +21,8 @@ test: style
 	$(MAKE) --no-print-directory --jobs=2 types suite
 
 suite: $(INSTALLED)
-	@# two test processes share the cores
-	OMP_NUM_THREADS=1 $(BIN)/pytest
+	@# two test processes share the cores; commands that tests start need not compile 620 modules again (0.7 CPU s)
+	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/pytest
 
 lint: style types
 

@@ -76,7 +76,8 @@ def sources(state: str, folder: Path) -> Path:
 
 def measured(tree: Path, arguments: list[str]) -> tuple[float, float]:
     """CPU seconds and GB of one run."""
-    settings = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1"}
+    # compiled modules are stored, as they are where the program is installed
+    settings = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, "-c", _START, *arguments]
     # Python looks for modules in the current folder first
     process = subprocess.Popen(command, env=settings, cwd=tree, stdout=subprocess.DEVNULL)

@@ -1,4 +1,4 @@
-"""Straight line through points, some of which may be far off."""
+"""Straight line through points that hardly depends on those far off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Sobol' points without scrambling, the same as those of SciPy, whose statistics take half a second to import."""
+"""Sobol' points without scrambling.
+
+They are those of `scipy.stats`, whose import takes half a second.
+"""
 
 from __future__ import annotations
 
@@ -55,14 +58,17 @@ def sobol_table(dimensions: int, log2_points: int) -> NDArray[np.uint32]:
     numbers = np.arange(2**log2_points, dtype=np.uint32)
     gray = numbers ^ (numbers >> 1)
     vectors = np.array([_direction_vectors(dimension) for dimension in range(dimensions)], np.uint32)
-    points = np.zeros((len(numbers), dimensions), np.uint32)
+    points: NDArray[np.uint32] = np.zeros((len(numbers), dimensions), np.uint32)
     for bit in range(log2_points):
         points ^= (gray >> bit & 1)[:, None] * vectors[:, bit]
     return points
 
 
 def _direction_vectors(dimension: int) -> list[int]:
-    """(32,) direction numbers of a dimension, shifted to the highest bits; after Bratley and Fox, TOMS 14, 1988."""
+    """(32,) direction numbers of a dimension, shifted to the highest bits.
+
+    After Bratley and Fox, ACM TOMS 14, 1988.
+    """
     if dimension == 0:
         return [1 << _BITS - 1 - bit for bit in range(_BITS)]
     polynomial, first = _DIRECTIONS[dimension - 1]

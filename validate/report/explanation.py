@@ -119,8 +119,8 @@ def explanation_sentence(explanation: Explanation) -> str:
         return text
     other = explanation.rivals[1]
     if explanation.told_apart:
-        return f"{text} The next family is {other.family}, with {100 * other.share:.0f} %."
-    return f"{text} This capture cannot distinguish it from {other.family} ({100 * other.share:.0f} %)."
+        return f"{text} The next best family, {other.family}, explains {100 * other.share:.0f} %."
+    return f"{text} This capture cannot distinguish it from {other.family}, which explains {100 * other.share:.0f} %."
 
 
 def _undecided(explanation: Explanation) -> str:

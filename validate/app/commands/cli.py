@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -12,6 +13,10 @@ from types import FrameType
 
 __all__ = ["main"]
 
+#: New objects between two searches for unreachable ones. With Python's 700 they take 0.6 CPU s of `validate`, mostly
+#: while modules are imported; with these 0.2 s.
+_OBJECTS_PER_COLLECTION = 100_000
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command, with the exit codes of ``app.run``.
@@ -21,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments
         Arguments of the command; None for those of sys.argv.
     """
+    gc.set_threshold(_OBJECTS_PER_COLLECTION, *gc.get_threshold()[1:])
     # NumPy reads these at its import: idle threads of its matrix products would slow down ray tracing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")

@@ -27,9 +27,9 @@ def regress(
     baseline: Annotated[
         str,
         typer.Argument(
-            help="Spectral cube (.nc, .exr, .hdr) or colour picture of any scene (.exr, .hdr). Several independent "
-            "pictures of one view: joined by commas, or a folder. Other inputs: a command that writes pictures to "
-            "{out}, a model file (.toml), or cornell-box.",
+            help="Spectral cube (.nc, .exr, .hdr) or colour picture of any scene (.exr, .hdr). For several independent "
+            "pictures of one view, join their names by commas, or give their folder. You can also give a command that "
+            "writes pictures to {out}, a model file (.toml), or cornell-box.",
             show_default=False,
         ),
     ],

@@ -76,7 +76,7 @@ _ADVICE = (
     Advice(
         "",
         "on the surfaces of one paint",
-        ("paint that faded or yellowed", "another batch of paint", "a sample that is not what was painted"),
+        ("paint that faded or yellowed", "another batch of paint", "a sample of another paint than that on the wall"),
         "Measure the reflectance of this surface in the box itself.",
     ),
 )
