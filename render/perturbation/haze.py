@@ -115,13 +115,24 @@ class AirTransport:
         """
         weights = self._stored.get(step)
         if weights is None:
-            weights = self._weights(self.eye_mm + ((step + 0.5) / STEPS * self.depth)[..., None] * self.direction)
+            weights = self.weights_at(self.eye_mm + ((step + 0.5) / STEPS * self.depth)[..., None] * self.direction)
             if self.depth.size <= _STORED_PIXELS:
                 self._stored[step] = weights
         return (weights @ values.astype(np.float32)).reshape(*self.depth.shape, -1)
 
-    def _weights(self, points_mm: NDArray) -> csr_array:
-        """(n, v) weights of the cells at points (y, x, 3), mm: linear between their centres and beyond them."""
+    def weights_at(self, points_mm: NDArray) -> csr_array:
+        """Weights of the cells for light at points: linear between their centres and beyond them.
+
+        Parameters
+        ----------
+        points_mm
+            (..., 3) points, mm.
+
+        Returns
+        -------
+        csr_array
+            (n, v) weights, points in order; 0 at the sides of the box, where the black backs of its walls are seen.
+        """
         points = points_mm.reshape(-1, 3)
         part = np.minimum(points[:, 2] < self.front_mm, len(self.axes) - 1)
         aside = [
