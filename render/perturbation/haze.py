@@ -99,7 +99,7 @@ class AirTransport:
         return {}
 
     def at_step(self, step: int, values: NDArray) -> NDArray[np.float32]:
-        """Light that is given in the cells, interpolated in the middle of a segment of the pixels' central rays.
+        """Light of the cells in the middle of a segment of the central rays, interpolated.
 
         Parameters
         ----------
@@ -139,11 +139,11 @@ class AirTransport:
             np.abs(points[:, i] - axis.mean()) > len(axis) * (axis[1] - axis[0]) / 2
             for i, axis in enumerate(self.axes[0][:2])
         ]
-        seen = (part > 0) | ~np.any(aside, axis=0)
+        in_view = (part > 0) | ~np.any(aside, axis=0)
         cells, weights = np.zeros((len(points), 8), np.int32), np.zeros((len(points), 8), np.float32)
         first = 0
         for k, axes in enumerate(self.axes):
-            inside = np.flatnonzero((part == k) & seen)
+            inside = np.flatnonzero((part == k) & in_view)
             cell, weight = np.zeros((len(inside), 1), np.int32), np.ones((len(inside), 1))
             for i, axis in enumerate(axes):
                 along = (points[inside, i] - axis[0]) / (axis[1] - axis[0])

@@ -214,7 +214,7 @@ def _camera(points: SurveyedPoints, photograph: NDArray[np.float64]) -> tuple[Ca
 
 
 def _blur(squares: Sequence[_Square], blurs: Sequence[float]) -> float:
-    """Blur of the largest likelihood, with a noise of its own in each square.
+    """Blur of the largest likelihood, where the noise of each square is free.
 
     A square that no shift explains, such as a foot in its shadow, then has little influence.
     """
@@ -283,7 +283,7 @@ class _Square:
         return shift, np.inf if outside or variance == 0 else float(np.sqrt(variance)), cost
 
     def log_misfit(self, blur: float) -> float:
-        """Logarithm of the sum of squares of the fit with a blur: -2 log likelihood by pixel, and a constant."""
+        """Logarithm of the misfit with a blur: -2 log likelihood by pixel, and a constant."""
         return float(np.log(max(self._fit(blur, *_FITS[0], np.zeros(2))[2], 1e-300)))
 
     def position(self, blur: float) -> tuple[NDArray[np.float64], float]:
@@ -325,7 +325,7 @@ def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> ND
     """(n, n) number of the flat face that each ray around a pixel meets first; 0 for none."""
     pixels = 2 * _MARGIN_PX + 1
     first = middle - _MARGIN_PX - 0.5
-    # rays at the pixels' corners tell in which pixels an edge may be; only there are all rays traced
+    # by rays at the pixels' corners: pixels in which an edge may be; only there are all rays traced
     across = np.arange(-1, pixels + 2)
     coarse = _faces_met(scene, camera, middle, *np.meshgrid(first[0] + across, first[1] + across))
     is_mixed = maximum_filter(coarse, 4, origin=-1) != minimum_filter(coarse, 4, origin=-1)
@@ -342,7 +342,7 @@ def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> ND
 def _faces_met(
     scene: Scene, camera: Camera, middle: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Number of the flat face that the rays of points (u, v) near a pixel meet first, in their shape; 0 for none."""
+    """Number of the flat face that each ray (u, v) near a pixel meets first; 0 for none."""
     direction = camera.directions(u.ravel(), v.ravel())
     nearest, number = np.full(u.size, np.inf), np.zeros(u.size, np.int64)
     flat: dict[tuple[float, ...], int] = {}

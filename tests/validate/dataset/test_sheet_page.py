@@ -15,11 +15,11 @@ def test_a_sheet_fits_a_telephone_and_breaks_no_rule_of_axe(tmp_path):
     stream = io.BytesIO()
     Image.new("RGB", (8, 8), "grey").save(stream, format="PNG")
     picture = base64.b64encode(stream.getvalue()).decode()
-    drawn = histograms({"room width, mm": [460.0, 470.0, 475.0], "number of blocks": [1, 2, 2], "lamp power, W": []})
-    assert [name for name, _ in drawn] == ["Histogram: room width, mm", "Histogram: number of blocks"]
+    plots = histograms({"room width, mm": [460.0, 470.0, 475.0], "number of blocks": [1, 2, 2], "lamp power, W": []})
+    assert [name for name, _ in plots] == ["Histogram: room width, mm", "Histogram: number of blocks"]
     faults = [("000003 main", "light is below the noise in 45 of 100 pixels " + 40 * "x")]
     page = tmp_path / "quality.html"
-    write_page(page, "Quality of boxes", ["Two boxes."], [("000000 main", picture)], [("Drawn values", drawn)], faults)
+    write_page(page, "Quality of boxes", ["Two boxes."], [("000000 main", picture)], [("Drawn values", plots)], faults)
     with open_browser() as browser:
         for width, dark in ((1280, False), (400, True)):
             browser.open(page, width, dark=dark)
