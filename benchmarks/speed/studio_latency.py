@@ -36,6 +36,7 @@ from cboxlab.validation.app.studio.jobs import Jobs
 from cboxlab.validation.app.studio.wire import view
 from cboxlab.validation.predict import default_cache
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 #: Longest time that 95 % of all moves may take, s.
 AIM_S = 0.5
@@ -127,7 +128,8 @@ def main() -> None:
     parser.add_argument("--reports-only", action="store_true", help="stops at reports of progress alone")
     arguments = parser.parse_args()
     effects = [e for e in catalogue().values() if e.numbers and (not arguments.effects or e.id in arguments.effects)]
-    with TemporaryDirectory() as unsaved:
+    # one thread for matrix products, as the command sets it
+    with threadpool_limits(1), TemporaryDirectory() as unsaved:
         bench = Workbench(Path(unsaved), None if arguments.stops else default_cache())
         opening, used = seconds(lambda: bench.open(arguments.capture.resolve(), None, NO_PROGRESS))
         print(f"open: {opening:.1f} s, CPU {used:.1f} s", flush=True)

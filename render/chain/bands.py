@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.instrument import BandResponse, Mask, band_images, sensor_matrix
+from cboxlab.utils.progress import checkpoint
 from scipy.ndimage import binary_dilation, uniform_filter
 
 from ..image import RenderedImage
@@ -39,7 +40,9 @@ def render_bands(image: RenderedImage, responses: tuple[BandResponse, ...]) -> x
     if not responses[0].grid.matches(image.wavelength_nm):
         raise ValueError("the image and the responses have different wavelengths")
     mean, variance = image.project(sensor_matrix(responses).T)
+    checkpoint()
     variance = _pooled(mean, variance, image.single_surface)
+    checkpoint()
     near_lamp = binary_dilation(image.sees_lamp, np.ones((3, 3)))
     mask = np.where(near_lamp, np.uint8(Mask.LAMP), np.uint8(0))
     stack = np.broadcast_to(mask, (len(responses), *mask.shape))

@@ -55,20 +55,22 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
 
     from_patches = air.patch_coverage * _passed(air.centres, patches.centre, sigma)
     # by reciprocity, from the part of its view that each patch fills for a cell of air
-    onto_patches = 4 * (air.volume[:, None] * from_patches).T / patches.area[:, None]
+    onto_patches = (4 * air.volume.astype(np.float32)[:, None] * from_patches).T / patches.area.astype(np.float32)[
+        :, None
+    ]
     from_each = [lamp.cells * np.exp(-sigma * np.linalg.norm(air.centres - lamp.centre, axis=1)) for lamp in air.lamps]
     from_lamps = np.stack(from_each, axis=1) @ light.lamp_shares
     surround = np.outer(air.escape, light.surround)
     between = air.between_cells(sigma)
     source = np.zeros((len(air.volume), len(light.surround)))
     for _ in range(_ROUNDS):
-        arriving = onto_patches @ source
+        arriving = onto_patches @ source.astype(np.float32)
         exchanged = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
-        smooth = surround + from_patches @ exchanged.patch_radiance() + between @ source
+        smooth = surround + from_patches @ exchanged.patch_radiance().astype(np.float32) + between @ source
         before, source = source, sigma * albedo * (from_lamps + smooth)
         if np.abs(source - before).max() <= _SETTLED * source.max():
             break
-    onto_fragments = _between_patches(transport, onto_patches @ source)
+    onto_fragments = _between_patches(transport, onto_patches @ source.astype(np.float32))
     hazy_light = exchanged.change(
         fragment_emission=light.fragment_emission + light.fragment_reflectance * onto_fragments
     )
@@ -162,9 +164,8 @@ def _towards_camera(light: PatchLight, air: AirTransport, smooth: NDArray, sigma
     ways = [_way_from(lamp.centre, eye, air.direction) for lamp in air.lamps]
     for step in range(STEPS):
         along = (step + 0.5) * length
-        point = eye + along[..., None] * air.direction
         direct = [lamp.rays[..., step] * np.exp(-sigma * way(along)) for lamp, way in zip(air.lamps, ways, strict=True)]
-        radiance = air.at(point, smooth) + np.stack(direct, axis=-1) @ light.lamp_shares
+        radiance = air.at_step(step, smooth) + np.stack(direct, axis=-1) @ light.lamp_shares
         total += radiance * (np.exp(-sigma * along) * length)[..., None]
     return total
 

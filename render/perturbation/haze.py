@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..device import SobolPoints, device_array, dr, mi
 from ..radiosity import LampSampler, lamp_point, patch_of
@@ -35,6 +36,10 @@ _CELL_SAMPLES = 2048
 
 #: Samples of each lamp's light in each segment of a camera ray.
 _RAY_SAMPLES = 32
+
+
+#: Most pixels of a picture whose weights of cells are stored: 1 kB each.
+_STORED_PIXELS = 2**16
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +78,8 @@ class AirTransport:
     depth: NDArray[np.float64]
     #: (y, x, 3) directions of the central rays.
     direction: NDArray[np.float64]
+    #: (3,) position of the camera, mm.
+    eye_mm: NDArray[np.float64]
 
     @property
     def centres(self) -> NDArray[np.float64]:
@@ -86,39 +93,69 @@ class AirTransport:
         np.fill_diagonal(away, 1.0)
         return away
 
-    def at(self, points_mm: NDArray, values: NDArray) -> NDArray[np.float64]:
-        """Light that is given in the cells, interpolated at points.
+    @cached_property
+    def _stored(self) -> dict[int, csr_array]:
+        """Weights of the cells by segment, of a picture small enough to store them."""
+        return {}
+
+    def at_step(self, step: int, values: NDArray) -> NDArray[np.float32]:
+        """Light of the cells in the middle of a segment of the central rays, interpolated.
 
         Parameters
         ----------
-        points_mm
-            (..., 3) points, mm.
+        step
+            Number of the segment, from 0.
         values
             (v, w) light in the cells.
 
         Returns
         -------
         NDArray
-            (..., w) light; 0 at the sides of the box, where only the black backs of its walls are seen.
+            (y, x, w) light; 0 at the sides of the box, where only the black backs of its walls are seen.
         """
-        from scipy.interpolate import RegularGridInterpolator  # slow to import
+        weights = self._stored.get(step)
+        if weights is None:
+            weights = self.weights_at(self.eye_mm + ((step + 0.5) / STEPS * self.depth)[..., None] * self.direction)
+            if self.depth.size <= _STORED_PIXELS:
+                self._stored[step] = weights
+        return (weights @ values.astype(np.float32)).reshape(*self.depth.shape, -1)
 
-        part = np.minimum(points_mm[..., 2] < self.front_mm, len(self.axes) - 1)
-        result, start = np.empty((*part.shape, values.shape[1])), 0
-        for k, axes in enumerate(self.axes):
-            inside = part == k
-            shape = tuple(len(axis) for axis in axes)
-            of_part = values[start : start + int(np.prod(shape))].reshape(*shape, -1)
-            result[inside] = RegularGridInterpolator(axes, of_part, bounds_error=False, fill_value=None)(
-                points_mm[inside]
-            )
-            start += int(np.prod(shape))
+    def weights_at(self, points_mm: NDArray) -> csr_array:
+        """Weights of the cells for light at points: linear between their centres and beyond them.
+
+        Parameters
+        ----------
+        points_mm
+            (..., 3) points, mm.
+
+        Returns
+        -------
+        csr_array
+            (n, v) weights, points in order; 0 at the sides of the box, where the black backs of its walls are seen.
+        """
+        points = points_mm.reshape(-1, 3)
+        part = np.minimum(points[:, 2] < self.front_mm, len(self.axes) - 1)
         aside = [
-            np.abs(points_mm[..., i] - axis.mean()) > len(axis) * (axis[1] - axis[0]) / 2
+            np.abs(points[:, i] - axis.mean()) > len(axis) * (axis[1] - axis[0]) / 2
             for i, axis in enumerate(self.axes[0][:2])
         ]
-        result[(part == 0) & np.any(aside, axis=0)] = 0.0
-        return result
+        in_view = (part > 0) | ~np.any(aside, axis=0)
+        cells, weights = np.zeros((len(points), 8), np.int32), np.zeros((len(points), 8), np.float32)
+        first = 0
+        for k, axes in enumerate(self.axes):
+            inside = np.flatnonzero((part == k) & in_view)
+            cell, weight = np.zeros((len(inside), 1), np.int32), np.ones((len(inside), 1))
+            for i, axis in enumerate(axes):
+                along = (points[inside, i] - axis[0]) / (axis[1] - axis[0])
+                lower = np.clip(np.floor(along).astype(np.int32), 0, len(axis) - 2)
+                beyond = (along - lower)[:, None]
+                cell = len(axis) * cell + lower[:, None]
+                cell = np.concatenate([cell, cell + 1], axis=1)
+                weight = np.concatenate([weight * (1 - beyond), weight * beyond], axis=1)
+            cells[inside], weights[inside] = first + cell, weight
+            first += int(np.prod([len(axis) for axis in axes]))
+        ends = np.arange(0, weights.size + 1, 8, dtype=np.int32)
+        return csr_array((weights.ravel(), cells.ravel(), ends), shape=(len(points), first))
 
     def between_cells(self, extinction_per_mm: float) -> NDArray[np.float64]:
         """Mean radiance in each cell per source in each other cell.
@@ -216,6 +253,7 @@ def air_transport(transport: PatchTransport, seed: int = 0) -> AirTransport:
         ),
         depth=depth,
         direction=direction,
+        eye_mm=eye_mm,
     )
 
 

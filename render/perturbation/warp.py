@@ -105,9 +105,11 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
     alone = parts == parts.max(axis=(1, 2), keepdims=True)
     lacking = np.moveaxis(signal, 0, -1).copy()
     for layer, part, single in zip(layers, parts, alone, strict=True):
+        checkpoint()
         layer[:] = _continued(np.moveaxis(signal, 0, -1), single)
         lacking -= part[..., None] * layer
     for layer, part, single in zip(layers, parts, alone, strict=True):
+        checkpoint()
         most = (part >= _MIN_COVERAGE) & ~image.sees_lamp
         face_signal = layer + lacking / np.where(most, part, 1.0)[..., None]
         layer[:] = _continued(np.where(single[..., None], np.moveaxis(signal, 0, -1), face_signal), single | most)
@@ -159,6 +161,7 @@ def warp_derivatives(warp: Warp, camera: Camera, steps: NDArray[np.float64]) -> 
         [camera.with_parameters(camera.parameters + row) for row in np.diag(sign * steps)] for sign in (1, -1)
     )
     coverage, *others = _coverage(warp, [camera, *ahead, *behind])
+    checkpoint()
     rises = (np.array(others[: len(steps)]) - others[len(steps) :]) / (2 * steps[:, None, None])
     border, own_face = np.nonzero((coverage > 0) | rises.any(axis=0))
     inside, alone = warp.inside
@@ -174,6 +177,7 @@ def warp_derivatives(warp: Warp, camera: Camera, steps: NDArray[np.float64]) -> 
         positions = _seen_at(warp, camera, face[part], pixel[part])
         value, down, right = _layers_at(warp, face[part], *_filled(warp, positions, pixel[part]), slopes=True)
         for derivative, other, step, up in zip(result, nearby, steps, rise, strict=True):
+            checkpoint()
             rows, columns = (_seen_at(warp, other, face[part], pixel[part]) - positions) / (_SMALL * step)
             moved = np.nan_to_num(rows)[:, None] * down + np.nan_to_num(columns)[:, None] * right
             derivative[pixel[part][first]] += np.add.reduceat(share[part, None] * moved + up[part, None] * value, first)

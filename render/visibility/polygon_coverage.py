@@ -92,6 +92,7 @@ def polygon_coverage(faces: FlatFaces, cameras: Sequence[Camera], pixels: NDArra
         count = len(cameras) * len(members)
         shares = _shares((cuts @ pixel_frames).reshape(count, most_lines, 3), near.reshape(count, most_faces, 5, 3))
         coverage[:, mixed[members, None], columns] = shares.reshape(len(cameras), *columns.shape)
+    checkpoint()
     return coverage
 
 

@@ -166,22 +166,17 @@ def _visible(scene: Scene, camera: Camera, positions: NDArray[np.float64]) -> ND
     Intersection by Möller and Trumbore (1997) in double precision: the positions lie on edges, where single precision
     would decide by chance whether the next face hides them.
     """
+    corners = np.concatenate([surface.vertices_mm[surface.faces] for surface in scene.surfaces])
     direction = positions - camera.position_mm
-    free: NDArray[np.bool_] = np.ones(len(positions), bool)
-    for surface in scene.surfaces:
-        for face in surface.faces:
-            a, b, c = surface.vertices_mm[face]
-            normal = np.cross(direction, c - a)
-            slope = normal @ (b - a)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                from_a = camera.position_mm - a
-                u = normal @ from_a / slope
-                across = np.cross(from_a, b - a)
-                v = direction @ across / slope
-                distance = float((c - a) @ across) / slope
-                hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 1e-6) & (distance < 1 - 1e-3)
-            free &= ~(hit & np.isfinite(distance))
-    return free
+    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    from_a = camera.position_mm - a
+    across = np.cross(from_a, ab)
+    # the determinants are linear in the direction, so that a product has them for all faces
+    slope, first, second = (direction @ side.T for side in (np.cross(ac, ab), np.cross(ac, from_a), across))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v, distance = first / slope, second / slope, np.sum(ac * across, axis=1) / slope
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 1e-6) & (distance < 1 - 1e-3)
+    return np.asarray(~np.any(hit & np.isfinite(distance), axis=1), np.bool_)
 
 
 def _image_edges(scene: Scene, camera: Camera) -> NDArray[np.float64]:

@@ -402,9 +402,13 @@ def rendered_from(
             progress=progress,
         )
         included = [e for e in effects if e.stage in stages_between("scene", "settings")]
+    checkpoint()
     image = image.averaged()  # the bands' variance has been taken from its batches
+    checkpoint()
     predictor = build_predictor(light, image, camera, sensing(calibration, camera), prepared.scene, settings, included)
+    checkpoint()
     plain = _scaled(prepared, image, camera, predictor.signal(effects), bands)
+    checkpoint()
     at_lamp = predictor.at_lamp(plain.fit.lamp_scale)
     return Predicted(image, plain.fit, plain.signal, plain.variance, plain.used, at_lamp, pilot)
 

@@ -17,6 +17,7 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.page_text import unbroken
 from jinja2 import Environment
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -31,6 +32,9 @@ _THUMBNAILS = 20
 #: Principal components of the mean spectra that are stated.
 _COMPONENTS = 6
 
+#: Resolution of plots: twice that of a page, for sharp text.
+_DOTS_PER_INCH = 200
+
 #: The page; it refers to no other files.
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
@@ -40,17 +44,20 @@ figure{display:inline-block;margin:.3rem;text-align:center}figcaption{font-size:
 table{border-collapse:collapse}td,th{padding:.15rem .7rem;text-align:left;border-bottom:1px solid #ddd}
 div.wide{overflow-x:auto}
 img.thumb{width:128px;image-rendering:pixelated}
+div.plots{display:flex;flex-wrap:wrap;gap:.5rem}div.plots img{width:240px;flex:0 1 240px}
+div.plots img:only-child{flex-basis:640px}div.plots img{max-width:100%;height:auto}
 @media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}td,th{border-color:#444}figcaption{color:#aaa}}
-</style></head><body><h1>{{ title }}</h1>
+</style></head><body><main><h1>{{ title }}</h1>
 {% for line in lines %}<p>{{ line }}</p>{% endfor %}
-{% if faults %}<h2>Pictures that failed a check</h2><div class="wide"><table>
+{% if faults %}<h2>Pictures that failed a check</h2>
+<div class="wide" tabindex="0" role="region" aria-label="Pictures that failed a check"><table>
 {% for name, fault in faults %}<tr><td>{{ name }}</td><td>{{ fault }}</td></tr>{% endfor %}</table></div>{% endif %}
 <h2>Pictures</h2>{% for name, data in pictures %}
 <figure><img class="thumb" alt="{{ name }}" src="data:image/png;base64,{{ data }}"><figcaption>{{ name }}</figcaption>
 </figure>{% endfor %}
-{% for name, data in plots %}<h2>{{ name }}</h2>
-<div class="wide"><img alt="{{ name }}" src="data:image/png;base64,{{ data }}"></div>{% endfor %}
-</body></html>
+{% for name, images in plots %}<h2>{{ name }}</h2><div class="plots">{% for alt, data in images %}
+<img alt="{{ alt }}" src="data:image/png;base64,{{ data }}">{% endfor %}</div>{% endfor %}
+</main></body></html>
 """
 
 
@@ -59,7 +66,7 @@ def write_page(
     title: str,
     lines: Sequence[str],
     pictures: Sequence[tuple[str, str]],
-    plots: Sequence[tuple[str, str]],
+    plots: Sequence[tuple[str, Sequence[tuple[str, str]]]],
     faults: Sequence[tuple[str, str]] = (),
 ) -> None:
     """Write a page of sentences, pictures and plots.
@@ -72,8 +79,10 @@ def write_page(
         Its title.
     lines
         Sentences.
-    pictures, plots
+    pictures
         Names, and PNG files in base64.
+    plots
+        Titles, and the plots below each: names, and PNG files in base64.
     faults
         Names of pictures with their faults.
     """
@@ -109,13 +118,13 @@ def thumbnail(cube: xr.Dataset) -> str:
 def _plot(figure: Figure) -> str:
     """PNG file of a figure in base64."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
+    figure.savefig(stream, format="png", dpi=_DOTS_PER_INCH, metadata={"Software": None})
     return base64.b64encode(stream.getvalue()).decode()
 
 
 def _spectra_plot(grid: NDArray[np.float64], spectra: NDArray[np.float64]) -> str:
     """Mean spectra of the pictures, each over its mean."""
-    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    figure = Figure(figsize=(5.2, 3), layout="constrained")
     axes = figure.add_subplot()
     mean = spectra.mean(axis=1, keepdims=True)
     axes.plot(grid, np.divide(spectra, mean, out=np.zeros_like(spectra), where=mean > 0).T, lw=0.6, alpha=0.5)
@@ -123,8 +132,8 @@ def _spectra_plot(grid: NDArray[np.float64], spectra: NDArray[np.float64]) -> st
     return _plot(figure)
 
 
-def histograms(values: Mapping[str, Sequence[float]]) -> str:
-    """Distributions of drawn values as a plot.
+def histograms(values: Mapping[str, Sequence[float]]) -> list[tuple[str, str]]:
+    """Distributions of drawn values as plots.
 
     Parameters
     ----------
@@ -133,18 +142,23 @@ def histograms(values: Mapping[str, Sequence[float]]) -> str:
 
     Returns
     -------
-    str
-        PNG file in base64.
+    list
+        Names, and PNG files in base64.
     """
-    columns = {name: column for name, column in values.items() if len(column)}
-    rows = -(-max(len(columns), 1) // 4)
-    figure = Figure(figsize=(11, 1.9 * rows), layout="constrained")
-    for position, (name, column) in enumerate(columns.items(), start=1):
-        axes = figure.add_subplot(rows, 4, position)
+    plots = []
+    for name, column in values.items():
+        if not len(column):
+            continue
+        figure = Figure(figsize=(2.4, 1.9), layout="constrained")
+        axes = figure.add_subplot()
         axes.hist(np.asarray(column, float), bins=20)
-        axes.set_title(name, fontsize=8)
-        axes.tick_params(labelsize=7)
-    return _plot(figure)
+        axes.set_xlabel(name, fontsize=9)
+        axes.set_ylabel("number", fontsize=9)
+        axes.tick_params(labelsize=8)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+        plots.append((f"Histogram: {name}", _plot(figure)))
+    return plots
 
 
 def drawn_values(records: Sequence[Mapping[str, Any]]) -> dict[str, list[float]]:
@@ -221,7 +235,7 @@ def write_sheet(layout: Layout, recipe: Recipe, records: Sequence[Mapping[str, A
                 )
         boxes = [read_box(layout, number) for number in sorted({r["box"] for r in sound})]
         plots = [
-            ("Mean spectra", _spectra_plot(recipe.picture.wavelength_nm, spectra)),
+            ("Mean spectra", [("Mean spectra", _spectra_plot(recipe.picture.wavelength_nm, spectra))]),
             ("Drawn values", histograms(drawn_values(boxes))),
         ]
     write_page(layout.folder / "quality.html", f"Quality of {recipe.name}", lines, pictures, plots, faults)

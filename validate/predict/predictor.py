@@ -550,10 +550,14 @@ def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     """
     result = ratio.copy()
     for index in np.unique(face[face >= 0]):
-        members = face == index
+        rows, columns = np.nonzero(face == index)
+        # nothing outside the face counts, so that its rectangle is enough
+        around = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+        members = face[around] == index
         weight = gaussian_filter(members.astype(float), _NEIGHBOURS_PX, mode="constant")[members]
-        values = gaussian_filter(np.where(members, ratio, 0.0), (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant")
-        result[:, members] = values[:, members] / weight
+        values = np.where(members, ratio[:, *around], 0.0)
+        values = gaussian_filter(values, (0, _NEIGHBOURS_PX, _NEIGHBOURS_PX), mode="constant")
+        result[:, *around][:, members] = values[:, members] / weight
     return result
 
 

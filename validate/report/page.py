@@ -33,6 +33,9 @@ from .viewer import picture_data, viewer_fragment
 
 __all__ = ["ReportInputs", "build_report", "report_environment"]
 
+#: Start of a note among the sentences of a command.
+_BULLET = "• "
+
 
 @dataclass(frozen=True, eq=False)
 class ReportInputs(FrozenMappings):
@@ -141,13 +144,15 @@ def write_tables(path: Path, title: str, sentences: Sequence[str], tables: Seque
     title
         Title of the page.
     sentences
-        Sentences, the first one as the heading of the rest.
+        Sentences, the first one as the heading of the rest. Those that begin with a bullet become a list.
     tables
         Tables of text.
     """
     first, *others = sentences
+    notes = [text.removeprefix(_BULLET) for text in others if text.startswith(_BULLET)]
+    head = ReportSection(first, [text for text in others if not text.startswith(_BULLET)], steps=notes)
     below = [ReportSection(table.title, blocks=(ReportTable(table.columns, table.rows),)) for table in tables]
-    write_sections(path, title, [ReportSection(first, others), *below])
+    write_sections(path, title, [head, *below])
 
 
 def build_report(path: Path, inputs: ReportInputs) -> None:

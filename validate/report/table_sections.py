@@ -89,6 +89,10 @@ def where_section(
             f"Most of the excess χ² is {_in_place(worst.name)}: {percent(worst.share_of_excess, 0)} %, with "
             f"{percent(worst.share_of_residuals, 0)} % of the residuals."
         ]
+        if len(failures) > 1:
+            sentences.append(
+                "A residual counts in one of these groups only, so that whole surfaces have other numbers."
+            )
     return ReportSection(
         "Where it fails",
         sentences,

@@ -32,6 +32,9 @@ __all__ = ["Base", "Prediction", "predict", "same_effects"]
 #: Number of rounds of the fit of camera and lamp, each with weights from the last one's residuals.
 _ROUNDS = 3
 
+#: Samples of the fit of camera and lamp that are weighted at once: their numbers stay in the processor's cache.
+_SAMPLES_AT_ONCE = 2**13
+
 #: Residual beyond which a sample counts less, standard deviations, as in the complete fit of `compare`.
 _HUBER_SIGMA = 3.0
 
@@ -212,22 +215,28 @@ def _camera_step(base: Base, before: NDArray[np.float64], effects: Sequence[Appl
     before : (band, y, x) DN, predicted without any motion of the camera.
     """
     prepared, rendered = base.validation.prepared, base.rendered
-    camera, scale, used = rendered.fit.camera, rendered.fit.lamp_scale, rendered.used
+    camera, scale, used = rendered.fit.camera, rendered.fit.lamp_scale, rendered.used.ravel()
     expected = prepared.expected_camera(effects)
     if expected.covariance is None:
         return np.zeros(len(camera.parameters))
     rows = nuisance_priors(expected, prepared.lamp_sigma)
     prior = rows.T @ rows
     deviation = rendered.fit.missed(expected).vector
-    still = (before + base.refit_change)[used]
     variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(before)) + rendered.variance
-    sigma = np.sqrt(variance[used])
-    columns = np.vstack([scale * base.derivative[:, used], still]) / sigma
-    residual = (prepared.measured[used] - scale * still) / sigma
+    derivative = base.derivative.reshape(len(base.derivative), -1)
+    still = np.ravel(before + base.refit_change)
+    measured = prepared.measured.ravel()
     step: NDArray[np.float64] = np.zeros(Nuisances.count)
     for _ in range(_ROUNDS):
-        weight = np.minimum(1.0, _HUBER_SIGMA / np.maximum(np.abs(residual - step @ columns), 1e-9))
-        information = (columns * weight) @ columns.T + prior
-        gradient = columns @ (weight * residual) + prior @ deviation
+        information, gradient = prior.copy(), prior @ deviation
+        for first in range(0, len(used), _SAMPLES_AT_ONCE):
+            some = slice(first, first + _SAMPLES_AT_ONCE)
+            members = used[some]
+            sigma = np.sqrt(variance.ravel()[some][members])
+            columns = np.vstack([scale * derivative[:, some], still[some]])[:, members] / sigma
+            residual = (measured[some] - scale * still[some])[members] / sigma
+            weight = np.minimum(1.0, _HUBER_SIGMA / np.maximum(np.abs(residual - step @ columns), 1e-9))
+            information += (columns * weight) @ columns.T
+            gradient += columns @ (weight * residual)
         step = np.asarray(np.linalg.solve(information, gradient), np.float64)
     return Nuisances.from_vector(step).camera

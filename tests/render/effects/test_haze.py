@@ -33,6 +33,7 @@ def air_of(light):
         lamps=(AirLamp(random.uniform(0.0, 0.05, 8), random.uniform(0.0, 0.05, (*shape, STEPS)), LAMP),),
         depth=random.uniform(1000.0, 1400.0, shape),
         direction=camera.directions(columns, rows),
+        eye_mm=camera.position_mm,
     )
 
 
@@ -81,7 +82,7 @@ def expected(light, air, sigma, albedo):
         for step in range(STEPS):
             along = (step + 0.5) / STEPS * air.depth
             point = eye + along[..., None] * air.direction
-            scattered = air.at(point, smooth[:, None])[..., 0]
+            scattered = (air.weights_at(point) @ smooth).reshape(point.shape[:-1])
             scattered = scattered + air.lamps[0].rays[..., step] * np.exp(
                 -sigma * np.linalg.norm(point - LAMP, axis=-1)
             )

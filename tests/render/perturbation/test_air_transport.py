@@ -33,6 +33,7 @@ def air():
         (),
         nothing,
         nothing,
+        np.zeros(3),
     )
 
 
@@ -44,7 +45,8 @@ def test_what_grows_evenly_is_known_everywhere_exactly(air):
     points = np.random.default_rng(2).uniform((5, 5, -450), (390, 290, 590), (4, 50, 3))
     points[..., :2] = np.where(points[..., 2:] < 0, 1.7 * points[..., :2] - 150.0, points[..., :2])
     assert (points[..., 2] < 0).any() and (points[..., 2] > 0).any() and points[..., 0].max() > 400
-    np.testing.assert_allclose(air.at(points, values), points @ slopes + np.array([5.0, -3.0]))
+    expected = points.reshape(-1, 3) @ slopes + np.array([5.0, -3.0])
+    np.testing.assert_allclose(air.weights_at(points) @ values, expected, rtol=1e-5, atol=1e-4)
 
 
 def test_outside_the_box_there_is_no_light(air):
@@ -55,7 +57,7 @@ def test_outside_the_box_there_is_no_light(air):
             points = np.tile([200.0, 150.0, 300.0], (3, 1))
             points[:, axis] = end + outwards * np.array([-1.0, 1.0, 1.0])
             points[2, 2] = -100.0
-            assert air.at(points, values)[:, 0] == pytest.approx([1.0, 0.0, 1.0])
+            assert (air.weights_at(points) @ values)[:, 0] == pytest.approx([1.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("extinction", [0.0, 0.002])

@@ -69,6 +69,9 @@ def test_corners_are_clicked_and_written_in_the_browser(bench):
         # the camera of the clicks sees a corner that nobody marked where it is
         np.testing.assert_allclose(page.run("page.expected.c16"), POSITIONS["c16"], atol=0.5)
         assert "residual" in page.run("document.querySelector('input[value=c02]').parentElement.innerText")
+        assert page.run("[0.004, -0.004, -0.126, 0.3].map(signed)") == ["0.00", "0.00", "−0.13", "+0.30"]
+        sizes = page.run("[...document.querySelectorAll('#corners input')].map((i) => i.offsetWidth)")
+        assert len(set(sizes)) == 1  # also next to text of two lines
         page.run("document.getElementById('photograph').focus()")
         before = page.run("page.marks.get('c24').u")
         page.key("ArrowRight")

@@ -87,6 +87,7 @@ const look = () => attempt(async () => {
   page.entries.clear();
   page.offers = [];
   const found = await check();
+  if (!found) return;  // the folder has been looked at again since
   const fields = (list) => list.map((key) => fieldOf(key, found.missing.indexOf(key)));
   $("required").replaceChildren(...fields(found.missing.filter((key) => key.key && key.required)));
   $("optional").replaceChildren(...fields(found.missing.filter((key) => key.key && !key.required)));

@@ -48,6 +48,12 @@ const show = () => attempt(async () => {
   draw();
 });
 
+/** A residual to 0.01 px with its sign, and zero without one. */
+function signed(value) {
+  const text = Math.abs(value).toFixed(2);
+  return `${Number(text) === 0 ? "" : value < 0 ? "−" : "+"}${text}`;
+}
+
 /** Positions, residuals and the other corners, for the marks as they are. */
 async function locate(by_edges) {
   const number = ++page.asking;
@@ -76,7 +82,7 @@ function list() {
     input.addEventListener("change", () => { page.chosen = corner.id; draw(); drawPlan(); });
     const at = page.marks.get(corner.id);
     const [du, dv] = at ? at.residual_px : [null, null];
-    const residual = du === null ? "" : `; residual ${du.toFixed(2)}, ${dv.toFixed(2)}`;
+    const residual = du === null ? "" : `; residual ${signed(du)}, ${signed(dv)}`;
     const how = at && at.by_edges ? ` by edges ± ${at.error_px.toFixed(2)}` : "";
     const text = at ? `${at.u.toFixed(2)}, ${at.v.toFixed(2)} px${how}${residual}` : "not marked";
     return make("label", { class: "check" }, [input,
