@@ -130,8 +130,8 @@ def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) 
     indices = [field.bands.index(band) for band in counts.bands]
     dark = counts.dark_scene[:, None, None]
     if field.acts == "previous":
-        parts = _coefficients(field)[np.ix_(indices, indices)]
-        return replace(counts, scene=counts.scene + amplitude * np.tensordot(parts, counts.scene - dark, 1))
+        mixed = _images(field, name, (rows, columns), indices)[:, indices] * (counts.scene - dark)
+        return replace(counts, scene=counts.scene + amplitude * mixed.sum(axis=1))
     if field.acts == "levels":
         pairs = zip(_coefficients(field)[indices], counts.scene - dark, strict=True)
         added = [part @ parts_of_levels(frame.ravel(), field.most_dn) for part, frame in pairs]
