@@ -264,7 +264,9 @@ class SensorPatterns:
             yield from self._by_maps("a spot", self.fit_input.bells, local=True)
         if self.fit_input.spot_of_one_band is not None:
             # in all bands it would have fewer cells than families that are fitted where all bands differ
-            yield from self._by_maps("a spot", bells_on(self.fit_input.spot_of_one_band), local=True, together=False)
+            yield from self._by_maps(
+                "a spot", bells_on(self.fit_input.spot_of_one_band, self.data.cell), local=True, together=False
+            )
 
     def _columns(self, maps: ImageMaps) -> Columns:
         basis: NDArray[Any] | csr_matrix = maps.matrix(self.data.shape)

@@ -135,3 +135,14 @@ def test_another_dye_in_one_place_of_a_channel_is_a_filters():
     assert not fitted[[0, 2, 3]].any()
     effect = field_effect("dye", fitted_field(replace(data, signal=signal), best), "", "")
     assert effect.stage == "counts"
+
+
+def test_a_spot_is_predicted_by_pixels_of_other_repeats():
+    """No other band shows a pixel of a single frame, so bells are a repeat apart."""
+    bell = np.exp(-((COLUMNS - 30) ** 2 + (ROWS - 20) ** 2) / (2 * 4.0**2))
+    data = behind_mosaic(60.0 * bell * np.ones((BANDS, 1, 1)))
+    fit_input = FitInput.of(data)
+    assert fit_input.bells.pitch == 4
+    spots = [form for form in families()["sensor-offset"].generate(fit_input) if form.form == "a spot"]
+    assert spots[0].fit.heldout > 0.5
+    assert spots[0].fit.evidence > 100
