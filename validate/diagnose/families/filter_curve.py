@@ -31,7 +31,8 @@ __all__ = ["FAMILY"]
 #: Form in which each channel of a mosaic has light of all others.
 _OTHER_CHANNELS = "other light in all channels, as by other sensitivities"
 
-#: Most places of a channel in the mosaic's repeat of which single ones may have another filter: Bayer's two greens.
+#: Most places of a channel in a repeat where single ones may have another filter: Bayer's two greens.
+#: An X-Trans sensor has twenty.
 _MOST_PLACES = 4
 
 #: Fewest bands for a form in which one holds light of others.
@@ -82,23 +83,23 @@ def _unlike_places(fit_input: FitInput, mixed: Columns, parts: NDArray[np.float6
     if data.cell is None:
         return
     maps, bands = ImageMaps("repeat", repeat=data.cell), len(data.bands)
-    places = csr_matrix(maps.matrix(data.shape)).toarray()
-    count = places @ data.used.reshape(bands, -1).T.astype(float)
+    in_place = csr_matrix(maps.matrix(data.shape)).toarray()
+    count = in_place @ data.used.reshape(bands, -1).T.astype(float)
     unlike = [band for band in range(bands) if 1 < (count[:, band] > 0).sum() <= _MOST_PLACES]
     for band in unlike:
 
         def columns(index: int, pictures: Columns = mixed, only: int = band) -> NDArray[Any]:
-            each = np.asarray(pictures(index))[:, None] * (places if index == only else 0 * places)
+            each = np.asarray(pictures(index))[:, None] * (in_place if index == only else 0 * in_place)
             return each.reshape(-1, each.shape[-1]).astype(np.float32)
 
         fit = fixed_spectrum(equations_in_all_bands(data, columns), np.eye(bands)[band])
-        fit = replace(fit, coefficients=fit.coefficients * np.repeat(parts, len(places), axis=1))
+        fit = replace(fit, coefficients=fit.coefficients * np.repeat(parts, len(in_place), axis=1))
         form = f"other light in some pixels of {data.bands[band]}, by their place in the mosaic"
         yield FittedExplanation(
             FAMILY,
             form,
             fit,
-            lambda _: _by_places(data.signal, places),
+            lambda _: _by_places(data.signal, in_place),
             "previous",
             maps,
             sharp=True,
@@ -106,9 +107,9 @@ def _unlike_places(fit_input: FitInput, mixed: Columns, parts: NDArray[np.float6
         )
 
 
-def _by_places(signal: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[Any]:
+def _by_places(signal: NDArray[np.float64], in_place: NDArray[np.float64]) -> NDArray[Any]:
     """(band x place, pixel) counts of each band in each place of the mosaic."""
-    each = signal.reshape(len(signal), 1, -1) * places
+    each = signal.reshape(len(signal), 1, -1) * in_place
     return np.asarray(each.reshape(-1, each.shape[-1]), np.float32)
 
 
@@ -144,7 +145,7 @@ _ADVICE = (
             "neighbours of unlike colour beneath their filters",
             "a mosaic with more channels than stated",
         ),
-        "State the places as channels of their own (G1 and G2), and measure the sensitivity of each by narrow lines.",
+        "State the places as separate channels (G1 and G2), and measure the sensitivity of each by narrow lines.",
     ),
     Advice(
         "all channels",

@@ -95,7 +95,7 @@ def _about_the_peak(over: NDArray[np.float64], deviation: float) -> NDArray[np.b
 
 
 def bells_on(region: NDArray[np.bool_], cell: tuple[int, int] | None) -> ImageMaps:
-    """Bell-shaped maps that cover a region, at least 1 px apart, or a repeat of the sensor's mosaic.
+    """Bell-shaped maps that cover a region, at least 1 px or a mosaic's repeat apart.
 
     Behind a mosaic one frame shows a place in one band alone. So no other band confirms what a single pixel shows, and
     the pixels in the next repeats must.
