@@ -315,7 +315,7 @@ def _one_way(counts: Counts, amount: float, row: float, column: float) -> Counts
     )
 
 
-def _place(counts: Counts, row: float, column: float) -> NDArray[np.bool_]:
+def _in_place(counts: Counts, row: float, column: float) -> NDArray[np.bool_]:
     """(y, x) pixels of one place of a repeat of 2 x 2: one of the greens, or another channel."""
     rows, columns = np.indices(counts.scene.shape[1:])
     return (rows % 2 == round(row)) & (columns % 2 == round(column))
@@ -324,24 +324,24 @@ def _place(counts: Counts, row: float, column: float) -> NDArray[np.bool_]:
 def _one_place(counts: Counts, amount: float, row: float, column: float) -> Counts:
     """Pixels of one place count more in frames of the scene: a green that differs from the other one."""
     signal = counts.scene - counts.dark_scene[:, None, None]
-    return replace(counts, scene=counts.scene + amount * signal * _place(counts, row, column))
+    return replace(counts, scene=counts.scene + amount * signal * _in_place(counts, row, column))
 
 
 def _black_level(counts: Counts, amount: float, row: float, column: float) -> Counts:
     """Pixels of one place carry counts that the darks lack."""
-    added = amount * 1000 * _place(counts, row, column)
+    added = amount * 1000 * _in_place(counts, row, column)
     return replace(counts, scene=counts.scene + added, flat=counts.flat + added, reference=counts.reference + added)
 
 
 def _bent_place(counts: Counts, amount: float, row: float, column: float) -> Counts:
     """The amplifier of one place bends: counts in all frames lack a part that grows with them."""
-    bend = -amount * _place(counts, row, column) / counts.full_scale
+    bend = -amount * _in_place(counts, row, column) / counts.full_scale
     frames = [frame * (1 + bend * frame) for frame in (counts.scene, counts.flat, counts.reference)]
     return replace(counts, scene=frames[0], flat=frames[1], reference=frames[2])
 
 
 def _quarter(counts: Counts, amount: float, row: float, column: float) -> Counts:
-    """One of four amplifiers, each of which reads a quarter of the sensor, has drifted."""
+    """The amplifier of a quarter of the sensor has drifted."""
     height, width = counts.scene.shape[1:]
     rows, columns = np.indices((height, width))
     inside = (rows * 2 // height == round(row)) & (columns * 2 // width == round(column))

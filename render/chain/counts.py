@@ -45,7 +45,7 @@ class Counts:
 
 
 def with_charge_moved(counts: Counts, moved: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Counts:
-    """Counts whose charge moves between pixels, in frames of the scene, flats and reference alike.
+    """Counts whose charge moves between pixels, in all kinds of frames alike.
 
     Parameters
     ----------

@@ -122,7 +122,10 @@ def _coefficients(field: FittedField) -> NDArray[np.float64]:
 
 
 def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) -> Counts:
-    """Counts changed by a field on the sensor: those of the scene; of all frames where charge moves."""
+    """Counts changed by a field on the sensor.
+
+    Where charge moves, flats and reference change as well.
+    """
     missing = [band for band in counts.bands if band not in field.bands]
     if missing:
         raise InputError(f"effect {name}", f"band '{missing[0]}'", f"one of {', '.join(field.bands)}")
@@ -130,8 +133,8 @@ def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) 
     indices = [field.bands.index(band) for band in counts.bands]
     dark = counts.dark_scene[:, None, None]
     if field.acts == "previous":
-        parts = _coefficients(field)[np.ix_(indices, indices)]
-        return replace(counts, scene=counts.scene + amplitude * np.tensordot(parts, counts.scene - dark, 1))
+        mixed = _images(field, name, (rows, columns), indices)[:, indices] * (counts.scene - dark)
+        return replace(counts, scene=counts.scene + amplitude * mixed.sum(axis=1))
     if field.acts == "levels":
         pairs = zip(_coefficients(field)[indices], counts.scene - dark, strict=True)
         added = [part @ parts_of_levels(frame.ravel(), field.most_dn) for part, frame in pairs]
@@ -146,7 +149,10 @@ def _on_counts(field: FittedField, name: str, counts: Counts, amplitude: float) 
 
 
 def _exchanged(field: FittedField, fields: NDArray[np.float64], frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(band, y, x) change of raw frames above dark by the exchanges of a field (band, uses, y, x)."""
+    """(band, y, x) change of raw frames above dark by exchanges.
+
+    fields : (band, uses, y, x) strength of each.
+    """
     each = [exchanges(field.acts, frame, angle_deg=field.angle_deg) for frame in frames]
     return np.asarray(np.sum(fields * np.array(each), axis=1))
 

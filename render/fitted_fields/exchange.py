@@ -1,4 +1,4 @@
-"""Light or charge that pixels exchange: with neighbours, in wide Gaussians, along a line, in copies.
+"""Light or charge that pixels exchange: with neighbours, in Gaussians, in copies.
 
 An exchange moves light between pixels and adds none, except at the border, where the outermost pixels are repeated.
 """
@@ -201,7 +201,7 @@ def with_moments(signal: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _leaked(frame: NDArray[np.float64], step: tuple[int, int]) -> NDArray[np.float64]:
-    """(y, x) charge that a pixel gets from the neighbour a step before it, minus what it gives to the one after it."""
+    """(y, x) charge from the neighbour a step before a pixel, minus its own to the next."""
     return np.asarray(shift(frame, step, order=0, mode="nearest") - frame)
 
 

@@ -24,7 +24,7 @@ __all__ = ["ON_SENSOR", "Acts", "FittedField", "field_of_record", "field_record"
 #:
 #: - offset: DN added to counts; levels: DN added to counts by the count above dark
 #: - gain: relative change of counts above dark
-#: - previous: parts of the counts above dark of other bands' frames, as listed in the fitted capture
+#: - previous: parts of the counts above dark of the bands' frames, one after the other as in the fitted capture
 #: - displacement: px to the right, then px down
 #: - neighbours: light exchanged with pixels on opposite sides; moments: the second moments of a small blur
 #: - halo: light exchanged in round Gaussians; streak: light exchanged in Gaussians along a line

@@ -1,4 +1,4 @@
-"""Maps over the picture, fixed on the sensor: rows, columns, pixels, repeats, quarters, smooth waves, bells.
+"""Maps over the picture, fixed on the sensor: lines, pixels, repeats, waves, bells.
 
 A wave follows the two-beam interference of a plate or wedge: cos(2 pi (f . x + c |x|^2)), f and c in waves per px and
 per px^2.
@@ -116,8 +116,8 @@ class ImageMaps:
             y, x = np.indices(shape)
             height, width = self.repeat if self.kind == "repeat" else (2, 2)
             down, right = (y % height, x % width) if self.kind == "repeat" else (2 * y // shape[0], 2 * x // shape[1])
-            place = (down * width + right).ravel()
-            return csr_matrix((np.ones(place.size), (place, np.arange(place.size))), (height * width, place.size))
+            index = (down * width + right).ravel()
+            return csr_matrix((np.ones(index.size), (index, np.arange(index.size))), (height * width, index.size))
         if self.kind == "cosines":
             return _cosines(shape, self.order)
         if self.kind == "wave":

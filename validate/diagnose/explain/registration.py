@@ -111,13 +111,14 @@ def _missing(data: ResidualData, square: NDArray[np.float64], noise: float) -> f
 def _gain(data: ResidualData, operator: NDArray[Any], labels: NDArray[Any], noise: float) -> float:
     """Chi2 explained by one number for each label, less what noise makes of as many numbers.
 
-    A label of a single sample explains nothing: each pixel behind a mosaic is one in a frame.
+    Behind a mosaic a label of a single sample explains nothing: each pixel of a frame is one.
     """
     whitened = np.broadcast_to(operator, data.used.shape) * data.weight
     groups = np.broadcast_to(labels, data.used.shape).ravel()
     product = np.bincount(groups, (whitened * data.residual).ravel())
     power = np.bincount(groups, (whitened**2).ravel())
-    determined = np.bincount(groups, (whitened != 0).ravel()) > 1
+    least = 1 if data.cell is None else 2
+    determined = np.bincount(groups, (whitened != 0).ravel()) >= least
     return float(np.sum(product[determined] ** 2 / power[determined]) - noise * determined.sum())
 
 

@@ -1,4 +1,4 @@
-"""Charge that moves between pixels of a colour sensor: to some neighbours only, or along the register.
+"""Charge that moves between pixels of a colour sensor: one way, or along the register.
 
 It moves on the raw frames, so that it goes from colour to colour, in flats and reference frames, too. Without a mosaic
 an exchange of light looks the same, see ``blur``.

@@ -1,4 +1,4 @@
-"""Patterns fixed on the sensor: rows, columns, pixels, amplifiers in turn, smooth patterns, waves, spots."""
+"""Patterns fixed on the sensor: lines, pixels, amplifiers, smooth patterns, waves, spots."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class SensorPatterns:
             )
 
     def of_amplifiers(self, unit: str) -> Iterator[FittedExplanation]:
-        """Patterns of amplifiers that take pixels of a mosaic in turn, or a quarter of the sensor each.
+        """Patterns of amplifiers that take pixels in turn, or a quarter of the sensor.
 
         In one band only differences between its own pixels count, such as those of the two greens.
 
@@ -145,23 +145,23 @@ class SensorPatterns:
             return
         patterns = {form: ImageMaps("repeat", repeat=repeat) for form, repeat in _IN_TURN.items()}
         patterns["quarters of the sensor"] = ImageMaps("quarters")
-        places = ImageMaps("repeat", repeat=data.cell)
-        seen = places.matrix(data.shape) @ data.used.reshape(len(data.bands), -1).T.astype(float) > 0
-        if seen.sum(axis=0).max() > 1:  # a channel has several places
-            patterns["places of the mosaic's repeat"] = places
+        of_repeat = ImageMaps("repeat", repeat=data.cell)
+        present = of_repeat.matrix(data.shape) @ data.used.reshape(len(data.bands), -1).T.astype(float) > 0
+        if present.sum(axis=0).max() > 1:  # a channel has several places
+            patterns["places of the mosaic's repeat"] = of_repeat
         bands = len(data.bands)
         for form, maps in patterns.items():
             columns, within, share = self._columns(maps), self._within_bands(maps), self._shares(maps)
             fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(bands))
-            words = self._apart(fit.coefficients, share if maps is places else None, unit)
-            yield self._sharp(f"{form}, {words}", fit, columns, maps, len(patterns))
+            distance = self._apart(fit.coefficients, share if maps is of_repeat else None, unit)
+            yield self._sharp(f"{form}, {distance}", fit, columns, maps, len(patterns))
             n = equations_in_all_bands(data, within)
             fit = max((fixed_spectrum(n, band) for band in np.eye(bands)), key=lambda trial: trial.evidence)
             mean = np.sum(share * fit.coefficients, axis=1, keepdims=True)
             band = np.arange(bands)[:, None] == int(np.argmax(fit.size))
             fit = replace(fit, coefficients=np.where(band & (share > 0), fit.coefficients - mean, 0.0))
-            words = self._apart(fit.coefficients, share, unit)
-            yield self._sharp(f"{form} in one band, {words}", fit, columns, maps, len(patterns) * bands)
+            distance = self._apart(fit.coefficients, share, unit)
+            yield self._sharp(f"{form} in one band, {distance}", fit, columns, maps, len(patterns) * bands)
 
     def black_levels(self) -> Iterator[FittedExplanation]:
         """The same number in all pixels of one channel.
@@ -196,15 +196,16 @@ class SensorPatterns:
         return lambda band: np.asarray((matrix - share[band][:, None]) * self.operator[band].ravel())
 
     def _apart(self, coefficients: NDArray[np.float64], share: NDArray[np.float64] | None, unit: str) -> str:
-        """Distance of the largest and smallest of numbers (band, k), in the band where its maps are farthest apart.
+        """Distance of the largest and smallest number in the band where it is largest.
 
-        share : (band, k) share of each band's pixels in the maps; None for maps that all bands share.
+        coefficients : (band, k) the numbers. share : (band, k) share of each band's pixels in the maps; None where all
+        bands have the same maps.
         """
         inside = np.ones(coefficients.shape, bool) if share is None else share > 0
         apart = [float(np.ptp(each[of])) if of.any() else 0.0 for each, of in zip(coefficients, inside, strict=True)]
         most = int(np.argmax(apart))
-        words = f"{apart[most]:.2%} apart" if unit == "%" else f"{apart[most]:.3g}{unit} apart"
-        return words if share is None else f"{words} in {self.data.bands[most]}"
+        distance = f"{apart[most]:.2%} apart" if unit == "%" else f"{apart[most]:.3g}{unit} apart"
+        return distance if share is None else f"{distance} in {self.data.bands[most]}"
 
     def _sharp(
         self, form: str, fit: FieldFit, columns: Columns, maps: ImageMaps, num_choices: int
@@ -264,7 +265,9 @@ class SensorPatterns:
             yield from self._by_maps("a spot", self.fit_input.bells, local=True)
         if self.fit_input.spot_of_one_band is not None:
             # in all bands it would have fewer cells than families that are fitted where all bands differ
-            yield from self._by_maps("a spot", bells_on(self.fit_input.spot_of_one_band), local=True, together=False)
+            yield from self._by_maps(
+                "a spot", bells_on(self.fit_input.spot_of_one_band, self.data.cell), local=True, together=False
+            )
 
     def _columns(self, maps: ImageMaps) -> Columns:
         basis: NDArray[Any] | csr_matrix = maps.matrix(self.data.shape)

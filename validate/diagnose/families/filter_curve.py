@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.fitted_fields import ImageMaps
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 from ..field_fit import (
     Advice,
@@ -29,6 +30,10 @@ __all__ = ["FAMILY"]
 
 #: Form in which each channel of a mosaic has light of all others.
 _OTHER_CHANNELS = "other light in all channels, as by other sensitivities"
+
+#: Most places of a channel in a repeat where single ones may have another filter: Bayer's two greens.
+#: An X-Trans sensor has twenty.
+_MOST_PLACES = 4
 
 #: Fewest bands for a form in which one holds light of others.
 _MIN_BANDS = 3
@@ -66,6 +71,46 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
         yield _explanation(form, fit, frames, parts, bands * (bands - 1))
     if not data.used.all(axis=0).any():  # behind a mosaic no pixel sees all bands
         yield _explanation(_OTHER_CHANNELS, each_band(n), frames, parts, 1)
+    yield from _unlike_places(fit_input, mixed, parts)
+
+
+def _unlike_places(fit_input: FitInput, mixed: Columns, parts: NDArray[np.float64]) -> Iterator[FittedExplanation]:
+    """Other light in some pixels of one channel: two greens whose dyes differ.
+
+    mixed : changes by the pictures of the bands at one level. parts : (band, band) their coefficients by counts.
+    """
+    data = fit_input.data
+    if data.cell is None:
+        return
+    maps, bands = ImageMaps("repeat", repeat=data.cell), len(data.bands)
+    in_place = csr_matrix(maps.matrix(data.shape)).toarray()
+    count = in_place @ data.used.reshape(bands, -1).T.astype(float)
+    unlike = [band for band in range(bands) if 1 < (count[:, band] > 0).sum() <= _MOST_PLACES]
+    for band in unlike:
+
+        def columns(index: int, pictures: Columns = mixed, only: int = band) -> NDArray[Any]:
+            each = np.asarray(pictures(index))[:, None] * (in_place if index == only else 0 * in_place)
+            return each.reshape(-1, each.shape[-1]).astype(np.float32)
+
+        fit = fixed_spectrum(equations_in_all_bands(data, columns), np.eye(bands)[band])
+        fit = replace(fit, coefficients=fit.coefficients * np.repeat(parts, len(in_place), axis=1))
+        form = f"other light in some pixels of {data.bands[band]}, by their place in the mosaic"
+        yield FittedExplanation(
+            FAMILY,
+            form,
+            fit,
+            lambda _: _by_places(data.signal, in_place),
+            "previous",
+            maps,
+            sharp=True,
+            num_choices=len(unlike),
+        )
+
+
+def _by_places(signal: NDArray[np.float64], in_place: NDArray[np.float64]) -> NDArray[Any]:
+    """(band x place, pixel) counts of each band in each place of the mosaic."""
+    each = signal.reshape(len(signal), 1, -1) * in_place
+    return np.asarray(each.reshape(-1, each.shape[-1]), np.float32)
 
 
 def _explanation(
@@ -92,6 +137,16 @@ def _from_one(n: NormalEquations, band: int, source: int) -> FieldFit:
 
 #: Words for the laboratory.
 _ADVICE = (
+    Advice(
+        "some pixels",
+        "in the colour filters of some pixels of one channel",
+        (
+            "greens of two dyes",
+            "neighbours of unlike colour beneath their filters",
+            "a mosaic with more channels than stated",
+        ),
+        "State the places as separate channels (G1 and G2), and measure the sensitivity of each by narrow lines.",
+    ),
     Advice(
         "all channels",
         "in the colour filters of the sensor",

@@ -49,7 +49,7 @@ def _patterns(fit_input: FitInput) -> SensorPatterns:
 
 
 def _of_channels(fit_input: FitInput) -> Iterator[FittedExplanation]:
-    """Black levels and bends of single channels, and of amplifiers in turn; nothing without a mosaic."""
+    """Black levels and bends of channels, amplifiers in turn; nothing without a mosaic."""
     patterns = _patterns(fit_input)
     yield from patterns.of_amplifiers(" DN")
     yield from patterns.black_levels()

@@ -39,7 +39,9 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _in_order(fit_input: FitInput, repeats: float = 0.0) -> Iterator[FittedExplanation]:
-    """Steps, drifts and persistence; channels of one frame have one time, and without a second one nothing changed.
+    """Steps, drifts and persistence.
+
+    Channels of one frame have one time; without a second one nothing changed.
 
     repeats : 2 ln evidence from differences of repeats; against effects the picture alone counts.
     """

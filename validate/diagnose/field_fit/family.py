@@ -59,7 +59,7 @@ class FitInput:
     @cached_property
     def bells(self) -> ImageMaps | None:
         """Bell-shaped maps that cover ``spot``; None without a spot."""
-        return None if self.spot is None else bells_on(self.spot)
+        return None if self.spot is None else bells_on(self.spot, self.data.cell)
 
     @cached_property
     def surface_spot(self) -> SurfaceSpot | None:

@@ -205,9 +205,9 @@ class ResidualData:
 
     @cached_property
     def held_out(self) -> NDArray[np.bool_]:
-        """(y, x) pixels excluded from trial fits: squares of 2 x 2 pixels, or repeats of a mosaic, as on a chessboard.
+        """(y, x) pixels excluded from trial fits: squares as on a chessboard.
 
-        So each band has pixels in either colour, however its mosaic repeats.
+        They are 2 x 2 pixels, or repeats of a mosaic: each band then has pixels in either colour.
         """
         rows, columns = np.indices(self.shape)
         height, width = (max(_HELD_OUT_PX, side) for side in self.cell or (1, 1))

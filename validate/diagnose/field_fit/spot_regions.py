@@ -47,7 +47,7 @@ def hot_spot(data: ResidualData) -> NDArray[np.bool_] | None:
         (y, x) the region; None where none exceeds noise, or the region is too large for a spot.
     """
     over = np.sum(_over_noise(data), axis=0)
-    return _about_the_peak(over, np.sqrt(2 * len(data.bands)))
+    return _about_the_peak(over, np.sqrt(2 * data.used.sum(axis=0).max()))  # behind a mosaic a pixel has few bands
 
 
 def hot_spot_of_one_band(data: ResidualData) -> NDArray[np.bool_] | None:
@@ -94,13 +94,18 @@ def _about_the_peak(over: NDArray[np.float64], deviation: float) -> NDArray[np.b
     return region if region.mean() <= _MAX_SPOT_PART else None
 
 
-def bells_on(region: NDArray[np.bool_]) -> ImageMaps:
-    """Bell-shaped maps that cover a region, at least 1 px apart.
+def bells_on(region: NDArray[np.bool_], cell: tuple[int, int] | None) -> ImageMaps:
+    """Bell-shaped maps that cover a region, at least 1 px or a mosaic's repeat apart.
+
+    Behind a mosaic one frame shows a place in one band alone. So no other band confirms what a single pixel shows, and
+    the pixels in the next repeats must.
 
     Parameters
     ----------
     region
         (y, x) the region.
+    cell
+        Rows and columns of one repeat of the sensor's mosaic, px; None without a mosaic.
 
     Returns
     -------
@@ -108,7 +113,8 @@ def bells_on(region: NDArray[np.bool_]) -> ImageMaps:
         Bells at the smallest pitch that their largest number allows, or at that of a thin region.
     """
     thin = distance_transform_edt(region).max() / _BELLS_ACROSS
-    pitch = max(1.0, min(float(np.sqrt(region.sum() / _MAX_BELLS)), float(thin)))
+    least = 1.0 if cell is None else float(max(cell))
+    pitch = max(least, min(float(np.sqrt(region.sum() / _MAX_BELLS)), float(thin)))
     rows, columns = np.nonzero(region)
     centres = tuple(
         (float(u), float(v))

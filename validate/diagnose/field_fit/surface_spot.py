@@ -77,7 +77,7 @@ def surface_spot(data: ResidualData, region: NDArray[np.bool_]) -> SurfaceSpot |
     SurfaceSpot or None
         The spot on the surface; None where no surface is visible in the region.
     """
-    bells = bells_on(region)
+    bells = bells_on(region, data.cell)
     basis = csr_matrix(bells.matrix(data.shape))
     visible = data.surface[region]
     visible = visible[visible >= 0]

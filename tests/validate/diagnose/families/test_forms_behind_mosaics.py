@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.fitted_fields import field_effect
+from cboxlab.validation.diagnose.explain.as_field import fitted_field
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.diagnose.families._charge import moved_charge
-from cboxlab.validation.diagnose.field_fit import FitInput
+from cboxlab.validation.diagnose.field_fit import FitInput, change_dn
 from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
 
 #: Letters of one repeat: each of the four channels has two places.
@@ -115,3 +117,32 @@ def test_channels_of_one_frame_know_no_order_of_time():
     data = behind_mosaic(0.04 * SIGNAL * np.array([0, 1, 0, 0])[:, None, None])
     forms = [form.form for form in families()["time-order"].generate(FitInput.of(data))]
     assert not [form for form in forms if "lamp" in form or "stays" in form]
+
+
+def test_another_dye_in_one_place_of_a_channel_is_a_filters():
+    """The second place of a channel has a part of another channel's light."""
+    change = np.zeros_like(SIGNAL)
+    red = np.where(COLUMNS < 20, 0.6, 1.0) * SIGNAL[3]
+    change[1] = 0.1 * (red - red.mean() / SIGNAL[1].mean() * SIGNAL[1]) * (ROWS % 2)
+    data = behind_mosaic(change)
+    signal = data.signal.copy()
+    signal[3] = red
+    forms = list(families()["filter-curve"].generate(FitInput.of(replace(data, signal=signal))))
+    best = max(forms, key=lambda form: form.evidence)
+    assert best.form == "other light in some pixels of b1, by their place in the mosaic"
+    fitted = change_dn(data, best)
+    assert np.allclose(fitted[1][USED[1]], change[1][USED[1]], atol=0.35 * np.abs(change).max())
+    assert not fitted[[0, 2, 3]].any()
+    effect = field_effect("dye", fitted_field(replace(data, signal=signal), best), "", "")
+    assert effect.stage == "counts"
+
+
+def test_a_spot_is_predicted_by_pixels_of_other_repeats():
+    """No other band shows a pixel of a single frame, so bells are a repeat apart."""
+    bell = np.exp(-((COLUMNS - 30) ** 2 + (ROWS - 20) ** 2) / (2 * 4.0**2))
+    data = behind_mosaic(60.0 * bell * np.ones((BANDS, 1, 1)))
+    fit_input = FitInput.of(data)
+    assert fit_input.bells.pitch == 4
+    spots = [form for form in families()["sensor-offset"].generate(fit_input) if form.form == "a spot"]
+    assert spots[0].fit.heldout > 0.5
+    assert spots[0].fit.evidence > 100
