@@ -21,7 +21,7 @@ from .exposure_agreement import ExposureFinding, exposure_findings
 from .exposure_merge import Exposure, MergedFrames, exposures_of, merge_exposures, merged_tables
 from .noise import NoiseModel
 from .nominal_fall_off import LensAxis, nominal_flat, with_pixel_scatter
-from .pixel_scatter import pixel_scatter, scatter_of_residuals
+from .picture_noise import pixel_scatter, scatter_of_residuals
 
 __all__ = ["CorrectedBands", "correct_bands"]
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import logging
+from dataclasses import fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,8 +15,12 @@ from ._frame_reader import FrameFacts, positive_number
 
 __all__ = ["exif_facts", "exif_facts_of_raw"]
 
-#: Bytes 3 and 4 of a TIFF, for both orders of bytes; of raw files those of Panasonic (RW2).
-_TIFF_MARKS = (b"*\0", b"\0*")
+#: Bytes 3 and 4 of a TIFF, for both orders of bytes, and of raw files like it: of Panasonic (RW2) and Olympus (ORF).
+_TIFF_MARKS = (b"*\0", b"\0*", b"U\0", b"RO", b"RS", b"OR", b"SR")
+#: Marks before a TIFF within another container, and the bytes between: CR3 has two, RAF a JPEG, MRW a block.
+_CONTAINERS = ((b"CMT1", 0), (b"CMT2", 0), (b"Exif\0\0", 0), (b"\0TTW", 4))
+#: Bytes of a raw file in which its tags lie.
+_LOOKED_AT_BYTES = 2**18
 
 
 def _exif_time(tags: dict[str, Any]) -> datetime | None:
@@ -55,7 +62,7 @@ def exif_facts(page: tifffile.TiffPage) -> FrameFacts:
 
 
 def exif_facts_of_raw(path: Path) -> FrameFacts:
-    """Facts by the tags of a raw file that is a kind of TIFF.
+    """Facts by the tags of a raw file, which is a kind of TIFF or holds one.
 
     Parameters
     ----------
@@ -65,13 +72,30 @@ def exif_facts_of_raw(path: Path) -> FrameFacts:
     Returns
     -------
     FrameFacts
-        Empty for another container, and for tags that cannot be read.
+        Empty where no tags are found, and for tags that cannot be read.
     """
     with path.open("rb") as file:
-        if file.read(4)[2:] not in _TIFF_MARKS:
-            return FrameFacts()
+        begin = file.read(_LOOKED_AT_BYTES)
+    if begin[2:4] in _TIFF_MARKS:
+        return _facts_of_tiff(path)
+    facts = FrameFacts()
+    for mark, skipped in _CONTAINERS:
+        start = begin.find(mark)
+        if start >= 0:
+            inner = _facts_of_tiff(io.BytesIO(begin[start + len(mark) + skipped :]))
+            lacking = {f.name: getattr(inner, f.name) for f in fields(facts) if getattr(facts, f.name) is None}
+            facts = replace(facts, **lacking)
+    return facts
+
+
+def _facts_of_tiff(file: Path | io.BytesIO) -> FrameFacts:
+    """Facts of the first page; empty where it cannot be read."""
+    log = logging.getLogger("tifffile")
+    before, log.disabled = log.disabled, True  # it warns of pictures that it cannot decode, which LibRaw does
     try:
-        with tifffile.TiffFile(path) as tagged:
+        with tifffile.TiffFile(file) as tagged:
             return exif_facts(tagged.pages.first)
     except Exception:  # LibRaw reads the file all the same, and states its faults
         return FrameFacts()
+    finally:
+        log.disabled = before

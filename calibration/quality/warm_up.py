@@ -82,9 +82,9 @@ def _light(
     stack: Stack, dark: DarkLibrary, saturation_dn: int, readout_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Times of a band's repeats, min, and logarithms of their light over the band's mean; None without light."""
-    counts = stack.counts.astype(float)
+    counts = stack.frames.astype(float)
     good = (counts.max(axis=0) < saturation_dn) & (counts.min(axis=0) > 0)
-    levels: NDArray[np.float64] = (counts - stack.thinned(dark.at(stack.exposure_s)))[:, good].sum(axis=1)
+    levels: NDArray[np.float64] = (counts - dark.at(stack.exposure_s))[:, good].sum(axis=1)
     if not good.any() or levels.min() <= 0:
         return None
     times = ((stack.start_s or 0.0) + np.arange(len(levels)) * (stack.exposure_s + readout_s)) / 60

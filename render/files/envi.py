@@ -8,6 +8,7 @@ open of their meaning (units, wavelengths) is asked for.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,6 +65,12 @@ _OTHER_FILE_TYPES = ("envi spectral library", "envi classification", "envi meta 
 
 #: Bad bands that a note names by their wavelengths; of more it states the number.
 _MAX_BANDS_NAMED = 6
+
+
+#: Keys of a header that state the unit of the values, the first one that is there.
+_UNIT_KEYS = ("data units", "radiance units", "measurement units", "units")
+#: Keys of scales.
+_SCALE = re.compile(r"\bscal(e|ing)\b")
 
 
 @dataclass(frozen=True)
@@ -198,8 +205,9 @@ def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         notes.append(
             f"read as {header.text('interleave')}, as the header states, although the data file is {file.name}"
         )
-    stated_unit = header.text("data units") or None
-    factor = spectral_factor(f"{path}: data units", stated_unit, declared)
+    unit_key = next((key for key in _UNIT_KEYS if header.text(key)), _UNIT_KEYS[0])
+    stated_unit = header.text(unit_key) or None
+    factor = spectral_factor(f"{path}: {unit_key}", stated_unit, declared)
     wavelength, used, of_file = _wavelengths(header, layout.size["wavelength"], declared)
     if stated_unit is None:
         used += ["units", "scale"]
@@ -344,6 +352,7 @@ def _with_gains(header: EnviHeader, planes: NDArray, notes: list[str]) -> NDArra
     path, bands = header.path, planes.shape[-1]
     gain = header.numbers_by_band("data gain values", bands, 1.0)
     offset = header.numbers_by_band("data offset values", bands, 0.0)
+    _require_known_scales(header)
     divisor = header.numbers_by_band("reflectance scale factor", 1, 1.0)[0]
     for key, values in (("data gain values", gain), ("reflectance scale factor", divisor)):
         if not np.all(values > 0):
@@ -365,6 +374,17 @@ def _with_gains(header: EnviHeader, planes: NDArray, notes: list[str]) -> NDArra
     notes.append(f"applied to the stored numbers: {' and '.join(applied)}")
     kind = np.result_type(planes.dtype, np.float32)
     return np.asarray((planes * (gain / divisor) + offset).astype(kind))
+
+
+def _require_known_scales(header: EnviHeader) -> None:
+    """Raise InputError for a scale by which numbers may have to be multiplied or divided."""
+    for key in header.entries:
+        if _SCALE.search(key) and key != "reflectance scale factor" and not np.all(header.numbers(key) == 1):
+            hint = "Write 'data gain values' in its place: the factors from the stored numbers to the unit."
+            expected = "'data gain values', which are multiplied, or 'reflectance scale factor', which divides"
+            raise InputError(
+                f"{header.path}: {key}", f"{header.text(key)}, a scale of unknown direction", expected, hint
+            )
 
 
 def _without_ignored(path: Path, planes: NDArray, ignored: str) -> tuple[NDArray, bool]:

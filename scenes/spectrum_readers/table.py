@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from cboxlab.utils.errors import InputError
 
@@ -23,7 +24,7 @@ _LENGTHS = {
     r"(?<![a-z0-9])([åÅ]|å|angstr[oö]ms?|ångstr[oö]ms?)(?![a-z0-9])": 0.1,
 }
 #: Header of a column of wavelengths.
-_WAVELENGTH = re.compile(r"wave\s*-?_?length|wellenl|longueur d.onde|(?<![a-z])wl(?![a-z])|λ|lambda", re.I)
+_WAVELENGTH = re.compile(r"wave\s*-?_?length|wellenl|longueur d.onde|(?<![a-z])wv?l(?![a-z])|(?<!\()(?:λ|lambda)", re.I)
 #: Header of a column of wavenumbers, energies or frequencies.
 _OTHER_AXIS = re.compile(r"wave\s*-?_?number|cm\s*(\^|\*\*)?\s*[-−⁻]\s*[1¹]|1/cm|(?<![a-z])(ev|thz|hz)(?![a-z])", re.I)
 #: Quantities, by pattern of a header.
@@ -76,19 +77,23 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
     width = len(table.rows[0][1])
     for lines in (table.header, table.comments):
         rows: list[list[str]] = []
-        for _, line in reversed(lines[-3:]):
+        below = 0
+        for number, line in reversed(lines[-3:]):
             cells = _cells(line, table.style.separator, width)
-            fits = len(cells) == width or (rows and table.style.separator != " " and width - 1 <= len(cells) <= width)
-            if not fits:
+            may_lack_one = table.style.separator != " " and (rows or width > 2)
+            if not (len(cells) == width or (may_lack_one and len(cells) == width - 1)):
                 break
+            if rows and number != below - 1 and any(map(_is_axis, rows[0])):
+                break  # above an empty line stands what belongs to the measurement
             rows.insert(0, cells + [""] * (width - len(cells)))
+            below = number
         top = next((index for index, row in enumerate(rows) if any(map(_is_axis, row))), None)
         if top is not None:
-            if sum(map(_is_axis, rows[top])) > 1 or all(map(_is_unit, rows[top])):
+            if sum(map(_is_axis, rows[top])) > 1 or all(_is_unit(cell) for cell in rows[top] if cell):
                 return rows
             return rows[top:]
-    title = "\n".join(line for _, line in table.header)
-    for names in (("XUNITS", "YUNITS"), (r"\[xDataUnit\]", r"\[yDataUnit\]")):
+    title = "\n".join(line for _, line in (*table.header, *table.comments))
+    for names in (("XUNITS", "YUNITS"), ("XAxisUnit", "YAxisUnit"), (r"\[xDataUnit\]", r"\[yDataUnit\]")):
         axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in names]
         if width == 2 and axes[0] and axes[1]:  # JASCO and Thorlabs state the columns above the table
             return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
@@ -126,6 +131,12 @@ def _axis_factor(source: InstrumentText, text: str, preamble: str) -> float:
     return factor
 
 
+def _counts_rows(table: NumberTable, column: int) -> bool:
+    """Whether a column holds whole numbers that rise by one, which count the rows."""
+    numbers = [values[column] for _, values in table.rows]
+    return all(number == numbers[0] + index for index, number in enumerate(numbers)) and numbers[0] in (0, 1)
+
+
 def _quantity(text: str) -> str:
     """The one quantity that a text names; empty for none or several."""
     names = [name for name, pattern in _QUANTITIES.items() if re.search(pattern, text, re.I)]
@@ -139,8 +150,8 @@ def _unit(cells: list[str]) -> str:
             return cell.strip("[] ") if cell.startswith("[") else cell
         if match := _AFTER_SLASH.search(cell):
             return match[1].strip()
-        if match := _BRACKETS.search(cell):
-            return match[1].strip()
+        if bracketed := [text.strip() for text in _BRACKETS.findall(cell)]:
+            return next((text for text in bracketed if _RADIOMETRIC.fullmatch(text)), bracketed[0])
     return ""
 
 
@@ -158,6 +169,10 @@ def _read(source: InstrumentText) -> InstrumentFile:
     header = _header(source, table)
     columns = [[row[k] for row in header] for k in range(len(header[0]))]
     axes = [k for k, cells in enumerate(columns) if any(map(_is_axis, cells))]
+    counters = axes[0] if axes and all(_counts_rows(table, k) for k in range(axes[0])) else 0
+    if counters:  # numbers of pixels
+        columns, axes = columns[counters:], [k - counters for k in axes]
+        table = replace(table, rows=[(number, values[counters:]) for number, values in table.rows])
     if not axes or axes[0] != 0:
         raise InputError(source.path, f"'{columns[0][-1][:40]}' first", "the wavelength as first column", "Move it.")
     preamble = "\n".join(line for _, line in (*table.header[: len(table.header) - len(header)], *table.comments))

@@ -11,6 +11,8 @@ from cboxlab.calibration.quality import Suspicion
 from cboxlab.calibration.radiometry import register
 from numpy.typing import NDArray
 
+from .scene_view import without_gaps
+
 __all__ = ["check_registration"]
 
 #: Largest shift of a band in a sound capture, px: simulated lenses with lateral colour shift bands by up to 0.16 px.
@@ -48,7 +50,7 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
     Parameters
     ----------
     capture
-        A capture; a sensor with a mosaic is not checked.
+        A capture. Behind a mosaic the gaps of every channel are filled from neighbours.
     bands
         The capture's corrected signals.
 
@@ -57,12 +59,13 @@ def check_registration(capture: Capture, bands: CorrectedBands) -> Iterator[Susp
     Suspicion
         For each band that is shifted by more than ``LARGEST_SHIFT_PX``; without one, for a movement.
     """
-    if capture.manifest.mosaic is not None or len(capture.band_ids) < FEWEST_BANDS:
+    if len({band.frames for band in capture.manifest.band}) < 2 or len(capture.band_ids) < FEWEST_BANDS:
         return
     if min(capture.shape) < SMALLEST_PICTURE_PX:
         return
     step = 1 + (max(capture.shape) > LARGEST_COMPLETE_PX)
-    signal = bands.images["signal"].values[:, ::step, ::step]
+    filled = bands.images["signal"].values if capture.cell is None else without_gaps(bands, capture.cell)
+    signal = filled[:, ::step, ::step]
     order = np.argsort([np.nanpercentile(s, 90) for s in signal])
     middle = int(order[len(order) // 2])
     to_middle = [_shift(signal[middle], image) for image in np.delete(signal, middle, axis=0)]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
+from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.quality import Suspicion
 from cboxlab.calibration.result import Calibration
 from cboxlab.rendering.device import variant
@@ -15,6 +17,12 @@ from .placement import check_orientation, check_survey
 from .scene_view import view_scene
 
 __all__ = ["find_scene_suspicions", "with_scene_checks"]
+
+#: A band's table in the place of a suspicion.
+_BAND = re.compile(r"\bband\[(\d+)\]")
+
+#: The place of a suspicion that is about a band's light as a whole.
+_WHOLE_BAND = re.compile(r"band\[\d+\] \([^)]*\)")
 
 #: Note of a calibration whose photographs could be compared with a rendering, but for lack of a compiled variant.
 NOT_RENDERED = (
@@ -43,13 +51,38 @@ def find_scene_suspicions(calibration: Calibration) -> tuple[Suspicion, ...]:
     camera = None if calibration.camera_fit is None else calibration.camera_fit.camera
     view = view_scene(capture, bands, radiometry, camera, calibration.channels)
     suspicions = (
+        *check_materials(capture, view),
         *check_orientation(capture, view),
         *check_survey(capture, view),
         *check_lamp(capture, bands, radiometry, calibration.channels, view),
-        *check_materials(capture, view),
         *check_registration(capture, bands),
     )
     return tuple(dict.fromkeys(suspicions))
+
+
+def _frames_of(capture: Capture, suspicion: Suspicion) -> set[tuple[str, ...]]:
+    """Frames of the bands that a suspicion is about; channels of a mosaic share theirs."""
+    return {capture.manifest.band[int(index)].frames for index in _BAND.findall(suspicion.where)}
+
+
+def _each_mistake_once(
+    capture: Capture, of_calibration: tuple[Suspicion, ...], of_scene: tuple[Suspicion, ...]
+) -> tuple[Suspicion, ...]:
+    """Suspicions without those that another one explains.
+
+    Frames that were exchanged explain all that is strange about them. What is known of frames explains why their light
+    does not suit the scene.
+    """
+    exchanged = tuple(s for s in of_scene if s.where.endswith(".frames") and len(_frames_of(capture, s)) > 1)
+    wrong = {frames for s in exchanged for frames in _frames_of(capture, s)}
+    remaining = [s for s in of_calibration if not (frames := _frames_of(capture, s)) or not frames <= wrong]
+    named = {frames for s in remaining for frames in _frames_of(capture, s)} | wrong
+    for suspicion in of_scene:
+        frames = _frames_of(capture, suspicion)
+        if not (_WHOLE_BAND.fullmatch(suspicion.where) and frames <= named):
+            remaining.append(suspicion)
+            named |= frames
+    return tuple(dict.fromkeys(remaining))
 
 
 def with_scene_checks(calibration: Calibration) -> Calibration:
@@ -63,10 +96,10 @@ def with_scene_checks(calibration: Calibration) -> Calibration:
     Returns
     -------
     Calibration
-        The same calibration. The suspicions of ``find_scene_suspicions`` follow those that it has; none occurs twice.
-        A note says if a known scene was not rendered for lack of a compiled variant.
+        The same calibration. The suspicions of ``find_scene_suspicions`` follow those that it has, each mistake once. A
+        note says if a known scene was not rendered for lack of a compiled variant.
     """
-    suspicions = (*calibration.suspicions, *find_scene_suspicions(calibration))
+    suspicions = _each_mistake_once(calibration.capture, calibration.suspicions, find_scene_suspicions(calibration))
     renderable = calibration.camera_fit is not None and calibration.capture.scene is not None
     notes = [] if variant.compiled() or not renderable else [NOT_RENDERED]
-    return replace(calibration, suspicions=tuple(dict.fromkeys(suspicions)), notes=(*calibration.notes, *notes))
+    return replace(calibration, suspicions=suspicions, notes=(*calibration.notes, *notes))

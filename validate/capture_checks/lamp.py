@@ -85,7 +85,7 @@ def check_lamp(
         level, (low, high) = _light_over_expected(view), PLAUSIBLE_LIGHT
         unit = "the lamp and the surfaces' reflectances give"
     else:
-        level = np.nanpercentile(relative_radiance(bands, signals), BRIGHT_PERCENTILE, axis=(1, 2))
+        level = np.nanpercentile(relative_radiance(bands, signals, capture.cell), BRIGHT_PERCENTILE, axis=(1, 2))
         low, high = PLAUSIBLE_RADIANCE
         unit = "the lamp"
     finite = np.isfinite(level)
@@ -120,7 +120,7 @@ def _light_over_expected(view: SceneView) -> NDArray[np.float64]:
     if not np.any(illuminated):
         return np.full(len(view.relative), np.nan)
     well_lit = illuminated & (direct > WELL_LIT * np.percentile(direct[illuminated], 95))
-    well_lit &= np.isfinite(view.relative).all(axis=0)
+    well_lit &= np.isfinite(view.relative[view.clear]).all(axis=0)
     brightness = view.reflectance.mean(axis=1)[np.where(illuminated, view.preview.surface, 0)]
     bright = well_lit & (brightness > BRIGHT_REFLECTANCE)
     compared = bright if np.count_nonzero(bright) >= FEWEST_PIXELS else well_lit

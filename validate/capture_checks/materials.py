@@ -47,6 +47,8 @@ class _Colours:
     expected: NDArray[np.float64]
     #: Names of the materials.
     names: list[str]
+    #: Indices of the bands with a signal, in the order of the columns.
+    bands: list[int]
 
 
 def check_materials(capture: Capture, view: SceneView | None) -> Iterator[Suspicion]:
@@ -64,7 +66,7 @@ def check_materials(capture: Capture, view: SceneView | None) -> Iterator[Suspic
     Suspicion
         For two exchanged bands, or else for the one band that does not fit; at most one.
     """
-    colours = None if view is None or len(capture.band_ids) < FEWEST_BANDS else _colours(view)
+    colours = None if view is None or np.count_nonzero(view.clear) < FEWEST_BANDS else _colours(view)
     if colours is None:
         return
     misfit = _misfit(colours.measured, colours.expected)
@@ -76,18 +78,18 @@ def check_materials(capture: Capture, view: SceneView | None) -> Iterator[Suspic
 
 def _colours(view: SceneView) -> _Colours | None:
     """Colours of the visible materials; None if fewer than two are visible."""
-    names = [surface.material for surface in view.scene.surfaces]
+    names, clear = [surface.material for surface in view.scene.surfaces], view.clear
     measured, expected, counts = [], [], {}
     for material in dict.fromkeys(names):
         members = [index for index, name in enumerate(names) if name == material]
         pixels = np.isin(view.preview.surface, members)
-        if np.count_nonzero(pixels & np.isfinite(view.relative).all(axis=0)) < FEWEST_PIXELS:
+        if np.count_nonzero(pixels & np.isfinite(view.relative[clear]).all(axis=0)) < FEWEST_PIXELS:
             continue
-        values = np.nanmedian(view.relative[:, pixels], axis=1)
+        values = np.nanmedian(view.relative[clear][:, pixels], axis=1)
         if not np.all(values > 0):
             continue
         measured.append(np.log(values))
-        expected.append(np.log(np.maximum(view.reflectance[members[0]], SMALLEST_REFLECTANCE)))
+        expected.append(np.log(np.maximum(view.reflectance[members[0], clear], SMALLEST_REFLECTANCE)))
         counts[material] = np.count_nonzero(pixels)
     if len(counts) < 2:
         return None
@@ -97,6 +99,7 @@ def _colours(view: SceneView) -> _Colours | None:
         np.array([measured[index] - measured[base] for index in others]),
         np.array([expected[index] - expected[base] for index in others]),
         [[*counts][index] for index in others],
+        np.flatnonzero(clear).tolist(),
     )
 
 
@@ -107,22 +110,31 @@ def _misfit(measured: NDArray[np.float64], expected: NDArray[np.float64]) -> flo
 
 
 def _exchanged_bands(capture: Capture, colours: _Colours, misfit: float) -> Suspicion | None:
-    """The exchange of two bands that fits best; None if it leaves too much of the misfit."""
-    count = colours.measured.shape[1]
+    """The exchange of two bands that fits best; None if it leaves too much of the misfit.
+
+    Behind a mosaic frames are exchanged with all their channels.
+    """
+    groups: dict[tuple[str, ...], dict[str | None, int]] = {}
+    for column, index in enumerate(colours.bands):
+        band = capture.manifest.band[index]
+        groups.setdefault(band.frames, {})[band.channel] = column
     swaps = {}
-    for i, j in itertools.combinations(range(count), 2):
-        order = np.arange(count)
-        order[[i, j]] = j, i
-        swaps[i, j] = _misfit(colours.measured[:, order], colours.expected)
-    i, j = min(swaps, key=swaps.__getitem__)
-    if swaps[i, j] >= SWAP_SHARE * misfit:
+    for first, second in itertools.combinations(groups, 2):
+        order = np.arange(len(colours.bands))
+        for channel in groups[first].keys() & groups[second].keys():
+            i, j = groups[first][channel], groups[second][channel]
+            order[[i, j]] = j, i
+        swaps[first, second] = _misfit(colours.measured[:, order], colours.expected)
+    best = min(swaps, key=swaps.__getitem__, default=None)
+    if best is None or swaps[best] >= SWAP_SHARE * misfit:
         return None
-    first, second = capture.band_ids[i], capture.band_ids[j]
+    names = [[colours.bands[column] for column in groups[frames].values()] for frames in best]
+    first_text, second_text = (", ".join(capture.band_ids[index] for index in indices) for indices in names)
     return Suspicion(
-        f"the frames of {first} and {second} are exchanged",
-        f"band[{i}] ({first}).frames, band[{j}] ({second}).frames",
+        f"the frames of {first_text} and {second_text} are exchanged",
+        ", ".join(f"band[{index}] ({capture.band_ids[index]}).frames" for indices in names for index in indices),
         f"The colours of {', '.join(colours.names)} differ from their tables by {np.sqrt(misfit):.0%} (rms), by "
-        f"{np.sqrt(swaps[i, j]):.0%} with the two exchanged.",
+        f"{np.sqrt(swaps[best]):.0%} with the two exchanged.",
     )
 
 
@@ -134,9 +146,10 @@ def _foreign_band(capture: Capture, colours: _Colours) -> Iterator[Suspicion]:
     others = np.sqrt(np.mean(np.delete(difference, worst, axis=1) ** 2))
     misfit = np.sqrt(np.mean(difference[:, worst] ** 2))
     if misfit > max(SMALLEST_BAND_MISFIT, BAND_MISFIT_RATIO * others):
+        index = colours.bands[worst]
         yield Suspicion(
-            f"the frames of {capture.band_ids[worst]} are those of another band",
-            f"band[{worst}] ({capture.band_ids[worst]}).frames",
+            f"the frames of {capture.band_ids[index]} are those of another band",
+            f"band[{index}] ({capture.band_ids[index]}).frames",
             f"The colours of {', '.join(colours.names)} differ from their tables by {misfit:.0%} in it, by "
             f"{others:.0%} in the others.",
         )

@@ -77,7 +77,7 @@ def check_orientation(capture: Capture, view: SceneView | None) -> Iterator[Susp
     Suspicion
         For all photographs together, or else for each band that fits better in another orientation.
     """
-    if view is None or np.count_nonzero(view.preview.on_surface) < FEWEST_PIXELS:
+    if view is None or np.count_nonzero(view.preview.on_surface) < FEWEST_PIXELS or not view.clear.any():
         return
     stored = _correlations(view, view.relative)
     turned = {
@@ -142,6 +142,8 @@ def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion
         return
     if np.mean(view.preview.on_surface) < SMALLEST_SCENE_SHARE:
         return
+    if not view.clear.any():
+        return
     fit = register(_mean_rendering(view), _mean_photograph(view))
     if not fit.converged or fit.correlation < SMALLEST_EDGE_CORRELATION:
         return
@@ -164,16 +166,17 @@ def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion
 
 def _mean_rendering(view: SceneView) -> NDArray[np.float64]:
     """(y, x) mean of the bands' renderings over white, at most 1; 1 for lamp and background."""
-    radiance, on_surface = view.preview.radiance, view.preview.on_surface
+    radiance, on_surface = view.preview.radiance[view.clear], view.preview.on_surface
     white = np.percentile(radiance[:, on_surface], WHITE_PERCENTILE, axis=1)[:, None, None]
     return np.where(on_surface, np.minimum((radiance / white).mean(axis=0), 1.0), 1.0)
 
 
 def _mean_photograph(view: SceneView) -> NDArray[np.float64]:
     """(y, x) mean of the bands' photographs over white, at most 1; 1 where all are masked."""
+    relative = view.relative[view.clear]
     with np.errstate(invalid="ignore"):
-        white = np.nanpercentile(view.relative, WHITE_PERCENTILE, axis=(1, 2))[:, None, None]
-        parts = view.relative / white
+        white = np.nanpercentile(relative, WHITE_PERCENTILE, axis=(1, 2))[:, None, None]
+        parts = relative / white
     photograph = np.nansum(parts, axis=0) / np.maximum(np.isfinite(parts).sum(axis=0), 1)
     photograph[~np.any(np.isfinite(parts), axis=0)] = 1.0
     return np.minimum(photograph, 1.0)

@@ -240,10 +240,8 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
         again = rendered_from(prepared, light, surveyed, model.render, model.effects, NO_PROGRESS, final.pilot)
         scale = held_lamp_scale(again.fit.lamp_scale, prepared.lamp_sigma)
         rendered = replace(again, fit=replace(again.fit, lamp_scale=scale), predictor=again.predictor.at_lamp(scale))
-    lamp = rendered.fit.lamp_scale
-    signal = lamp * rendered.signal
-    prepared = prepared.with_scatter_of(signal, lamp**2 * rendered.variance, rendered.used)
-    comparison = compared(prepared, rendered, signal)
+    prepared = prepared.with_scatter_of(rendered.signal, rendered.variance, rendered.used)
+    comparison = compared(prepared, rendered, rendered.fit.lamp_scale * rendered.signal)
     progress.part(1.0)
     return Validation(prepared, model, rendered, comparison, time.perf_counter() - start)
 
@@ -274,7 +272,7 @@ def _fitted_to_draft(
 ) -> tuple[CalibratedCapture, Camera, float | None]:
     """Capture and camera fitted to a draft, and the noise of the draft's pilot.
 
-    The draft is rendered through ``camera``. Of the capture only a free scale and the scatter of its pixels are fitted.
+    The draft is rendered through ``camera``. Of the capture only a free scale is fitted.
     """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -285,10 +283,7 @@ def _fitted_to_draft(
     if prepared.free_scale is not None:
         signal = draft.signal + warp_change(draft.predictor.warp, fit.camera)
         variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + draft.variance
-        scaled = prepared.with_scale_of(signal, variance, draft.used)
-        pairs = zip(scaled.responses, prepared.responses, strict=True)
-        factor = np.array([after.factor / before.factor for after, before in pairs])[:, None, None]
-        prepared = scaled.with_scatter_of(factor * signal, factor**2 * draft.variance, draft.used)
+        prepared = prepared.with_scale_of(signal, variance, draft.used)
     return prepared, fit.camera, draft.pilot
 
 
@@ -309,7 +304,6 @@ def _scaled_to(prepared: CalibratedCapture, bands: xr.Dataset) -> CalibratedCapt
     """The capture with its free scale fitted to band images without regard to their noise."""
     signal = bands.signal.values
     used = prepared.usable & (bands.mask.values == 0) & (signal > 0)
-    # equal relative weights, since neither the noise nor the scale is known
     level = np.array([np.mean(np.abs(prepared.measured[k][used[k]])) for k in range(len(used))])[:, None, None]
     variance = np.broadcast_to((_ROUGH_ERROR * level) ** 2, signal.shape)
     return prepared.with_scale_of(signal, variance, used)
@@ -333,8 +327,6 @@ def _rendered_plainly(
     prepared = _scaled_to(prepared, render_bands(image, prepared.responses))
     bands = render_bands(image, prepared.responses)
     signal = expected_signal(image, sensing(prepared.calibration, camera), effects, camera)
-    used = prepared.usable & (bands.mask.values == 0)
-    prepared = prepared.with_scatter_of(signal, bands.variance.values, used)
     return prepared, _scaled(prepared, image, camera, signal, bands)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.correction.pixel_scatter import pixel_scatter, scatter_of_residuals
+from cboxlab.calibration.correction.picture_noise import pixel_scatter, scatter_of_residuals
 
 SIDE, GAIN = 96, 4.0
 

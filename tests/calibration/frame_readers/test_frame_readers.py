@@ -12,6 +12,7 @@ import pytest
 import tifffile
 from cboxlab.calibration import frame_readers
 from cboxlab.calibration.frame_readers import FrameFacts, FrameHeader, FrameReader, frame_header, read_pictures
+from cboxlab.calibration.frame_readers._exif import exif_facts_of_raw
 from cboxlab.utils import other_packages
 from cboxlab.utils.errors import InputError
 from helpers.files.frame_files import BAYER, XTRANS, shifted, write_dng, write_fits
@@ -139,6 +140,28 @@ def test_what_exif_says(tmp_path):
     tags = [(33434, 5, 1, (1, 4), True), (33437, 5, 1, (8, 1), True), (272, "s", 4, "PXL", True)]
     tifffile.imwrite(tmp_path / "a.tif", CUBE[0], extratags=tags)
     assert frame_header(tmp_path / "a.tif").facts == FrameFacts(exposure_s=0.25, f_number=8.0, model="PXL")
+
+
+@pytest.mark.parametrize(
+    "container",
+    [
+        lambda tiff: tiff,
+        lambda tiff: tiff[:2] + b"U\0" + tiff[4:],
+        lambda tiff: tiff[:2] + b"RO" + tiff[4:],
+        lambda tiff: b"FUJIFILMCCD-RAW 0201FF392201" + bytes(60) + b"\xff\xd8\xff\xe1\0\0Exif\0\0" + tiff,
+        lambda tiff: b"\0\0\0\x18ftypcrx " + bytes(40) + b"CMT1" + tiff,
+        lambda tiff: b"\0MRM\0\0\0\0" + bytes(30) + b"\0TTW\0\0\1\0" + tiff,
+    ],
+    ids=["TIFF", "RW2", "ORF", "RAF", "CR3", "MRW"],
+)
+def test_the_tags_of_a_raw_file_in_every_container(tmp_path, container, caplog):
+    """LibRaw does not give the camera's name, by which its sensitivities are found, nor fractions of a second."""
+    tags = [(33434, 5, 1, (1, 4), True), (33437, 5, 1, (8, 1), True), (272, "s", 4, "PXL", True)]
+    tifffile.imwrite(tmp_path / "a.tif", CUBE[0], extratags=tags, metadata=None)
+    (tmp_path / "a.raw").write_bytes(container((tmp_path / "a.tif").read_bytes()))
+    facts = exif_facts_of_raw(tmp_path / "a.raw")
+    assert facts == FrameFacts(exposure_s=0.25, f_number=8.0, model="PXL")
+    assert not caplog.records
 
 
 def test_a_file_that_says_nothing(tmp_path):

@@ -312,6 +312,19 @@ def test_scales_are_applied_and_noted(tmp_path, entries, expected, phrase):
     assert f"applied to the stored numbers: {phrase}" in cube.attrs["reading_notes"]
 
 
+def test_a_scale_that_may_multiply_or_divide_is_refused(tmp_path):
+    header = header_text(radiance_scale_factor="10000")
+    with pytest.raises(InputError, match="radiance scale factor: found 10000, a scale of unknown direction"):
+        read(tmp_path, header)
+    np.testing.assert_array_equal(read(tmp_path, header_text(radiance_scale_factor="1.0"))["radiance"], LIGHT)
+
+
+@pytest.mark.parametrize("key", ["radiance_units", "measurement_units", "units"])
+def test_the_unit_stands_under_the_keys_of_several_programs(tmp_path, key):
+    cube = read(tmp_path, header_text(data_units="", **{key: "uW/nm/cm2/sr"}))
+    np.testing.assert_allclose(cube["radiance"], 0.01 * LIGHT, rtol=1e-6)
+
+
 def test_scales_that_change_nothing_are_not_noted(tmp_path):
     header = header_text(data_gain_values="{1,1,1,1,1,1}", data_offset_values="{0}", reflectance_scale_factor="1.0")
     cube = read(tmp_path, header)

@@ -249,6 +249,11 @@ def test_other_files_are_refused(tmp_path, text, fault):
         ("Wellenlänge (µm);Weiß %R\n0,400;85,1\n0,401;85,2\n".encode("cp1252"), "Weiß %R", [0.851, 0.852]),
         ("Wavelength (nm)\t%R\r\n400\t85.1\r\n401\t85.2\r\n".encode("utf-16"), "%R", [0.851, 0.852]),
         ("nm;radiance/W/(sr m² nm)\n400;1\n401;2\n", "radiance/W/(sr m² nm)", [1, 2]),
+        ("Wave;Sample;Dark\n[nm];[counts];[counts]\n\n400;1;9\n401;2;9\n", "Sample", [1, 2]),
+        ("Pixel,Wavelength[nm],Intensity[a.u.]\n1,400,1\n2,401,2\n", "Intensity[a.u.]", [1, 2]),
+        ("#Time;0.1\n#XAxisUnit;nm_air\n#YAxisUnit;Intensity\n400;1\n401;2\n", "Intensity", [1, 2]),
+        ("Ev;123,4 lx\n\nnm;W/(m2 nm)\n400;1,5\n401;2,5\n", "W/(m2 nm)", [1.5, 2.5]),
+        ("Wavelength [nm];E(λ) [mW/m²/nm]\n400;1\n401;2\n", "E(λ) [mW/m²/nm]", [1, 2]),
     ],
 )
 def test_tables_of_spectrophotometers(tmp_path, text, name, values):
