@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -21,6 +22,7 @@ from cboxlab.utils.arguments import (
     required_whole_number,
 )
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import path_inside
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json_object, require_regular_file
 from cboxlab.utils.numbers import number_of, whole_number_of
@@ -31,6 +33,10 @@ from .layout import FRACTIONS, INDEX, WHOLE_NUMBERS, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
 
+#: Columns of the index with texts that are read.
+_TEXTS = ("camera", "part", "file", "model", "sha256")
+#: Name of a camera, which becomes part of names of files.
+_NAME = re.compile(r"[\w-]+")
 #: Parts of a data set.
 PARTS = ("train", "validation", "test")
 
@@ -60,7 +66,7 @@ class Dataset(FrozenMappings):
 
     def __getitem__(self, number: int) -> xr.Dataset:
         """Picture of a row of the index; its values are read on demand."""
-        return open_picture(self.folder / self._row(number)["file"])
+        return open_picture(self._path(self._row(number), "file"))
 
     def __iter__(self) -> Iterator[xr.Dataset]:
         return (self[number] for number in range(len(self)))
@@ -129,7 +135,7 @@ class Dataset(FrozenMappings):
         InputError
             If there is no such row, or its model cannot be read.
         """
-        return load_model(self.folder / self._row(number)["model"])
+        return load_model(self._path(self._row(number), "model"))
 
     def drawn_values(self, number: int) -> dict[str, Any]:
         """Values that were drawn for a picture's box.
@@ -149,7 +155,7 @@ class Dataset(FrozenMappings):
         InputError
             If there is no such row, or its box.json cannot be read.
         """
-        path = (self.folder / self._row(number)["model"]).with_name("box.json")
+        path = self._path(self._row(number), "model").with_name("box.json")
         return read_json_object(path, "the drawn values of a box")
 
     def arrays(self, *names: str) -> Arrays:
@@ -214,6 +220,10 @@ class Dataset(FrozenMappings):
             raise InputError("picture", described(number), "a data set with pictures")
         return self.index[required_whole_number("picture", number, -rows, rows - 1)]
 
+    def _path(self, row: Mapping[str, Any], column: str) -> Path:
+        """A file that a row names, below the folder."""
+        return path_inside(self.folder, row[column], f"{self.folder / INDEX}: {column}")
+
     def damaged(self) -> list[str]:
         """Files whose checksum is not that of the index.
 
@@ -221,10 +231,15 @@ class Dataset(FrozenMappings):
         -------
         list of str
             Paths in the data set; empty if all are whole.
+
+        Raises
+        ------
+        InputError
+            For a path that leaves the folder.
         """
 
         def intact(row: Mapping[str, Any]) -> bool:
-            path = self.folder / row["file"]
+            path = self._path(row, "file")
             return path.is_file() and file_hash(path) == row["sha256"]
 
         return [row["file"] for row in self.index if not intact(row)]
@@ -297,4 +312,9 @@ def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
     for key in (*WHOLE_NUMBERS, *FRACTIONS):
         if numbers[key] is None or (np.isnan(numbers[key]) and row[key] != "nan"):
             raise InputError(path, f"{key} '{row[key][:40]}'", "a number")
+    for key in _TEXTS:
+        if not row.get(key):
+            raise InputError(path, f"a row without {key}", "an index that cbox wrote")
+    if not _NAME.fullmatch(row["camera"]):
+        raise InputError(path, f"camera '{row['camera'][:40]}'", "a name of letters, digits, - and _")
     return {**row, **numbers}
