@@ -209,7 +209,7 @@ def results() -> Pairs:
 
         def read(path: Path) -> object:
             pictures = open_dataset(path.parents[levels])
-            first = pictures[0].load()
+            first = pictures.arrays("radiance", "depth")[0]
             return first, pictures.drawn_values(0), pictures.model(0), pictures.part("train")
 
         return _beside(OLD / "dataset", name), read

@@ -263,7 +263,12 @@ class Arrays(Sequence[Mapping[str, NDArray[np.generic]]]):
     def __getitem__(self, number: Any) -> Any:
         """Arrays of one picture by variable."""
         with self.dataset[number] as picture:
-            return {name: picture[name].values for name in self.names}
+            try:
+                return {name: picture[name].values for name in self.names}
+            except (OSError, RuntimeError, ValueError) as error:  # values are read here: see ``damaged``
+                file = self.dataset.index[number]["file"]
+                fault = f"values that cannot be read ({type(error).__name__}: {error})"
+                raise InputError(self.dataset.folder / file, fault, "a picture as cbox wrote it") from None
 
 
 def open_dataset(folder: str | Path) -> Dataset:
