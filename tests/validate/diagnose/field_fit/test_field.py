@@ -1,8 +1,11 @@
 """Fields next to others, against least squares with all columns written out."""
 
 import numpy as np
+import pytest
 from cboxlab.validation.diagnose.field_fit import NormalEquations, fixed_spectrum, next_to_common_field
+from cboxlab.validation.diagnose.field_fit.fitted_explanation import scaled
 from numpy.testing import assert_allclose
+from scipy.sparse import csr_matrix
 
 BANDS, PIXELS, NUMBERS, NUISANCES = 3, 60, 4, 2
 
@@ -53,3 +56,12 @@ def test_a_field_that_nuisances_imitate_and_a_trial_sees_in_part_is_none():
     n = NormalEquations(a, np.zeros((1, 2)), np.array([[[1.0, 1.0]]]), a, np.array([[3.0, 3.0]]))
     spectrum_fit = fixed_spectrum(n, np.ones(1))
     assert spectrum_fit.gain == 0 and np.isfinite(spectrum_fit.heldout)
+
+
+@pytest.mark.parametrize("kind", [np.array, csr_matrix])
+def test_maps_are_multiplied_by_an_image(kind):
+    rng = np.random.default_rng(1)
+    maps, image = rng.random((4, 6)) * (rng.random((4, 6)) > 0.3), rng.uniform(2, 3, (2, 3))
+    products = scaled(kind(maps), image)
+    assert products.dtype == np.float32
+    assert_allclose(products @ np.eye(6), maps * image.ravel(), rtol=1e-6)
