@@ -62,6 +62,6 @@ def test_a_field_that_nuisances_imitate_and_a_trial_sees_in_part_is_none():
 def test_maps_are_multiplied_by_an_image(kind):
     rng = np.random.default_rng(1)
     maps, image = rng.random((4, 6)) * (rng.random((4, 6)) > 0.3), rng.uniform(2, 3, (2, 3))
-    products = scaled(kind(maps), image)
+    products = scaled(kind(maps.astype(np.float32)), image)
     assert products.dtype == np.float32
     assert_allclose(products @ np.eye(6), maps * image.ravel(), rtol=1e-6)
