@@ -89,6 +89,10 @@ EQUIVALENT = {
     ): "reports of the progress",
     ("validate/diagnose/effect_fit.py", "turn * len(candidates) + position"): "reports of the progress",
     (
+        "validate/diagnose/search.py",
+        "factors / np.linalg.norm(factors, axis=0)",
+    ): "columns of other lengths: a basis of the same space",
+    (
         "calibration/radiometry/uncertainty.py",
         "share @ share * np.outer(unit, unit)",
     ): "over ones is times ones",

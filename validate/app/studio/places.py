@@ -88,8 +88,8 @@ def require_study_folder(root: Path, folder: Path) -> None:
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "study.json").exists():
         hint = "Choose another name."
         raise InputError("folder", f"'{folder}', with files of other kinds", "a new folder, or a saved study's", hint)
-    for parent, names, _ in os.walk(folder):
-        for link in (Path(parent) / name for name in names if (Path(parent) / name).is_symlink()):
+    for path, names, _ in os.walk(folder):
+        for link in (Path(path) / name for name in names if (Path(path) / name).is_symlink()):
             raise InputError("folder", f"'{link}', a link to a folder", "a study's own folders", "Remove the link.")
 
 

@@ -65,3 +65,21 @@ def test_maps_are_multiplied_by_an_image(kind):
     products = scaled(kind(maps.astype(np.float32)), image)
     assert products.dtype == np.float32
     assert_allclose(products @ np.eye(6), maps * image.ravel(), rtol=1e-6)
+
+
+def test_equations_of_sums_of_images_are_those_of_their_columns():
+    """Two sums of three images, against products of the summed columns themselves."""
+    draw = np.random.default_rng(5)
+    columns, residual = draw.normal(size=(BANDS, PIXELS, 3)), draw.normal(size=(BANDS, PIXELS))
+    nuisances, parts = draw.normal(size=(BANDS, PIXELS, NUISANCES)), draw.normal(size=(2, 3))
+
+    def products(x):
+        y = x[:, ::2]
+        tested = y.swapaxes(1, 2) @ y, np.einsum("bpk,bp->bk", y, residual[:, ::2])
+        return NormalEquations(
+            x.swapaxes(1, 2) @ x, np.einsum("bpk,bp->bk", x, residual), nuisances.swapaxes(1, 2) @ x, *tested
+        )
+
+    sums, expected = products(columns).of_sums(parts), products(columns @ parts.T)
+    for name in ("a", "b", "c", "trial_a", "trial_b"):
+        assert_allclose(getattr(sums, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
