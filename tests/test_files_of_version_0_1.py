@@ -100,6 +100,17 @@ def test_a_data_sets_json_without_an_object_is_refused(tmp_path, content):
         cboxlab.open_dataset(tmp_path / "dataset")
 
 
+def test_an_index_of_eight_gigabytes_or_with_large_numbers_is_soon_read_or_refused(tmp_path):
+    shutil.copytree(OLD / "dataset", tmp_path / "dataset")
+    index = tmp_path / "dataset" / "index.csv"
+    index.write_text(index.read_text().replace(",29343,", f",{'9' * 30},"))
+    assert cboxlab.open_dataset(tmp_path / "dataset").index[0]["bytes"] == 10**30 - 1
+    with index.open("r+b") as file:
+        file.truncate(2**33)  # a file with a hole, which takes no room
+    with pytest.raises(cboxlab.InputError, match="bytes"):
+        cboxlab.open_dataset(tmp_path / "dataset")
+
+
 @pytest.mark.parametrize(
     ("before", "after", "fault"),
     [

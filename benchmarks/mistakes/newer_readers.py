@@ -90,7 +90,7 @@ def captures() -> Pairs:
 
     def labelled(path: Path) -> object:
         capture = load_capture(path.parent)
-        return capture.labels(), capture.label_names()
+        return None if capture.manifest.labels is None else (capture.labels(), capture.label_names())
 
     def drafted(path: Path) -> object:
         return draft_manifest(path.parent)

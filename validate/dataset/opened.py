@@ -25,6 +25,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import path_inside
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json_object, require_regular_file
+from cboxlab.utils.limits import require_size
 from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
@@ -33,6 +34,8 @@ from .layout import FRACTIONS, INDEX, WHOLE_NUMBERS, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
 
+#: Bytes of an index: 700,000 pictures have as many.
+_MOST_BYTES = 2**27
 #: Columns of the index with texts that are read.
 _TEXTS = ("camera", "part", "file", "model", "sha256")
 #: Name of a camera, which becomes part of names of files.
@@ -299,6 +302,7 @@ def open_dataset(folder: str | Path) -> Dataset:
     read_state(path)
     hint = "The run has not ended. Repeat the command that began it."
     require_regular_file(path / INDEX, "the index of a data set", hint)
+    require_size(path / INDEX, (path / INDEX).stat().st_size, _MOST_BYTES, "bytes")
     try:
         with (path / INDEX).open(encoding="utf-8", newline="") as stream:
             rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))
@@ -315,7 +319,7 @@ def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
     except (KeyError, AttributeError) as error:
         raise InputError(path, f"a row that cannot be read ({error})", "an index that cbox wrote") from None
     for key in (*WHOLE_NUMBERS, *FRACTIONS):
-        if numbers[key] is None or (np.isnan(numbers[key]) and row[key] != "nan"):
+        if numbers[key] is None or (numbers[key] != numbers[key] and row[key] != "nan"):
             raise InputError(path, f"{key} '{row[key][:40]}'", "a number")
     for key in _TEXTS:
         if not row.get(key):
