@@ -42,7 +42,7 @@ full_height_px = 64
 """
 
 
-def _beside(source: Path, name: str) -> Callable[[Path], Path]:
+def _with_folder(source: Path, name: str) -> Callable[[Path], Path]:
     """A file with all that lies in its folder."""
 
     def sound(folder: Path) -> Path:
@@ -212,7 +212,7 @@ def results() -> Pairs:
             first = pictures.arrays("radiance", "depth")[0]
             return first, pictures.drawn_values(0), pictures.model(0), pictures.part("train")
 
-        return _beside(OLD / "dataset", name), read
+        return _with_folder(OLD / "dataset", name), read
 
     def becomes_effect(path: Path) -> object:
         target = path.with_name("my-effect.toml")

@@ -358,7 +358,7 @@ def read_json(path: Path, expected: str) -> Any:
 
 
 def _integer(text: str) -> int:
-    """Integer of JSON; ValueError for one that no float can hold, with which nothing could be computed."""
+    """Integer of JSON; ValueError for one that no float can hold."""
     if len(text) > _MAX_DIGITS:
         raise ValueError(f"an integer of {len(text)} digits")
     return int(text)

@@ -87,5 +87,7 @@ def test_the_amplitude_of_a_prediction_is_that_of_least_squares():
     predicted, residual = np.array([2.0, -1.0, 3.0]), np.array([4.0, 1.0, 5.0])
     amplitude = alternatives._amplitude(residual, predicted)
     assert amplitude == pytest.approx(np.linalg.lstsq(predicted[:, None], residual, rcond=None)[0][0])
-    left = residual - amplitude * predicted
-    assert alternatives._gain(residual, predicted, amplitude) == pytest.approx(residual @ residual - left @ left)
+    remainder = residual - amplitude * predicted
+    assert alternatives._gain(residual, predicted, amplitude) == pytest.approx(
+        residual @ residual - remainder @ remainder
+    )

@@ -26,7 +26,7 @@ def test_a_band_is_dated_by_the_middle_of_its_frames():
     assert minutes(100.0) * 60 == pytest.approx([4, 102])
 
 
-def test_merged_exposures_are_at_the_middle_of_their_own_frames():
+def test_each_merged_exposure_is_at_the_middle_of_its_frames():
     """Three frames of 2 s, each read out in 4 s, from 100 s on: the middle is 100 + 1 + 6 s. Darks by the exposure."""
     tables = [SimpleNamespace(exposure_s=s, start_s=t, frames=f) for s, t, f in ((8.0, 0.0, "a"), (2.0, 100.0, "abc"))]
     merged = {"f550": SimpleNamespace(tables=tables, weights=np.full((2, 2, 3), 0.5), ratios=np.array([1.0, 0.25]))}
