@@ -100,6 +100,37 @@ def test_a_data_sets_json_without_an_object_is_refused(tmp_path, content):
         cboxlab.open_dataset(tmp_path / "dataset")
 
 
+def test_an_index_of_eight_gigabytes_or_with_large_numbers_is_soon_read_or_refused(tmp_path):
+    shutil.copytree(OLD / "dataset", tmp_path / "dataset")
+    index = tmp_path / "dataset" / "index.csv"
+    index.write_text(index.read_text().replace(",29343,", f",{'9' * 30},"))
+    assert cboxlab.open_dataset(tmp_path / "dataset").index[0]["bytes"] == 10**30 - 1
+    with index.open("r+b") as file:
+        file.truncate(2**33)  # a file with a hole, which takes no room
+    with pytest.raises(cboxlab.InputError, match="bytes"):
+        cboxlab.open_dataset(tmp_path / "dataset")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "fault"),
+    [
+        ("boxes/000000/main.nc", "../main.nc", "leaves the folder"),
+        ("boxes/000000/main.nc", "/etc/passwd", "a path inside the folder"),
+        ("boxes/000000/model.toml", "../../model.toml", "leaves the folder"),
+        (",main,", ",../../main,", "camera '../../main'"),
+        (",file,", ",other,", "a row without file"),
+        (",boxes/000000/model.toml", ",", "a row without model"),
+    ],
+)
+def test_an_index_that_leads_out_of_its_data_set_is_refused(tmp_path, before, after, fault):
+    shutil.copytree(OLD / "dataset", tmp_path / "dataset")
+    index = tmp_path / "dataset" / "index.csv"
+    index.write_text(index.read_text().replace(before, after))
+    with pytest.raises(cboxlab.InputError, match=fault):
+        pictures = cboxlab.open_dataset(tmp_path / "dataset")
+        pictures.model(0), pictures[0]
+
+
 def test_a_version_that_comes_later_is_named(tmp_path):
     """A file of a format that does not exist yet: which formats this version reads."""
     shutil.copytree(OLD / "capture", tmp_path / "capture")

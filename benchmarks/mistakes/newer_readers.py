@@ -42,7 +42,7 @@ full_height_px = 64
 """
 
 
-def _beside(source: Path, name: str) -> Callable[[Path], Path]:
+def _with_folder(source: Path, name: str) -> Callable[[Path], Path]:
     """A file with all that lies in its folder."""
 
     def sound(folder: Path) -> Path:
@@ -90,7 +90,7 @@ def captures() -> Pairs:
 
     def labelled(path: Path) -> object:
         capture = load_capture(path.parent)
-        return capture.labels(), capture.label_names()
+        return None if capture.manifest.labels is None else (capture.labels(), capture.label_names())
 
     def drafted(path: Path) -> object:
         return draft_manifest(path.parent)
@@ -209,10 +209,10 @@ def results() -> Pairs:
 
         def read(path: Path) -> object:
             pictures = open_dataset(path.parents[levels])
-            first = pictures[0].load()
+            first = pictures.arrays("radiance", "depth")[0]
             return first, pictures.drawn_values(0), pictures.model(0), pictures.part("train")
 
-        return _beside(OLD / "dataset", name), read
+        return _with_folder(OLD / "dataset", name), read
 
     def becomes_effect(path: Path) -> object:
         target = path.with_name("my-effect.toml")

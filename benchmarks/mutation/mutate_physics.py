@@ -87,6 +87,19 @@ EQUIVALENT = {
         "validate/diagnose/effect_fit.py",
         "(turn * len(candidates) + position + 1) / (rounds * len(candidates))",
     ): "reports of the progress",
+    ("validate/diagnose/effect_fit.py", "turn * len(candidates) + position"): "reports of the progress",
+    (
+        "validate/diagnose/search.py",
+        "factors / np.linalg.norm(factors, axis=0)",
+    ): "columns of other lengths: a basis of the same space",
+    (
+        "calibration/radiometry/uncertainty.py",
+        "share @ share * np.outer(unit, unit)",
+    ): "over ones is times ones",
+    (
+        "calibration/detector/nonlinearity.py",
+        "knot_counts[-1] - knot_counts[0]",
+    ): "another factor of the first slope, which all rows of the fit share",
     (
         "validate/compare_renders/regress/explanations.py",
         "exponent / e",

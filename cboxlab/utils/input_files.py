@@ -47,6 +47,9 @@ _MAX_TEXT_BYTES = 2**25
 #: Largest depth of nested tables; known files have at most four levels.
 _MAX_DEPTH = 32
 
+#: Characters of an integer of JSON: the largest float has 309 digits.
+_MAX_DIGITS = 300
+
 #: Integers of TOML are below this, and at least minus this.
 _INT64 = 2**63
 
@@ -345,13 +348,20 @@ def read_json(path: Path, expected: str) -> Any:
         As `read_text`, and for invalid JSON.
     """
     try:
-        return json.loads(read_text(path, expected))
+        return json.loads(read_text(path, expected), parse_int=_integer)
     except InputError:
         raise
     except RecursionError:
         raise InputError(path, "values nested too deeply", expected) from None
     except ValueError as error:
         raise InputError(path, f"a fault in the JSON: {error}", expected) from None
+
+
+def _integer(text: str) -> int:
+    """Integer of JSON; ValueError for one that no float can hold."""
+    if len(text) > _MAX_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits")
+    return int(text)
 
 
 def read_json_object(path: Path, expected: str) -> dict[str, Any]:

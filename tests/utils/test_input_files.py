@@ -1,8 +1,8 @@
-"""A slip in a TOML file is reported with its line and how it is mended."""
+"""A slip in a TOML file is reported with its line and how it is mended; JSON without numbers beyond a float."""
 
 import pytest
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.input_files import read_toml
+from cboxlab.utils.input_files import read_json_object, read_toml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,3 +43,15 @@ def test_any_text_is_read_or_refused(tmp_path_factory, text):
         read_toml(path, "a file")
     except InputError as fault:
         assert "a.toml" in str(fault)
+
+
+@pytest.mark.parametrize("digits", [300, 301, 5000])
+def test_integers_of_json_fit_a_float(tmp_path, digits):
+    """One of 5000 digits Python itself refuses."""
+    path = tmp_path / "a.json"
+    path.write_text('{"a": ' + "9" * digits + "}")
+    if digits <= 300:
+        assert float(read_json_object(path, "a file")["a"]) == pytest.approx(1e300)
+    else:
+        with pytest.raises(InputError, match="digits"):
+            read_json_object(path, "a file")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
@@ -21,8 +22,10 @@ from cboxlab.utils.arguments import (
     required_whole_number,
 )
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.faults import path_inside
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json_object, require_regular_file
+from cboxlab.utils.limits import require_size
 from cboxlab.utils.numbers import number_of, whole_number_of
 from numpy.typing import NDArray
 
@@ -31,6 +34,12 @@ from .layout import FRACTIONS, INDEX, WHOLE_NUMBERS, file_hash, read_state
 
 __all__ = ["Arrays", "Dataset", "open_dataset"]
 
+#: Bytes of an index: 700,000 pictures have as many.
+_MOST_BYTES = 2**27
+#: Columns of the index with texts that are read.
+_TEXTS = ("camera", "part", "file", "model", "sha256")
+#: Name of a camera, which becomes part of names of files.
+_NAME = re.compile(r"[\w-]+")
 #: Parts of a data set.
 PARTS = ("train", "validation", "test")
 
@@ -60,7 +69,7 @@ class Dataset(FrozenMappings):
 
     def __getitem__(self, number: int) -> xr.Dataset:
         """Picture of a row of the index; its values are read on demand."""
-        return open_picture(self.folder / self._row(number)["file"])
+        return open_picture(self._path(self._row(number), "file"))
 
     def __iter__(self) -> Iterator[xr.Dataset]:
         return (self[number] for number in range(len(self)))
@@ -129,7 +138,7 @@ class Dataset(FrozenMappings):
         InputError
             If there is no such row, or its model cannot be read.
         """
-        return load_model(self.folder / self._row(number)["model"])
+        return load_model(self._path(self._row(number), "model"))
 
     def drawn_values(self, number: int) -> dict[str, Any]:
         """Values that were drawn for a picture's box.
@@ -149,7 +158,7 @@ class Dataset(FrozenMappings):
         InputError
             If there is no such row, or its box.json cannot be read.
         """
-        path = (self.folder / self._row(number)["model"]).with_name("box.json")
+        path = self._path(self._row(number), "model").with_name("box.json")
         return read_json_object(path, "the drawn values of a box")
 
     def arrays(self, *names: str) -> Arrays:
@@ -214,6 +223,10 @@ class Dataset(FrozenMappings):
             raise InputError("picture", described(number), "a data set with pictures")
         return self.index[required_whole_number("picture", number, -rows, rows - 1)]
 
+    def _path(self, row: Mapping[str, Any], column: str) -> Path:
+        """A file that a row names, below the folder."""
+        return path_inside(self.folder, row[column], f"{self.folder / INDEX}: {column}")
+
     def damaged(self) -> list[str]:
         """Files whose checksum is not that of the index.
 
@@ -221,10 +234,15 @@ class Dataset(FrozenMappings):
         -------
         list of str
             Paths in the data set; empty if all are whole.
+
+        Raises
+        ------
+        InputError
+            For a path that leaves the folder.
         """
 
         def intact(row: Mapping[str, Any]) -> bool:
-            path = self.folder / row["file"]
+            path = self._path(row, "file")
             return path.is_file() and file_hash(path) == row["sha256"]
 
         return [row["file"] for row in self.index if not intact(row)]
@@ -248,7 +266,12 @@ class Arrays(Sequence[Mapping[str, NDArray[np.generic]]]):
     def __getitem__(self, number: Any) -> Any:
         """Arrays of one picture by variable."""
         with self.dataset[number] as picture:
-            return {name: picture[name].values for name in self.names}
+            try:
+                return {name: picture[name].values for name in self.names}
+            except (OSError, RuntimeError, ValueError) as error:  # values are read here: see ``damaged``
+                file = self.dataset.index[number]["file"]
+                fault = f"values that cannot be read ({type(error).__name__}: {error})"
+                raise InputError(self.dataset.folder / file, fault, "a picture as cbox wrote it") from None
 
 
 def open_dataset(folder: str | Path) -> Dataset:
@@ -279,6 +302,7 @@ def open_dataset(folder: str | Path) -> Dataset:
     read_state(path)
     hint = "The run has not ended. Repeat the command that began it."
     require_regular_file(path / INDEX, "the index of a data set", hint)
+    require_size(path / INDEX, (path / INDEX).stat().st_size, _MOST_BYTES, "bytes")
     try:
         with (path / INDEX).open(encoding="utf-8", newline="") as stream:
             rows = tuple(_row(path / INDEX, row) for row in csv.DictReader(stream))
@@ -295,6 +319,11 @@ def _row(path: Path, row: Mapping[str, str]) -> Mapping[str, Any]:
     except (KeyError, AttributeError) as error:
         raise InputError(path, f"a row that cannot be read ({error})", "an index that cbox wrote") from None
     for key in (*WHOLE_NUMBERS, *FRACTIONS):
-        if numbers[key] is None or (np.isnan(numbers[key]) and row[key] != "nan"):
+        if numbers[key] is None or (numbers[key] != numbers[key] and row[key] != "nan"):
             raise InputError(path, f"{key} '{row[key][:40]}'", "a number")
+    for key in _TEXTS:
+        if not row.get(key):
+            raise InputError(path, f"a row without {key}", "an index that cbox wrote")
+    if not _NAME.fullmatch(row["camera"]):
+        raise InputError(path, f"camera '{row['camera'][:40]}'", "a name of letters, digits, - and _")
     return {**row, **numbers}

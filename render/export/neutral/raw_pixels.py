@@ -69,6 +69,8 @@ def npy_pixels(path: Path, shape: tuple[int, ...]) -> NDArray[np.float64]:
         array = np.load(path, mmap_mode="r", allow_pickle=False)  # a header may state more than the file holds
     except Exception as error:  # the reader raises exceptions of any type on damaged files
         raise InputError(path, f"{type(error).__name__}: {error}", "a NumPy array") from None
+    if not isinstance(array, np.ndarray):
+        raise InputError(path, "an archive of arrays", "a NumPy array")
     if array.shape != shape:
         raise InputError(path, f"an array {array.shape}", f"an array {shape}")
     try:

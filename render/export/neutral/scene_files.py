@@ -12,7 +12,7 @@ import numpy as np
 from cboxlab.scenes.scene import Surface
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.utils.errors import InputError
-from cboxlab.utils.input_files import read_channels, read_json, read_json_object, require_regular_file
+from cboxlab.utils.input_files import read_channels, read_json_object, require_regular_file
 from cboxlab.utils.limits import MAX_PACKED_BYTES, require_size
 from numpy.typing import NDArray
 from PIL import Image
@@ -283,10 +283,10 @@ def read_layout(folder: Path) -> Layout:
         If ``folder`` is no export.
     """
     path = folder / "scene.json"
-    entry = read_json(path, "an export's scene.json")
+    entry = read_json_object(path, "an export's scene.json")
+    if entry.get("format") != "cboxlab-export/1":
+        raise InputError(f"{path}: format", repr(entry.get("format")), "'cboxlab-export/1'")
     try:
-        if entry["format"] != "cboxlab-export/1":
-            raise InputError(f"{path}: format", repr(entry["format"]), "'cboxlab-export/1'")
         settings = ExportSettings(
             np.asarray(entry["wavelength_nm"], float),
             int(entry["samples"]),
@@ -302,7 +302,7 @@ def read_layout(folder: Path) -> Layout:
             any(lamp["reflects"] for lamp in (entry["lamp"], *entry.get("further_lamps", ()))),
             settings,
         )
-    except (KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise InputError(path, f"{type(error).__name__}: {error}", "a scene.json as an export writes it") from None
 
 

@@ -28,8 +28,8 @@ def bands_of(coefficients, mask, scatter=0.0):
 @pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.9])
 def test_the_common_error_is_that_of_lines_drawn_with_their_covariance(correlation):
     noise, lines = line_and_draws(correlation)
-    drawn = lines / LINE @ [0.3, 0.6]
-    assert noise.relative_sigma(0.3, 0.6) == pytest.approx(np.std(drawn), rel=0.02)
+    sums = lines / LINE @ [0.3, 0.6]
+    assert noise.relative_sigma(0.3, 0.6) == pytest.approx(np.std(sums), rel=0.02)
 
 
 @pytest.mark.parametrize("correlation", [-0.9, 0.9])
@@ -39,14 +39,14 @@ def test_the_common_error_of_bands_counts_what_is_proportional_to_either(correla
     rng, scatter = np.random.default_rng(3), 0.01
     of_floor, of_shot, of_flat = rng.uniform(0.5, 2, (3, 2, 4, 5)) * np.array([1, 1, 3e-3])[:, None, None, None]
     signal = rng.uniform(-5, 300, (2, 4, 5))
-    seen = np.maximum(signal, 0)
+    light = np.maximum(signal, 0)
     coefficients = np.stack([of_floor * LINE[0], of_shot * LINE[1], of_flat * LINE[1] + scatter**2], axis=1)
     bands = bands_of(coefficients, np.zeros(signal.shape), scatter)
     variance, used = bands.predicted_variance(signal) + 2.0, np.ones(signal.shape, bool)
     used[0, 1] = False
-    factors = of_floor, of_shot * seen + of_flat * seen**2
-    drawn = lines @ [float(np.mean(factor[used] / variance[used])) for factor in factors]
-    assert bands.variance_sigma(signal, variance, used, noise) == pytest.approx(np.std(drawn), rel=0.02)
+    factors = of_floor, of_shot * light + of_flat * light**2
+    sums = lines @ [float(np.mean(factor[used] / variance[used])) for factor in factors]
+    assert bands.variance_sigma(signal, variance, used, noise) == pytest.approx(np.std(sums), rel=0.02)
 
 
 def test_a_pixels_sensitivity_makes_the_mean_of_its_bands_as_uncertain_as_one():

@@ -30,8 +30,8 @@ def test_the_variance_of_rounded_noise_scatters_over_the_phases_as_stated(sigma)
     assert np.std(variance) == pytest.approx(_phase_sigma(sigma**2), rel=0.02)
     if sigma == 0.5:  # where the read noise is nearly linear in the variance
         electrons = 40.0 * np.sqrt(variance - ROUNDING_VARIANCE)
-        _, stated = _read_noise(sigma**2 + ROUNDING_VARIANCE, 40.0, np.zeros((2, 2)), gain_is_fitted=True)
-        assert np.std(electrons) == pytest.approx(stated, rel=0.02)
+        _, sigma_e = _read_noise(sigma**2 + ROUNDING_VARIANCE, 40.0, np.zeros((2, 2)), gain_is_fitted=True)
+        assert np.std(electrons) == pytest.approx(sigma_e, rel=0.02)
 
 
 @pytest.mark.parametrize("correlation", [-0.9, 0.0, 0.9])

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.calibration.detector.nonlinearity import CalibrationCurve
+from cboxlab.calibration.detector.nonlinearity import CalibrationCurve, _scale
 
 CURVE = CalibrationCurve(
     np.array([10.0, 110.0, 310.0]), np.array([0.0, 0.6, 1.0]), {}, np.array([0.1, -0.2]), np.zeros(2), 0.0
@@ -21,3 +21,8 @@ def test_statistics_of_residuals_by_hand():
     assert statistics["mean_absolute"] == pytest.approx(0.15)
     assert statistics["rms"] == pytest.approx(np.sqrt(0.025))
     assert statistics["largest"] == pytest.approx(0.2)
+
+
+def test_the_scale_of_a_light_is_that_of_least_squares():
+    light, value = np.array([1.0, 2.0, 4.0]), np.array([2.0, 7.0, 11.0])
+    assert _scale(light, value) == pytest.approx(np.linalg.lstsq(light[:, None], value, rcond=None)[0][0])

@@ -126,8 +126,8 @@ def test_light_and_error_of_a_series_for_the_curve():
     """Light is t / (f d)^2 times the flux, 1 where one is not stated; a shutter's scatter falls with repeats, too."""
     settings = {"exposure": 0.5, "f_number": 4.0, "image_distance": None, "flux": 3.0}
     changes = ({}, {"exposure": 2.0}, {"image_distance": 10.0, "flux": None})
-    own = [ResponsePoint("f550", "flat", settings | c, 1000.0, 0.5, 1100.0 + i, 4) for i, c in enumerate(changes)]
-    (series,) = light_series((*own, replace(own[0], source="scene")))
+    exposures = [ResponsePoint("f550", "flat", settings | c, 1000.0, 0.5, 1100.0 + i, 4) for i, c in enumerate(changes)]
+    (series,) = light_series((*exposures, replace(exposures[0], source="scene")))
     assert series.name == "f550 flat"
     np.testing.assert_allclose(series.light, [0.5 * 3 / 16, 2 * 3 / 16, 0.5 / 1600])
     np.testing.assert_allclose(series.count, [1100, 1101, 1102])

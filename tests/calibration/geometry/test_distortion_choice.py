@@ -86,7 +86,7 @@ def test_held_out_errors_do_not_depend_on_the_unit_of_the_sigma(sigma_px):
 FEW, THREE_TERMS = 14, ONE_TERM.with_terms(("k2", "k3"))
 
 
-def chosen(monkeypatch, f_ratio, errors, others=(THREE_TERMS,)):
+def name_of_choice(monkeypatch, f_ratio, errors, others=(THREE_TERMS,)):
     """Name of the lens where three terms lower the sum of squares by that ratio to Fisher's limit.
 
     errors : their gain at held-out points, in its standard errors. others : three terms, and lenses that fail.
@@ -110,15 +110,15 @@ def chosen(monkeypatch, f_ratio, errors, others=(THREE_TERMS,)):
 
 def test_more_terms_need_two_standard_errors_and_a_fit_that_chance_does_not_give(monkeypatch):
     """Just above and just below both limits, which are computed here on their own."""
-    assert chosen(monkeypatch, 1.02, 2.05) == "k1 k2 k3"
-    assert chosen(monkeypatch, 0.98, 2.05) == "k1"
-    assert chosen(monkeypatch, 1.02, 1.95) == "k1"
+    assert name_of_choice(monkeypatch, 1.02, 2.05) == "k1 k2 k3"
+    assert name_of_choice(monkeypatch, 0.98, 2.05) == "k1"
+    assert name_of_choice(monkeypatch, 1.02, 1.95) == "k1"
 
 
 def test_the_chance_of_a_false_alarm_is_shared_by_all_lenses_that_are_tried(monkeypatch):
     others = (THREE_TERMS, *(ONE_TERM.with_terms(terms) for terms in (("k2",), ("p1", "p2"), ("aspect",))))
-    assert chosen(monkeypatch, 1.02, 3.0, others) == "k1 k2 k3"
-    assert chosen(monkeypatch, 0.98, 3.0, others) == "k1"
+    assert name_of_choice(monkeypatch, 1.02, 3.0, others) == "k1 k2 k3"
+    assert name_of_choice(monkeypatch, 0.98, 3.0, others) == "k1"
 
 
 def test_few_points_choose_nothing():

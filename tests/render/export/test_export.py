@@ -17,7 +17,7 @@ from cboxlab.rendering.export import (
     renderer_catalogue,
     write_export,
 )
-from cboxlab.rendering.export.neutral import npy_pixels, read_surfaces, read_warp
+from cboxlab.rendering.export.neutral import npy_pixels, read_layout, read_surfaces, read_warp
 from cboxlab.scenes import Surface, cornell_box, cornell_camera, read_spectra
 from cboxlab.scenes.shapes import file_mesh, sphere_mesh
 from cboxlab.utils.errors import InputError
@@ -185,6 +185,16 @@ def test_a_damaged_map_of_an_export_is_a_fault_of_that_file(exported, tmp_path, 
         read_surfaces(tmp_path / "box"), read_warp(tmp_path / "box")
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("width_px", float("inf")), ("samples", [1]), ("film", []), ("format", 1), ("lamp", None)]
+)
+def test_an_export_with_other_numbers_is_refused(exported, tmp_path, key, value):
+    content = json.loads((exported[0] / "scene.json").read_text()) | {key: value}
+    (tmp_path / "scene.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"scene\.json"):
+        read_layout(tmp_path)
+
+
 def test_an_array_that_states_more_than_it_holds_is_refused(tmp_path):
     path = tmp_path / "a.npy"
     np.save(path, np.ones((2, 3)))
@@ -192,6 +202,9 @@ def test_an_array_that_states_more_than_it_holds_is_refused(tmp_path):
     path.write_bytes(path.read_bytes().replace(b"(2, 3)", b"(2000000000, 300000)").replace(b" " * 14 + b"\n", b"\n"))
     with pytest.raises(InputError, match="a NumPy array"):
         npy_pixels(path, (2000000000, 300000))
+    path.write_bytes(_npz(a=np.ones((2, 3))))
+    with pytest.raises(InputError, match="an archive of arrays"):
+        npy_pixels(path, (2, 3))
 
 
 def test_what_not_all_renderers_have_is_refused():

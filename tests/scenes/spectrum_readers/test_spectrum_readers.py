@@ -217,6 +217,10 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, locat
         ("<html><body>400 1</body></html>", "XML or HTML"),
         ("Model Name\tx\n380nm\t1\n381nm\t1\nBEGIN_DATA_FORMAT\n", "the marks of"),
         ("nothing here", "no table of numbers"),
+        (
+            "CGATS.17\nBEGIN_DATA_FORMAT\nnm380 nm390\nEND_DATA_FORMAT\nEND_DATA\nBEGIN_DATA\n",
+            "line 6: found 1 BEGIN_DATA",
+        ),
         ("Wavelength\tRadiance [W/(sr m2 nm)]\n400\t0.1\n410\t0.2\n", "wavelengths without a unit"),
         ("wl (nm);a\n400;1\n410;2\nsecond\n420;3\n", "second"),
         (INSTRUMENTS["jcamp"].text.replace("NANOMETERS", "1/CM"), "XUNITS '1/CM'"),

@@ -80,3 +80,14 @@ def test_what_remains_in_the_picture_is_no_matter_to_an_effect_that_priors_judge
     leader = _candidate("own", 1000.0, by_priors=by_priors)
     effect = SelectedEffect(leader, (), 1040.0, np.nan, np.nan, np.nan, 5000, 1.0)
     assert holds_with_remainder([effect], 0.01) is by_priors
+
+
+def test_the_amplitude_of_a_prediction_is_that_of_least_squares():
+    """And its gain is what it takes off chi2."""
+    predicted, residual = np.array([2.0, -1.0, 3.0]), np.array([4.0, 1.0, 5.0])
+    amplitude = alternatives._amplitude(residual, predicted)
+    assert amplitude == pytest.approx(np.linalg.lstsq(predicted[:, None], residual, rcond=None)[0][0])
+    remainder = residual - amplitude * predicted
+    assert alternatives._gain(residual, predicted, amplitude) == pytest.approx(
+        residual @ residual - remainder @ remainder
+    )

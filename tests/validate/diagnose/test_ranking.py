@@ -2,8 +2,10 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from cboxlab.validation.diagnose.ranking import _NOTHING_MISSING, UNKNOWN, ranking
+from cboxlab.validation.diagnose.evidence import SHAPE_ERROR
+from cboxlab.validation.diagnose.ranking import _NOTHING_MISSING, UNKNOWN, _shares, ranking
 
 
 def _candidate(name, chi2):
@@ -80,3 +82,12 @@ def test_chi2_of_an_unknown_cause_is_that_of_the_best_single_effect_per_sample()
     assert entries["haze"].chi2_per_dof == pytest.approx(740 / 200)
     assert entries["ghost"].chi2_per_dof == entries[UNKNOWN].chi2_per_dof == pytest.approx(700 / 200)
     assert entries["ghost"].probability > entries["haze"].probability
+
+
+def test_shares_are_odds_widened_by_the_errors_of_shapes(monkeypatch):
+    """A difference of 6 in chi2, over a dispersion and a part of what the best effect explains."""
+    monkeypatch.setattr("cboxlab.validation.diagnose.ranking.penalised", lambda candidate: candidate)
+    for without, explained in ((500.0, 400.0), (90.0, 0.0)):
+        first, second = _shares([100.0, 106.0], without, 1.5)
+        assert first + second == pytest.approx(1.0)
+        assert np.log(first / second) == pytest.approx(3.0 / (1.5 + SHAPE_ERROR * explained))

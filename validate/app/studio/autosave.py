@@ -96,7 +96,7 @@ def discard_unsaved(root: Path, name: str) -> None:
 
 
 def unsaved_studies(root: Path) -> list[dict[str, Any]]:
-    """Studies with unsaved work, the newest first; links are left out, since they may lead anywhere.
+    """Studies with unsaved work, the newest first; links, which may lead anywhere, are left out.
 
     Parameters
     ----------

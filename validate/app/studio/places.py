@@ -120,7 +120,7 @@ def list_inputs(root: Path) -> dict[str, Any]:
 
 
 def _files(root: Path) -> Iterator[Path]:
-    """Scene, model, capture and study files below a folder, without hidden folders, pipes and links out of it."""
+    """Files to open below a folder, without hidden folders, pipes and links out of it."""
     resolved = root.resolve()
     for folder, below, file_names in os.walk(root):
         depth = len(Path(folder).relative_to(root).parts)

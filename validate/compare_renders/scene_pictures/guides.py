@@ -117,7 +117,7 @@ def cryptomatte(header: Mapping[str, Any], planes: Mapping[str, NDArray[np.float
 
 
 def _names(manifest: object) -> dict[int, str]:
-    """Names by number of a cryptomatte's manifest; without those of one that cannot be read, numbers are the names."""
+    """Names by number of a cryptomatte's manifest; none where it cannot be read."""
     try:
         content = json.loads(str(manifest) or "{}")
         return {int(code, 16): str(text) for text, code in content.items()}

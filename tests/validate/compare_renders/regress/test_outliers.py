@@ -43,3 +43,14 @@ def test_smooth_descriptions_are_polynomials_up_to_the_second_order():
         for shape in (np.ones_like(x), *shapes):
             remainder = shape.ravel() - columns @ np.linalg.lstsq(columns, shape.ravel(), rcond=None)[0]
             assert np.abs(remainder).max() < 1e-9
+
+
+def test_what_is_set_aside_is_what_an_outlier_had_beyond_its_neighbours():
+    rng = np.random.default_rng(2)
+    level, variance = np.full((16, 16, 3), 5.0), np.full((16, 16, 3), 0.01)
+    difference = rng.normal(0, 0.1, level.shape)
+    difference[8, 8] += 40.0
+    result = trimmed(difference, level, variance, 1e6, np.zeros((16, 16), bool))
+    assert np.argwhere(result.outlier).tolist() == [[8, 8]]
+    np.testing.assert_allclose(result.difference.sum(axis=-1) + result.excess, difference.sum(axis=-1))
+    assert result.excess[8, 8] == pytest.approx(120.0, abs=1.0) and np.count_nonzero(result.excess) == 1

@@ -1,8 +1,11 @@
 """Fields next to others, against least squares with all columns written out."""
 
 import numpy as np
+import pytest
 from cboxlab.validation.diagnose.field_fit import NormalEquations, fixed_spectrum, next_to_common_field
+from cboxlab.validation.diagnose.field_fit.fitted_explanation import scaled
 from numpy.testing import assert_allclose
+from scipy.sparse import csr_matrix
 
 BANDS, PIXELS, NUMBERS, NUISANCES = 3, 60, 4, 2
 
@@ -53,3 +56,30 @@ def test_a_field_that_nuisances_imitate_and_a_trial_sees_in_part_is_none():
     n = NormalEquations(a, np.zeros((1, 2)), np.array([[[1.0, 1.0]]]), a, np.array([[3.0, 3.0]]))
     spectrum_fit = fixed_spectrum(n, np.ones(1))
     assert spectrum_fit.gain == 0 and np.isfinite(spectrum_fit.heldout)
+
+
+@pytest.mark.parametrize("kind", [np.array, csr_matrix])
+def test_maps_are_multiplied_by_an_image(kind):
+    rng = np.random.default_rng(1)
+    maps, image = rng.random((4, 6)) * (rng.random((4, 6)) > 0.3), rng.uniform(2, 3, (2, 3))
+    products = scaled(kind(maps.astype(np.float32)), image)
+    assert products.dtype == np.float32
+    assert_allclose(products @ np.eye(6), maps * image.ravel(), rtol=1e-6)
+
+
+def test_equations_of_sums_of_images_are_those_of_their_columns():
+    """Two sums of three images, against products of the summed columns themselves."""
+    draw = np.random.default_rng(5)
+    columns, residual = draw.normal(size=(BANDS, PIXELS, 3)), draw.normal(size=(BANDS, PIXELS))
+    nuisances, parts = draw.normal(size=(BANDS, PIXELS, NUISANCES)), draw.normal(size=(2, 3))
+
+    def products(x):
+        y = x[:, ::2]
+        tested = y.swapaxes(1, 2) @ y, np.einsum("bpk,bp->bk", y, residual[:, ::2])
+        return NormalEquations(
+            x.swapaxes(1, 2) @ x, np.einsum("bpk,bp->bk", x, residual), nuisances.swapaxes(1, 2) @ x, *tested
+        )
+
+    sums, expected = products(columns).of_sums(parts), products(columns @ parts.T)
+    for name in ("a", "b", "c", "trial_a", "trial_b"):
+        assert_allclose(getattr(sums, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
