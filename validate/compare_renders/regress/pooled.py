@@ -26,6 +26,7 @@ from .patterns import (
     PooledMean,
     all_patterns,
     block_spread,
+    common_size,
     mirror_order,
     pool_of_finding,
 )
@@ -64,6 +65,8 @@ _MOST_SPREAD = 1.2
 _WIDEST_SPREAD = 3.0
 #: Kinds of pools of few pixels.
 _SMALL_POOLS = ("block", "stratum")
+#: Kinds of pools of the entire picture.
+_WIDE_POOLS = ("whole", "band")
 #: Steps of this many standard deviations count half in patterns, larger ones more.
 _CLEAR_STEP_SIGMAS = 10.0
 #: Second derivative over the step of an edge, below which the edge is too wide to show a blur.
@@ -299,6 +302,9 @@ def _pool_of(
     quiet = np.where(trimmed.outlier[mask], np.median(each), each)
     noise_sum = float(quiet.sum())
     variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
+    by_blocks, blocks = 0.0, np.inf
+    if kind in _WIDE_POOLS and noise.estimated:
+        by_blocks, blocks = _scatter_of_blocks(sums, pooling.strata.block, mask, noise.clustering)
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
@@ -307,6 +313,8 @@ def _pool_of(
         variance += float(sums.shared[mask].sum()) ** 2
     degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), independent - 1.0))
     degrees = min(degrees, _MAX_BLOCK_DEGREES) if kind in _SMALL_POOLS else degrees
+    if by_blocks > variance:
+        variance, degrees = by_blocks, min(degrees, blocks)
     return _row(
         pooling,
         kind,
@@ -372,7 +380,11 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
-    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
+    squares = float(weight**2 @ variance)
+    if noise.estimated:
+        _, by_cells, _, _ = common_size(weight * difference, np.maximum(weight * level, 0.0))
+        squares = max(squares, (by_cells * norm_) ** 2 if np.isfinite(by_cells) else 0.0)
+    sigma = np.sqrt(squares + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(
             pooling,
@@ -400,6 +412,19 @@ def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], 
     squares = sums.fine[inner] ** 2
     # second differences are large where a corner of the kernel touches an edge
     return max(about, float(np.minimum(squares, _SQUARE_CUT * np.median(squares)).mean()) * int(mask.sum()))
+
+
+def _scatter_of_blocks(
+    sums: _Sums, block: NDArray[np.int64], mask: NDArray[np.bool_], clustering: float
+) -> tuple[float, float]:
+    """Variance of a pool's sum by the scatter of its blocks about its mean, and degrees of freedom; 0 for few blocks.
+
+    Where noise is estimated, it may reach further than any estimate by pixels.
+    """
+    level, difference = (np.bincount(block[mask], p[mask], BLOCKS**2) for p in (sums.level, sums.difference))
+    alike = 1 + clustering * BLOCKS**2 / block.size
+    _, sigma, degrees, _ = common_size(difference, np.maximum(level, 0.0), alike)
+    return (float((sigma * level.sum()) ** 2), degrees) if np.isfinite(sigma) else (0.0, np.inf)
 
 
 def _row(

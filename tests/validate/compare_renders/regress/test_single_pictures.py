@@ -209,6 +209,22 @@ def test_the_fixture_compares_single_pictures_with_copies_of_earlier_ones(tmp_pa
     assert "3 failed, 1 passed" in printed, printed
 
 
+def test_gross_noise_that_reaches_far_changes_no_mean():
+    """Denoised pictures of one sample: logarithms scatter by 1.1 over some pixels."""
+
+    def kinds(factor, seed):
+        rng = np.random.default_rng(seed)
+        logs = [6 * gaussian_filter(rng.standard_normal((SIZE, SIZE, 1)), (1.5, 1.5, 0)) for _ in range(2)]
+        pictures = LIGHT * np.exp(logs[0]), factor * LIGHT * np.exp(logs[1])
+        unit = np.full(3, np.nan)
+        sides = (Side("a", unit, p, None, 0.0, None, in_colour=True, colours=("R", "G", "B")) for p in pictures)
+        return {row.kind for row in regress_sides(*sides)[0].deciding}
+
+    for seed in range(2, 5):
+        assert not kinds(1.0, seed)
+    assert {"whole", "band", "even"} <= kinds(6.0, 2)
+
+
 @pytest.mark.parametrize("lamp", [1.0, 30.0], ids=["no lamp", "lamp"])
 def test_a_bright_lamp_hides_no_gradient(lamp):
     """A lamp whose edges are brighter than all else would rule sums over the picture by a few pixels."""

@@ -3,7 +3,7 @@
 from .all_patterns import all_patterns
 from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 from .dark import dark_pixels
-from .difference import Difference, Finding
+from .difference import Difference, Finding, common_size
 from .fine_light import moved_slightly, other_contrast
 from .mirror import mirror_order
 from .moved import moved_texture
@@ -30,6 +30,7 @@ __all__ = [
     "clustering_by_filter",
     "clustering_of_blocks",
     "clustering_of_neighbours",
+    "common_size",
     "dark_pixels",
     "difference_variance",
     "fine_structure",
