@@ -303,7 +303,7 @@ def _pool_of(
     noise_sum = float(quiet.sum())
     variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
     by_blocks, blocks = 0.0, np.inf
-    if kind in _WIDE_POOLS and noise.estimated:
+    if kind in _WIDE_POOLS and noise.reaches_far:
         by_blocks, blocks = _scatter_of_blocks(sums, pooling.strata.block, mask, noise.clustering)
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
@@ -381,7 +381,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
     squares = float(weight**2 @ variance)
-    if noise.estimated:
+    if noise.reaches_far:
         _, by_cells, _, _ = common_size(weight * difference, np.maximum(weight * level, 0.0))
         squares = max(squares, (by_cells * norm_) ** 2 if np.isfinite(by_cells) else 0.0)
     sigma = np.sqrt(squares + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
@@ -419,7 +419,7 @@ def _scatter_of_blocks(
 ) -> tuple[float, float]:
     """Variance of a pool's sum by the scatter of its blocks about its mean, and degrees of freedom; 0 for few blocks.
 
-    Where noise is estimated, it may reach further than any estimate by pixels.
+    Estimates by pixels are too small for noise that reaches further than that of a pixel filter.
     """
     level, difference = (np.bincount(block[mask], p[mask], BLOCKS**2) for p in (sums.level, sums.difference))
     alike = 1 + clustering * BLOCKS**2 / block.size

@@ -6,6 +6,7 @@ import pytest
 from cboxlab.validation.compare_renders.regress import Side, regress_sides
 from cboxlab.validation.compare_renders.regress.patterns import (
     Difference,
+    dark_pixels,
     moved_slightly,
     other_contrast,
     reused_numbers,
@@ -252,3 +253,20 @@ def test_few_blocks_that_agree_are_clear_and_their_false_alarms_are_as_stated():
     # blocks of heavy tails and unequal weights: 1 % of 4,000
     draws = [common_size(w * rng.standard_t(4, 12), w)[3] for w in rng.uniform(0.5, 1.5, (4000, 12))]
     assert 0.004 < np.mean(np.array(draws) < 0.01) < 0.016
+
+
+@pytest.mark.parametrize(
+    ("quiet", "edges", "other_side", "seen"),
+    [(12, 8, 0, 12), (12, 8, 8, 0), (3, 12, 0, 0)],
+    ids=["all over the picture", "on both sides", "at edges"],
+)
+def test_black_pixels_of_one_side_are_seen_also_at_edges(quiet, edges, other_side, seen):
+    """Noise makes them on both sides, and at edges rather than in quiet parts."""
+    rng = np.random.default_rng(2)
+    sides = [LIGHT[..., 0] * (1 + 0.05 * rng.standard_normal((SIZE, SIZE))) for _ in range(2)]
+    sides[1][4 : 4 + 3 * quiet : 3, 10] = 0
+    sides[1][4 : 4 + 3 * edges : 3, 38] = 0
+    sides[0][5 : 5 + 3 * other_side : 3, 34] = 0
+    smooth = np.zeros((SIZE, SIZE), bool)
+    smooth[2:-2, 2 : SIZE // 2] = True
+    assert dark_pixels(*sides, smooth, 1e-6, with_errors=False).pixels == seen
