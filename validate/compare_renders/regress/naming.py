@@ -245,7 +245,7 @@ def _clear(evidence: Evidence, fit: Fit) -> float:
 
 
 def _is_shared(explanation: FittedChange) -> bool:
-    """Whether causes that take long to compute may look the same: a factor on late light has many causes."""
+    """Whether costly causes may look the same: a factor on late light has many causes."""
     return explanation.change in _SHARED and "meaning" not in explanation.parameters
 
 

@@ -17,6 +17,7 @@ from cboxlab.utils.distributions import normal_quantile, student_quantile, stude
 from numpy.typing import NDArray
 from scipy.ndimage import laplace, maximum_filter, median_filter, minimum_filter
 
+from .grids import Sums
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
@@ -29,6 +30,7 @@ from .patterns import (
     common_size,
     mirror_order,
     pool_of_finding,
+    scatter_of_blocks,
 )
 from .strata import BLOCKS, Strata
 
@@ -80,26 +82,6 @@ _SQUARE_CUT = 30
 
 
 @dataclass(frozen=True, eq=False)
-class _Sums:
-    """Pictures (y, x) summed over all wavelengths, or of one band."""
-
-    #: Radiance of the baseline.
-    level: NDArray[np.float64]
-    #: Difference.
-    difference: NDArray[np.float64]
-    #: Variance of the difference.
-    variance: NDArray[np.float64]
-    #: Standard deviation that pixels have in common; None for 0.
-    shared: NDArray[np.float64] | None
-    #: Relative standard deviation from differing wavelength grids.
-    interpolation: float
-    #: Part of all bands.
-    part: float
-    #: Second differences of ``difference``.
-    fine: NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
 class Pooling:
     """Data that all pools share."""
 
@@ -143,11 +125,11 @@ class Pooling:
         return np.asarray(self.trimmed.difference.sum(axis=-1))
 
     @cached_property
-    def summed(self) -> _Sums:
+    def summed(self) -> Sums:
         """Sums over all wavelengths."""
         all_bands = np.ones(self.bands)
         difference = self.trimmed.difference @ all_bands
-        return _Sums(
+        return Sums(
             self.trimmed.level @ all_bands,
             difference,
             self.noise.total,
@@ -157,7 +139,7 @@ class Pooling:
             high_pass(difference),
         )
 
-    def band(self, number: int) -> _Sums:
+    def band(self, number: int) -> Sums:
         """Pictures of one band, in time that does not depend on the number of bands.
 
         Parameters
@@ -167,11 +149,11 @@ class Pooling:
 
         Returns
         -------
-        _Sums
+        Sums
             Its pictures.
         """
         difference = np.ascontiguousarray(self.trimmed.difference[..., number])
-        return _Sums(
+        return Sums(
             np.ascontiguousarray(self.trimmed.level[..., number]),
             difference,
             self.noise.of_band(number),
@@ -289,7 +271,7 @@ def _steps(pooling: Pooling) -> float:
 
 
 def _pool_of(
-    pooling: Pooling, sums: _Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
+    pooling: Pooling, sums: Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
 ) -> PooledMean | None:
     """Test of one of ``count`` pools of a kind; None for too few pixels or no light."""
     trimmed, noise = pooling.trimmed, pooling.noise
@@ -304,7 +286,8 @@ def _pool_of(
     variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
     by_blocks, blocks = 0.0, np.inf
     if kind in _WIDE_POOLS and noise.reaches_far:
-        by_blocks, blocks = _scatter_of_blocks(sums, pooling.strata.block, mask, noise.clustering)
+        block, alike = pooling.strata.block, 1 + noise.clustering * BLOCKS**2 / mask.size
+        by_blocks, blocks = scatter_of_blocks(sums.difference[mask], sums.level[mask], block[mask], alike)
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
@@ -399,7 +382,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     ]
 
 
-def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], mean: float) -> float:
+def _scatter(pooling: Pooling, sums: Sums, kind: str, mask: NDArray[np.bool_], mean: float) -> float:
     """Variance of a pool's sum by the scatter of the pool's pixels.
 
     Their squares about the mean bound the effect of a single pixel: a firefly that is not set aside raises no alarm.
@@ -412,19 +395,6 @@ def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], 
     squares = sums.fine[inner] ** 2
     # second differences are large where a corner of the kernel touches an edge
     return max(about, float(np.minimum(squares, _SQUARE_CUT * np.median(squares)).mean()) * int(mask.sum()))
-
-
-def _scatter_of_blocks(
-    sums: _Sums, block: NDArray[np.int64], mask: NDArray[np.bool_], clustering: float
-) -> tuple[float, float]:
-    """Variance of a pool's sum by the scatter of its blocks about its mean, and degrees of freedom; 0 for few blocks.
-
-    Estimates by pixels are too small for noise that reaches further than that of a pixel filter.
-    """
-    level, difference = (np.bincount(block[mask], p[mask], BLOCKS**2) for p in (sums.level, sums.difference))
-    alike = 1 + clustering * BLOCKS**2 / block.size
-    _, sigma, degrees, _ = common_size(difference, np.maximum(level, 0.0), alike)
-    return (float((sigma * level.sum()) ** 2), degrees) if np.isfinite(sigma) else (0.0, np.inf)
 
 
 def _row(

@@ -236,10 +236,10 @@ def test_a_bright_lamp_hides_no_gradient(lamp):
     noisy = [light * (1 + scatter * (rng.standard_gamma(1.0, light.shape) - 1)) for _ in range(2)]
     inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
     smooth = inside & (light < 5)
-    for slope, seen in ((0.05, True), (0.0, False)):
+    for slope, is_clear in ((0.05, True), (0.0, False)):
         total = noisy[1] * (1 + slope * X[..., 0]) - noisy[0]
         finding = slow_change(Difference(noisy[0], total, None, smooth, {"edges": inside & ~smooth}))
-        assert (finding.probability < 5e-5) == seen
+        assert (finding.probability < 5e-5) == is_clear
 
 
 def test_few_blocks_that_agree_are_clear_and_their_false_alarms_are_as_stated():
@@ -256,11 +256,11 @@ def test_few_blocks_that_agree_are_clear_and_their_false_alarms_are_as_stated():
 
 
 @pytest.mark.parametrize(
-    ("quiet", "edges", "other_side", "seen"),
+    ("quiet", "edges", "other_side", "count"),
     [(12, 8, 0, 12), (12, 8, 8, 0), (3, 12, 0, 0)],
     ids=["all over the picture", "on both sides", "at edges"],
 )
-def test_black_pixels_of_one_side_are_seen_also_at_edges(quiet, edges, other_side, seen):
+def test_black_pixels_of_one_side_are_seen_also_at_edges(quiet, edges, other_side, count):
     """Noise makes them on both sides, and at edges rather than in quiet parts."""
     rng = np.random.default_rng(2)
     sides = [LIGHT[..., 0] * (1 + 0.05 * rng.standard_normal((SIZE, SIZE))) for _ in range(2)]
@@ -269,4 +269,4 @@ def test_black_pixels_of_one_side_are_seen_also_at_edges(quiet, edges, other_sid
     sides[0][5 : 5 + 3 * other_side : 3, 34] = 0
     smooth = np.zeros((SIZE, SIZE), bool)
     smooth[2:-2, 2 : SIZE // 2] = True
-    assert dark_pixels(*sides, smooth, 1e-6, with_errors=False).pixels == seen
+    assert dark_pixels(*sides, smooth, 1e-6, with_errors=False).pixels == count

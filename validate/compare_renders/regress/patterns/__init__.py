@@ -12,7 +12,7 @@ from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
 from .slow import slow_change, without_slow
-from .spread import block_spread
+from .spread import block_spread, scatter_of_blocks
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
@@ -44,6 +44,7 @@ __all__ = [
     "pool_of_finding",
     "reused_numbers",
     "ripple",
+    "scatter_of_blocks",
     "slow_change",
     "small_part",
     "textures",
