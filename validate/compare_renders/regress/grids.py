@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .sides import Side, in_common_quantity
 
-__all__ = ["Common", "common_wavelengths"]
+__all__ = ["Common", "Sums", "common_wavelengths"]
 
 #: Largest distance of wavelengths that count as equal, nm: rounding of files.
 _EQUAL_NM = 1e-3
@@ -24,6 +24,26 @@ _MIN_COMMON_PART = 0.5
 _MIN_INTERPOLATION = 1e-3
 #: Smallest mean radiance of a band over that of the brightest one, by which ratios are formed.
 _MIN_LIGHT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Pictures (y, x) summed over all wavelengths, or of one band."""
+
+    #: Radiance of the baseline.
+    level: NDArray[np.float64]
+    #: Difference.
+    difference: NDArray[np.float64]
+    #: Variance of the difference.
+    variance: NDArray[np.float64]
+    #: Standard deviation that pixels have in common; None for 0.
+    shared: NDArray[np.float64] | None
+    #: Relative standard deviation from differing wavelength grids.
+    interpolation: float
+    #: Part of all bands.
+    part: float
+    #: Second differences of ``difference``.
+    fine: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,6 +64,8 @@ _SHAPE_ERROR = 0.01
 _SHAPE_ERROR_MOVED = 0.2
 #: The same of interpolated spectra, in cells: 0.03 for half a step of 40 nm.
 _SHAPE_ERROR_SPECTRUM = 0.06
+#: Changes of light after some reflections, whose factor has a cause by itself only with a meaning.
+_SHARED = ("counted-light",)
 #: Changes of interpolated pictures.
 _MOVED = ("shift", "view", "distortion")
 #: The same in single pixels: where an edge lies inside of a pixel is known to some hundredths.
@@ -109,9 +111,10 @@ def named_changes(
         progress.part(0.6)
         if min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS) > _target(evidence):
             explanations += coats(evidence, variants)
-            remainder = min(e.chi2 for e in explanations if e.free <= _FEW_PARAMETERS)
-            if scatter is None and remainder > _target(evidence) > 0:
-                explanations += _of_causes(evidence, pictures, costly=True)
+        few = [e for e in explanations if e.free <= _FEW_PARAMETERS]
+        best = min(few, key=lambda e: e.chi2)
+        if scatter is None and (best.chi2 > _target(evidence) > 0 or _is_shared(best)):
+            explanations += _of_causes(evidence, pictures, costly=True)
         fit, free = smooth_over_surfaces(evidence, variants)
         unknown.append(FittedChange(UNKNOWN, {"description": "smooth over surfaces"}, fit, free))
     if scatter is not None:
@@ -239,6 +242,11 @@ def _clear(evidence: Evidence, fit: Fit) -> float:
     noise = _NOISE_SIGMAS * level * np.sqrt(2 * count)
     clear = (1 - _UNKNOWN_PART) * max(fit.touched_chi2 - level * count - noise, 0.0) / noise
     return float((0.5 + clear**2) / (1 + clear**2))
+
+
+def _is_shared(explanation: FittedChange) -> bool:
+    """Whether costly causes may look the same: a factor on late light has many causes."""
+    return explanation.change in _SHARED and "meaning" not in explanation.parameters
 
 
 def _target(evidence: Evidence) -> float:

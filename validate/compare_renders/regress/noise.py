@@ -83,6 +83,11 @@ class Noise:
     #: Whether a side states no standard error.
     estimated: bool
 
+    @property
+    def reaches_far(self) -> bool:
+        """Whether the noise is estimated and may reach further than that of a pixel filter."""
+        return self.estimated and self.clustering >= _WIDEST_FILTER
+
     def over(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Variance of a weighted sum over wavelengths.
 

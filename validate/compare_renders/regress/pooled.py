@@ -17,6 +17,7 @@ from cboxlab.utils.distributions import normal_quantile, student_quantile, stude
 from numpy.typing import NDArray
 from scipy.ndimage import laplace, maximum_filter, median_filter, minimum_filter
 
+from .grids import Sums
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
@@ -26,8 +27,10 @@ from .patterns import (
     PooledMean,
     all_patterns,
     block_spread,
+    common_size,
     mirror_order,
     pool_of_finding,
+    scatter_of_blocks,
 )
 from .strata import BLOCKS, Strata
 
@@ -64,6 +67,8 @@ _MOST_SPREAD = 1.2
 _WIDEST_SPREAD = 3.0
 #: Kinds of pools of few pixels.
 _SMALL_POOLS = ("block", "stratum")
+#: Kinds of pools of the entire picture.
+_WIDE_POOLS = ("whole", "band")
 #: Steps of this many standard deviations count half in patterns, larger ones more.
 _CLEAR_STEP_SIGMAS = 10.0
 #: Second derivative over the step of an edge, below which the edge is too wide to show a blur.
@@ -74,26 +79,6 @@ _MIN_PATTERN_PIXELS = 10
 _PATTERN_GROUPS = 2
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
 _SQUARE_CUT = 30
-
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Pictures (y, x) summed over all wavelengths, or of one band."""
-
-    #: Radiance of the baseline.
-    level: NDArray[np.float64]
-    #: Difference.
-    difference: NDArray[np.float64]
-    #: Variance of the difference.
-    variance: NDArray[np.float64]
-    #: Standard deviation that pixels have in common; None for 0.
-    shared: NDArray[np.float64] | None
-    #: Relative standard deviation from differing wavelength grids.
-    interpolation: float
-    #: Part of all bands.
-    part: float
-    #: Second differences of ``difference``.
-    fine: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +125,11 @@ class Pooling:
         return np.asarray(self.trimmed.difference.sum(axis=-1))
 
     @cached_property
-    def summed(self) -> _Sums:
+    def summed(self) -> Sums:
         """Sums over all wavelengths."""
         all_bands = np.ones(self.bands)
         difference = self.trimmed.difference @ all_bands
-        return _Sums(
+        return Sums(
             self.trimmed.level @ all_bands,
             difference,
             self.noise.total,
@@ -154,7 +139,7 @@ class Pooling:
             high_pass(difference),
         )
 
-    def band(self, number: int) -> _Sums:
+    def band(self, number: int) -> Sums:
         """Pictures of one band, in time that does not depend on the number of bands.
 
         Parameters
@@ -164,11 +149,11 @@ class Pooling:
 
         Returns
         -------
-        _Sums
+        Sums
             Its pictures.
         """
         difference = np.ascontiguousarray(self.trimmed.difference[..., number])
-        return _Sums(
+        return Sums(
             np.ascontiguousarray(self.trimmed.level[..., number]),
             difference,
             self.noise.of_band(number),
@@ -286,7 +271,7 @@ def _steps(pooling: Pooling) -> float:
 
 
 def _pool_of(
-    pooling: Pooling, sums: _Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
+    pooling: Pooling, sums: Sums, kind: str, name: str, mask: NDArray[np.bool_], count: int
 ) -> PooledMean | None:
     """Test of one of ``count`` pools of a kind; None for too few pixels or no light."""
     trimmed, noise = pooling.trimmed, pooling.noise
@@ -299,6 +284,10 @@ def _pool_of(
     quiet = np.where(trimmed.outlier[mask], np.median(each), each)
     noise_sum = float(quiet.sum())
     variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
+    by_blocks, blocks = 0.0, np.inf
+    if kind in _WIDE_POOLS and noise.reaches_far:
+        block, alike = pooling.strata.block, 1 + noise.clustering * BLOCKS**2 / mask.size
+        by_blocks, blocks = scatter_of_blocks(sums.difference[mask], sums.level[mask], block[mask], alike)
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
     bound = pooling.level[mask]
     aside = float(np.clip(trimmed.excess[mask], -bound, bound).sum()) * sums.part
@@ -307,6 +296,8 @@ def _pool_of(
         variance += float(sums.shared[mask].sum()) ** 2
     degrees = max(2.0, min(noise_sum**2 / max(float((quiet**2).sum()) / noise.degrees, 1e-300), independent - 1.0))
     degrees = min(degrees, _MAX_BLOCK_DEGREES) if kind in _SMALL_POOLS else degrees
+    if by_blocks > variance:
+        variance, degrees = by_blocks, min(degrees, blocks)
     return _row(
         pooling,
         kind,
@@ -372,7 +363,11 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
-    sigma = np.sqrt(float(weight**2 @ variance) + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
+    squares = float(weight**2 @ variance)
+    if noise.reaches_far:
+        _, by_cells, _, _ = common_size(weight * difference, np.maximum(weight * level, 0.0))
+        squares = max(squares, (by_cells * norm_) ** 2 if np.isfinite(by_cells) else 0.0)
+    sigma = np.sqrt(squares + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(
             pooling,
@@ -387,7 +382,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     ]
 
 
-def _scatter(pooling: Pooling, sums: _Sums, kind: str, mask: NDArray[np.bool_], mean: float) -> float:
+def _scatter(pooling: Pooling, sums: Sums, kind: str, mask: NDArray[np.bool_], mean: float) -> float:
     """Variance of a pool's sum by the scatter of the pool's pixels.
 
     Their squares about the mean bound the effect of a single pixel: a firefly that is not set aside raises no alarm.

@@ -6,6 +6,7 @@ import pytest
 from cboxlab.validation.compare_renders.regress import Side, regress_sides
 from cboxlab.validation.compare_renders.regress.patterns import (
     Difference,
+    dark_pixels,
     moved_slightly,
     other_contrast,
     reused_numbers,
@@ -209,6 +210,22 @@ def test_the_fixture_compares_single_pictures_with_copies_of_earlier_ones(tmp_pa
     assert "3 failed, 1 passed" in printed, printed
 
 
+def test_gross_noise_that_reaches_far_changes_no_mean():
+    """Denoised pictures of one sample: logarithms scatter by 1.1 over some pixels."""
+
+    def kinds(factor, seed):
+        rng = np.random.default_rng(seed)
+        logs = [6 * gaussian_filter(rng.standard_normal((SIZE, SIZE, 1)), (1.5, 1.5, 0)) for _ in range(2)]
+        pictures = LIGHT * np.exp(logs[0]), factor * LIGHT * np.exp(logs[1])
+        unit = np.full(3, np.nan)
+        sides = (Side("a", unit, p, None, 0.0, None, in_colour=True, colours=("R", "G", "B")) for p in pictures)
+        return {row.kind for row in regress_sides(*sides)[0].deciding}
+
+    for seed in range(2, 5):
+        assert not kinds(1.0, seed)
+    assert {"whole", "band", "even"} <= kinds(6.0, 2)
+
+
 @pytest.mark.parametrize("lamp", [1.0, 30.0], ids=["no lamp", "lamp"])
 def test_a_bright_lamp_hides_no_gradient(lamp):
     """A lamp whose edges are brighter than all else would rule sums over the picture by a few pixels."""
@@ -219,10 +236,10 @@ def test_a_bright_lamp_hides_no_gradient(lamp):
     noisy = [light * (1 + scatter * (rng.standard_gamma(1.0, light.shape) - 1)) for _ in range(2)]
     inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
     smooth = inside & (light < 5)
-    for slope, seen in ((0.05, True), (0.0, False)):
+    for slope, is_clear in ((0.05, True), (0.0, False)):
         total = noisy[1] * (1 + slope * X[..., 0]) - noisy[0]
         finding = slow_change(Difference(noisy[0], total, None, smooth, {"edges": inside & ~smooth}))
-        assert (finding.probability < 5e-5) == seen
+        assert (finding.probability < 5e-5) == is_clear
 
 
 def test_few_blocks_that_agree_are_clear_and_their_false_alarms_are_as_stated():
@@ -236,3 +253,20 @@ def test_few_blocks_that_agree_are_clear_and_their_false_alarms_are_as_stated():
     # blocks of heavy tails and unequal weights: 1 % of 4,000
     draws = [common_size(w * rng.standard_t(4, 12), w)[3] for w in rng.uniform(0.5, 1.5, (4000, 12))]
     assert 0.004 < np.mean(np.array(draws) < 0.01) < 0.016
+
+
+@pytest.mark.parametrize(
+    ("quiet", "edges", "other_side", "count"),
+    [(12, 8, 0, 12), (12, 8, 8, 0), (3, 12, 0, 0)],
+    ids=["all over the picture", "on both sides", "at edges"],
+)
+def test_black_pixels_of_one_side_are_seen_also_at_edges(quiet, edges, other_side, count):
+    """Noise makes them on both sides, and at edges rather than in quiet parts."""
+    rng = np.random.default_rng(2)
+    sides = [LIGHT[..., 0] * (1 + 0.05 * rng.standard_normal((SIZE, SIZE))) for _ in range(2)]
+    sides[1][4 : 4 + 3 * quiet : 3, 10] = 0
+    sides[1][4 : 4 + 3 * edges : 3, 38] = 0
+    sides[0][5 : 5 + 3 * other_side : 3, 34] = 0
+    smooth = np.zeros((SIZE, SIZE), bool)
+    smooth[2:-2, 2 : SIZE // 2] = True
+    assert dark_pixels(*sides, smooth, 1e-6, with_errors=False).pixels == count

@@ -3,7 +3,7 @@
 from .all_patterns import all_patterns
 from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 from .dark import dark_pixels
-from .difference import Difference, Finding
+from .difference import Difference, Finding, common_size
 from .fine_light import moved_slightly, other_contrast
 from .mirror import mirror_order
 from .moved import moved_texture
@@ -12,7 +12,7 @@ from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
 from .slow import slow_change, without_slow
-from .spread import block_spread
+from .spread import block_spread, scatter_of_blocks
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
@@ -30,6 +30,7 @@ __all__ = [
     "clustering_by_filter",
     "clustering_of_blocks",
     "clustering_of_neighbours",
+    "common_size",
     "dark_pixels",
     "difference_variance",
     "fine_structure",
@@ -43,6 +44,7 @@ __all__ = [
     "pool_of_finding",
     "reused_numbers",
     "ripple",
+    "scatter_of_blocks",
     "slow_change",
     "small_part",
     "textures",

@@ -22,6 +22,8 @@ _DARK_PART = 0.02
 _LIT_PART = 0.5
 #: Dark pixels over dim ones, from which noise does not make them.
 _DARK_OVER_DIM = 2.0
+#: Dark pixels of one side over those of the other, from which noise does not make them.
+_MORE_ON_ONE_SIDE = 10.0
 #: Largest relative scatter of neighbours at which a dark pixel is no noise.
 _MAX_SCATTER = 0.15
 #: Pixels a side of the neighbourhood.
@@ -48,7 +50,7 @@ def dark_pixels(
         Probability that a finding states as its own.
     with_errors
         Whether both sides state their noise. Otherwise a pixel may be one sample. Noise that makes dark pixels then
-        makes them at edges and in penumbras, too.
+        makes them on both sides, and in penumbras and at edges rather than in quiet parts.
 
     Returns
     -------
@@ -62,13 +64,24 @@ def dark_pixels(
     quiet = [smooth & side.quiet & (not side.mostly_dim(smooth)) for side in sides]
     counts = [int((dark & calm).sum()) for dark, calm in zip((of_baseline, of_candidate), quiet, strict=True)]
     count = sum(counts)
-    elsewhere = int((of_baseline | of_candidate).sum()) - count
-    if not with_errors and count <= _DARK_OVER_DIM * elsewhere:
+    if not with_errors and _by_noise(of_baseline, of_candidate, count, quiet[0] | quiet[1]):
         count, counts = 0, [0, 0]
     size = count / max(int(smooth.sum()), 1)
     probability = critical / 1e6 if count else 1.0
     side = "" if not count else " of the candidate" if counts[1] else " of the baseline"
     return Finding(f"black pixels{side}", count, size, size / 10 if count else 1.0, 12.0, probability)
+
+
+def _by_noise(
+    of_baseline: NDArray[np.bool_], of_candidate: NDArray[np.bool_], count: int, quiet: NDArray[np.bool_]
+) -> bool:
+    """Whether noise may make dark pixels: on both sides alike, or rather outside of quiet parts.
+
+    count : dark pixels in quiet parts.
+    """
+    fewer, more = sorted((int(of_baseline.sum()), int(of_candidate.sum())))
+    outside = fewer + more - count
+    return count * (quiet.size - quiet.sum()) <= outside * quiet.sum() or more < _MORE_ON_ONE_SIDE * fewer
 
 
 @dataclass(frozen=True, eq=False)

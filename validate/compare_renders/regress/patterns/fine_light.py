@@ -110,9 +110,10 @@ def _common(
     weights: tuple[NDArray[np.float64], ...],
     alike: float,
 ) -> tuple[float, float, float, float]:
-    """Clearest size that blocks have in common: size, standard deviation, degrees of freedom, probability.
+    """Size that blocks have in common, with sigma, degrees of freedom and probability.
 
-    Large changes are clear by their sign in many blocks, small ones by their agreement in few.
+    It is the clearest of four tests. Large changes are clear by their sign in many blocks, small ones by their
+    agreement in few.
     """
     tests = []
     for weight in weights:
@@ -173,7 +174,7 @@ def fine_light(difference: Difference, window_px: int) -> tuple[NDArray[np.float
 def _blocks(
     fine: tuple[NDArray, NDArray],
 ) -> tuple[tuple[NDArray, NDArray, NDArray], NDArray[np.float64], tuple[NDArray[np.float64], ...]] | None:
-    """Squares of both sides and their product, summed over blocks, their likeness, and weights of the blocks.
+    """Squares of both sides and their product in blocks, with likeness and weights.
 
     The first weights are about alike for all structured blocks, the second are larger where both sides agree.
     """

@@ -152,7 +152,8 @@ def _cells(
     local = median_filter(half, _LEVEL_PX, mode="nearest")
     local = np.maximum(local, 1e-3 * max(float(local.mean()), 1e-300))
     common = float(np.median((difference.total / local)[used]))
-    share = np.minimum(1.0, _MOST_LIGHT * local / np.maximum(half, 1e-300))
+    most = _MOST_LIGHT * local
+    share = np.divide(most, half, out=np.ones_like(half), where=half > most)
     half, total = share * half, share * difference.total
     rest = total - (common + about) * half
     around = 1.4826 * median_filter(np.where(used, np.abs(rest) / local, 0.0), _WINDOW_PX, mode="nearest")

@@ -10,12 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from cboxlab.utils.distributions import student_tail
+from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from .difference import Finding, sigma_of
+from .difference import Finding, common_size, sigma_of
 from .pooled_mean import PooledMean
 
-__all__ = ["block_spread"]
+__all__ = ["block_spread", "scatter_of_blocks"]
 
 #: Standard deviations from which a block counts.
 _SIGMAS = 2.0
@@ -51,3 +52,31 @@ def block_spread(blocks: Sequence[PooledMean], clustering: float) -> Finding | N
     name = f"{count} of {len(blocks)} blocks off by {_SIGMAS:g} sigmas"
     pixels = sum(block.pixels for block in blocks)
     return Finding(name, pixels, size, sigma_of(size, probability, degrees), degrees, probability)
+
+
+def scatter_of_blocks(
+    difference: NDArray[np.float64], level: NDArray[np.float64], block: NDArray[np.int64], alike: float
+) -> tuple[float, float]:
+    """Variance of a sum by the scatter of its blocks about its mean.
+
+    Estimates by pixels are too small for noise that reaches further than that of a pixel filter.
+
+    Parameters
+    ----------
+    difference, level
+        (n,) difference and radiance of the pixels.
+    block
+        (n,) number of each pixel's block.
+    alike
+        Number of neighbouring blocks that correlation makes one.
+
+    Returns
+    -------
+    variance
+        The variance of the sum of ``difference``; 0 for few blocks.
+    degrees
+        Its degrees of freedom.
+    """
+    parts, levels = (np.asarray(np.bincount(block, values), float) for values in (difference, level))
+    _, sigma, degrees, _ = common_size(parts, np.maximum(levels, 0.0), alike)
+    return (float((sigma * levels.sum()) ** 2), degrees) if np.isfinite(sigma) else (0.0, np.inf)
