@@ -81,7 +81,7 @@ class Signs:
 
     @property
     def by_forms(self) -> float:
-        """Least probability of an imitation, by forms of unlisted causes and events in frames; 0 where untested."""
+        """Least probability of an imitation, by forms and by events in single frames."""
         return float(expit(np.fmax(self.lead - _DISTINGUISHED, self.frames) / 2))
 
 
