@@ -3,9 +3,9 @@
 The first part simulates captures of several laboratories: a flaw of the base (`flawed_bases`) or none, and one effect
 of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
 rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
-The best effect to first order is fitted and judged as a diagnosis does, and what it shows goes to --results, which a
-later run continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in
-turn, and prints the reliability of what was left out. With --write the weights become the table of the package.
+The best effect to first order is fitted and judged as a diagnosis does. What it shows goes to --results, which a later
+run continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in turn, and
+prints the reliability of what was left out. With --write the weights become the table of the package.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ import argparse
 import datetime
 import json
 import os
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -42,7 +41,7 @@ from cboxlab.validation.diagnose.evidence import (
     square,
 )
 from cboxlab.validation.diagnose.explain import lead_of_forms
-from cboxlab.validation.diagnose.explain.imitation import FEATURES, LEAST_PROBABILITY, Signs, expected_probability
+from cboxlab.validation.diagnose.explain.imitation import FEATURES, LEAST_PROBABILITY, Signs
 from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
 from cboxlab.validation.diagnose.linearised_fit import (
     LinearisedFit,
@@ -71,11 +70,8 @@ LEAST, MOST = 0.04, 1.0
 #: Least gain in samples held out of an effect that is selected.
 LEAST_HELDOUT = 0.5
 
-#: Standard deviation of the weights about those of `PRIOR`.
+#: Standard deviation of the weights.
 RIDGE = 3.0
-
-#: Weights without any capture: 2 ln of odds, in tens, is an evidence whose half counts.
-PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 5.0])
 
 #: Another name of a flaw is neither right nor wrong.
 DESCRIBES = {
@@ -183,9 +179,8 @@ def _row(laboratory: Laboratory, fit: LinearisedFit, screened: Candidate) -> dic
     averaging = laboratory.problem.noise_averaging_gain(candidate.applied)
     data = residual_data_of(counting, residual, capture)
     price, shape_error = price_of(len(candidate.numbers)), shape_error_of(candidate.hypothesis.effect.stage)
-    form = lead_of_forms(data, rest[: data.count], price, averaging, shape_error)
-    base_flaws, count = flaws.base_flaws.imitable_chi2, model.count
-    signs = Signs(verdict.gain, base_flaws, count, float(heldout), form.lead, form.misfit)
+    lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error).lead
+    signs = Signs(verdict.gain, flaws.base_flaws.imitable_chi2, model.count, float(heldout), lead)
     return {"effect": verdict.effect, "signs": asdict(signs)}
 
 
@@ -234,46 +229,33 @@ def samples_of(rows: Sequence[Row]) -> list[tuple[Row, NDArray[np.float64], bool
     ]
 
 
-class Fit(NamedTuple):
-    """Weights of the signs, and their covariance."""
-
-    weights: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-
-
-def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> Fit:
-    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects.
-
-    Each sign makes an imitation likelier: no weight but the constant is negative. The covariance is by the curvature.
-    """
+def fit_weights(features: NDArray[np.float64], imitates: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Weights of a logistic regression by penalised likelihood; as many causes are tried as effects."""
 
     def loss(weights: NDArray[np.float64]) -> float:
         utility = features @ weights
-        ridge = 0.5 * np.sum((weights - PRIOR) ** 2) / RIDGE**2
-        return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + ridge)
+        return float(np.sum(np.logaddexp(0, utility) - imitates * utility) + 0.5 * weights @ weights / RIDGE**2)
 
-    bounds = [(None, None), *[(0, None)] * (features.shape[1] - 1)]
-    weights = np.asarray(minimize(loss, PRIOR, bounds=bounds, method="L-BFGS-B").x)
-    share = expit(features @ weights)
-    curvature = features.T * (share * (1 - share)) @ features + np.eye(len(weights)) / RIDGE**2
-    return Fit(weights, np.linalg.inv(curvature))
+    return np.asarray(minimize(loss, np.zeros(features.shape[1]), method="L-BFGS-B").x)
 
 
 def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], str]) -> Iterator[tuple[float, bool]]:
-    """Probability of an imitation by a fit without the sample's group, and whether it is one."""
+    """Probability of an imitation by a fit without the sample's group and by its forms, and whether it is one."""
     groups, features = np.array([key(row) for row, *_ in samples]), np.array([f for _, f, _ in samples])
     imitates = np.array([i for *_, i in samples])
     for group in np.unique(groups):
         inside = groups == group
-        probability = expected_probability(features[inside], *fit_weights(features[~inside], imitates[~inside]))
-        yield from zip(np.maximum(probability, LEAST_PROBABILITY).tolist(), imitates[inside].tolist(), strict=True)
+        weights = fit_weights(features[~inside], imitates[~inside])
+        by_forms = np.array([Signs(**row["signs"]).by_forms for row, *_ in samples])[inside]
+        probability = np.maximum(expit(features[inside] @ weights), by_forms)
+        yield from zip(probability.tolist(), imitates[inside].tolist(), strict=True)
 
 
 def report(samples: Sequence[tuple[Row, NDArray, bool]]) -> None:
     """Reliability and mean log loss of what was left out."""
     for name in ("cause", "flaw", "laboratory"):
         answers = list(left_out(samples, lambda row, name=name: str(row[name])))  # type: ignore[misc]
-        loss = -np.mean([np.log(max(p if i else 1 - p, 1e-6)) for p, i in answers])
+        loss = -np.mean([np.log(max(p if i else 1 - p, LEAST_PROBABILITY)) for p, i in answers])
         print(f"\nEach {name} left out, {len(answers)} captures, mean log loss {loss:.3f}:\n")
         print("| probability of an imitation | captures | mean | imitations |\n|---|---|---|---|")
         for low, high in pairwise((0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0001)):
@@ -297,15 +279,14 @@ def main() -> None:
     if len({imitates for *_, imitates in samples}) < 2:
         parser.exit(1, f"{options.results}: {len(samples)} answers, not of both kinds; simulate more (--rounds)\n")
     report(samples)
-    weights, covariance = fit_weights(np.array([f for _, f, _ in samples]), np.array([i for *_, i in samples]))
+    weights = fit_weights(np.array([f for _, f, _ in samples]), np.array([i for *_, i in samples]))
     table = {
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "captures": len(samples),
         "imitations": int(sum(i for *_, i in samples)),
         "weights": {name: round(float(w), 4) for name, w in zip(FEATURES, weights, strict=True)},
-        "covariance": covariance.round(4).tolist(),
     }
-    text = re.sub(r"(?<=[\d\[,])\s+(?=[-\d\]])", " ", json.dumps(table, indent=1)) + "\n"
+    text = json.dumps(table, indent=1) + "\n"
     print(text)
     if options.write:
         TABLE.parent.mkdir(exist_ok=True)

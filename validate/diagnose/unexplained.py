@@ -184,12 +184,12 @@ def leads_of_forms(
         if in_frames is not None:
             leads[name] = replace(leads[name], frames=in_frames.lead)
             if in_frames.lead > leads[name].lead:
-                leads[name] = replace(in_frames, misfit=leads[name].misfit, frames=in_frames.lead)
+                leads[name] = replace(in_frames, frames=in_frames.lead)
     if len(by_picture) > 1:
         others = [candidate for candidate in selected if candidate.by_priors]
         together_lead = over(by_picture, refitted_together(linearised, others) if others else [])
         leads = {
-            name: replace(max(lead, together_lead, key=lambda each: each.lead), misfit=lead.misfit, frames=lead.frames)
+            name: replace(max(lead, together_lead, key=lambda each: each.lead), frames=lead.frames)
             for name, lead in leads.items()
         }
     return leads

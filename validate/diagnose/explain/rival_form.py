@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..families import families
 from ..field_fit import Advice, FitInput, FittedExplanation, ResidualData, advice_for, change_dn
 from .competition import MIN_HELDOUT_GAIN
-from .local_fit import misfit
 
 __all__ = ["Lead", "lead_of_forms", "rival_forms"]
 
@@ -36,8 +35,6 @@ class Lead:
     form: str = ""
     #: Words for the laboratory about the form; None without a form.
     advice: Advice | None = None
-    #: What the effect itself leaves where it acts, see `local_fit.misfit`.
-    misfit: float = 0.0
     #: The same for events in single frames, see `repeats.lead_of_frames`; minus infinity where frames are alike.
     frames: float = -np.inf
 
@@ -101,10 +98,9 @@ def lead_of_forms(
     next_to_form = max(along**2 / max(rest, 1e-30) - averaging, 0.0)
     # an effect that gains nothing there may be contained in the form: what the form explains beyond it decides
     lead = float(min(lead, price - next_to_form) if next_to_form > price else lead)
-    unfitted = misfit(data, shape, together, gain)
     if rival is None:
-        return Lead(lead, misfit=unfitted)
-    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form), unfitted)
+        return Lead(lead)
+    return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form))
 
 
 def _best_of_another_pattern(
