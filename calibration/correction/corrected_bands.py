@@ -79,7 +79,7 @@ class CorrectedBands(FrozenMappings):
         used: NDArray[np.bool_],
         step: tuple[int, int],
     ) -> CorrectedBands:
-        """The same bands with the pixels' scatter estimated from a comparison; themselves with flats.
+        """Bands with the pixels' scatter estimated from a comparison; unchanged with flats.
 
         Parameters
         ----------

@@ -222,10 +222,10 @@ def scatter_of_residuals(
     float
         Standard deviation, 0 where noise explains the differences; NaN with too few pixels.
     """
-    lit = usable & (rendered > 0)
-    unit = np.where(lit, rendered, 1.0)
+    positive = usable & (rendered > 0)
+    unit = np.where(positive, rendered, 1.0)
     differences, noises = [], []
-    for band, used in enumerate(lit):
+    for band, used in enumerate(positive):
         curvature, level = second_differences(rendered[band], used, step)
         inside = np.abs(curvature) < _EDGE * level
         differences.append(second_differences(measured[band] / unit[band], used, step)[0][inside])

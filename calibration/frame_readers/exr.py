@@ -38,7 +38,7 @@ def _names(headers: list[dict[str, Any]]) -> list[str]:
 
 
 def _require_whole_pictures(path: Path, headers: list[dict[str, Any]]) -> None:
-    """Raise InputError for parts that lack pixels of their picture, and for pictures of different size."""
+    """Refuse parts that lack pixels of their picture, and pictures of different size."""
     displays = {_window(header, "displayWindow") for header in headers}
     if len(displays) > 1:
         sizes = ", ".join(f"{width} x {height}" for height, width in map(_size, sorted(displays)))

@@ -4,6 +4,7 @@ from .band_images import Mask, band_images
 from .band_response import (
     BandResponse,
     ResponseFactors,
+    band_centres,
     lens_constant,
     quanta_per_joule,
     response_factors,
@@ -21,6 +22,7 @@ __all__ = [
     "CellMeans",
     "Mask",
     "ResponseFactors",
+    "band_centres",
     "band_images",
     "cell_means",
     "chromaticity",

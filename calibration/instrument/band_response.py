@@ -19,6 +19,7 @@ __all__ = [
     "SPEED_OF_LIGHT_M_S",
     "BandResponse",
     "ResponseFactors",
+    "band_centres",
     "lens_constant",
     "quanta_per_joule",
     "response_factors",
@@ -232,3 +233,20 @@ def response_factors(
     """
     transmittance = np.array([curve.at(grid.nm) for curve in filters.values()])
     return ResponseFactors(tuple(filters), grid, transmittance, np.array(rests), np.array(factors))
+
+
+def band_centres(responses: Sequence[BandResponse]) -> tuple[float, ...]:
+    """Mean wavelength of every band's response.
+
+    Parameters
+    ----------
+    responses
+        Responses of the bands.
+
+    Returns
+    -------
+    tuple
+        (band,) wavelengths, nm.
+    """
+    weights = np.stack([r.response for r in responses], axis=-1)
+    return tuple(float(nm) for nm in (responses[0].wavelength_nm @ weights) / weights.sum(axis=0))

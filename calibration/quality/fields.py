@@ -103,7 +103,7 @@ def check_pattern(
 
 
 def _other_patterns(cell: NDArray[np.str_]) -> Iterator[NDArray[np.str_]]:
-    """The pattern from every other pixel on, and with each pair of channels exchanged; the stated one first."""
+    """Stated pattern, patterns from every other pixel on, and with two channels exchanged."""
     for shift in product(*(range(side) for side in cell.shape)):
         yield np.roll(cell, shift, (0, 1))
     for first, second in combinations(sorted(set(cell.ravel().tolist())), 2):
@@ -111,7 +111,7 @@ def _other_patterns(cell: NDArray[np.str_]) -> Iterator[NDArray[np.str_]]:
 
 
 def _exchanged_letters(cell: NDArray[np.str_], right: Sequence[NDArray[np.str_]]) -> str:
-    """Two channels, as "R and B", whose exchange makes one of the right patterns; empty if none does."""
+    """Two channels, "R and B", whose exchange gives a right pattern; empty without any."""
     letters = sorted(set(cell.ravel().tolist()))
     for first, second in combinations(letters, 2):
         exchanged = np.where(cell == first, second, np.where(cell == second, first, cell))

@@ -49,7 +49,7 @@ def _check_sensor(
     noise: NoiseModel,
     channels: Mapping[str, str] | None,
 ) -> tuple[list[Suspicion], bool]:
-    """Suspicions by counts and mosaic, and whether the levels of flats and references can be compared.
+    """Suspicions by counts and mosaic; True where flats and references can be compared.
 
     A mistake that explains others is named alone: frames that were resampled have no statistics of a sensor, light in
     the darks looks like noise, and behind a wrong pattern channels have the levels of others.

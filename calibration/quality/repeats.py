@@ -162,7 +162,7 @@ def _of_one_picture(pairs: Sequence[_Pair]) -> list[_Pair]:
 def check_independence(
     capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel
 ) -> tuple[tuple[Suspicion, ...], frozenset[str]]:
-    """Detect frames whose pixels have noise in common: interpolated, resampled, binned, smoothed or compressed.
+    """Detect frames whose pixels share noise: resampled, binned, smoothed or compressed.
 
     No other statistics of such frames are those of a sensor.
 
@@ -356,7 +356,7 @@ def _without_lines(
 
 
 def _neighbour_correlation(noise: NDArray[np.float64], usable: NDArray[np.bool_], step: tuple[int, int]) -> float:
-    """Correlation of pixels (y, x) that are ``step`` rows or columns apart, see ``_Pair.neighbours``."""
+    """Correlation of pixels (y, x) ``step`` rows or columns apart, see ``_Pair.neighbours``."""
     correlations = []
     rows, columns = step
     for first, second in ((np.s_[:, columns:], np.s_[:, :-columns]), (np.s_[rows:], np.s_[:-rows])):

@@ -81,7 +81,7 @@ def check_warm_up(
 def _light(
     stack: Stack, dark: DarkLibrary, saturation_dn: int, readout_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Times of a band's repeats, min, and logarithms of their light over the band's mean; None without light."""
+    """Times of a band's repeats, min, and logarithms of their relative light, or None."""
     counts = stack.frames.astype(float)
     good = (counts.max(axis=0) < saturation_dn) & (counts.min(axis=0) > 0)
     levels: NDArray[np.float64] = (counts - dark.at(stack.exposure_s))[:, good].sum(axis=1)

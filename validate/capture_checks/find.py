@@ -76,12 +76,12 @@ def _each_mistake_once(
     exchanged = tuple(s for s in of_scene if s.where.endswith(".frames") and len(_frames_of(capture, s)) > 1)
     wrong = {frames for s in exchanged for frames in _frames_of(capture, s)}
     remaining = [s for s in of_calibration if not (frames := _frames_of(capture, s)) or not frames <= wrong]
-    named = {frames for s in remaining for frames in _frames_of(capture, s)} | wrong
+    suspected = {frames for s in remaining for frames in _frames_of(capture, s)} | wrong
     for suspicion in of_scene:
         frames = _frames_of(capture, suspicion)
-        if not (_WHOLE_BAND.fullmatch(suspicion.where) and frames <= named):
+        if not (_WHOLE_BAND.fullmatch(suspicion.where) and frames <= suspected):
             remaining.append(suspicion)
-            named |= frames
+            suspected |= frames
     return tuple(dict.fromkeys(remaining))
 
 

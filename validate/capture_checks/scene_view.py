@@ -41,7 +41,7 @@ class SceneView:
     @property
     def clear(self) -> NDArray[np.bool_]:
         """(band,) True for bands with a signal."""
-        return np.isfinite(self.relative).any(axis=(1, 2))
+        return np.any(np.isfinite(self.relative), axis=(1, 2))
 
 
 def lamp_signals(
@@ -124,7 +124,7 @@ def without_gaps(bands: CorrectedBands, cell: tuple[int, int] | None) -> NDArray
 
 
 def _is_noise(bands: CorrectedBands) -> NDArray[np.bool_]:
-    """(band,) True where most pixels are darker than their noise, as red light behind a blue dye is."""
+    """(band,) True where most pixels are darker than their noise."""
     images, noise = bands.images, []
     for signal, variance, mask in zip(*(images[name].values for name in ("signal", "variance", "mask")), strict=True):
         usable = mask == 0
@@ -169,8 +169,8 @@ def view_scene(
     if scene.further_lamps or not variant.compiled():
         return None
     light = capture.light(lamp.radiance).at(WAVELENGTH_NM)
-    named = {} if channels is None else channels
-    curves = [response_curve(capture, band, named.get(band.id)) for band in capture.manifest.band]
+    of_band = {} if channels is None else channels
+    curves = [response_curve(capture, band, of_band.get(band.id)) for band in capture.manifest.band]
     weights = [curve * light / np.sum(curve * light) for curve in curves if curve is not None]
     reflectances = scene.reflectances(WAVELENGTH_NM) @ np.array(weights).T
     preview = render_preview(scene, camera, np.clip(reflectances, 0.0, 1.0))  # tables of a spoilt capture exceed them

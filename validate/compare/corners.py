@@ -170,7 +170,8 @@ def locate_corners(
         camera, _ = align_photograph(photograph, corners.fit.camera, scene)
     except ValueError as error:
         return replace(corners, reason=str(error))
-    blurs, step = _BLURS_PX, _BLURS_PX[1] / 2
+    blurs: tuple[float, ...] = _BLURS_PX
+    step = blurs[1] / 2
     for _ in range(_ROUNDS):
         squares = [_Square(photograph, scene, camera, corner) for corner in clicked.points_mm]
         blur = _blur(squares, blurs)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from cboxlab.calibration.capture import Capture
-from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, BandResponse, Mask, band_images
+from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, Mask, band_centres, band_images
 from cboxlab.rendering.chain import RenderSettings, after_stage, expected_signal, render_bands, stages_between
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect
@@ -51,7 +51,6 @@ __all__ = [
     "Predicted",
     "Rendered",
     "Validation",
-    "band_centres",
     "compared",
     "failures",
     "refitted",
@@ -304,6 +303,7 @@ def _scaled_to(prepared: CalibratedCapture, bands: xr.Dataset) -> CalibratedCapt
     """The capture with its free scale fitted to band images without regard to their noise."""
     signal = bands.signal.values
     used = prepared.usable & (bands.mask.values == 0) & (signal > 0)
+    # equal relative weights, since neither the noise nor the scale is known
     level = np.array([np.mean(np.abs(prepared.measured[k][used[k]])) for k in range(len(used))])[:, None, None]
     variance = np.broadcast_to((_ROUGH_ERROR * level) ** 2, signal.shape)
     return prepared.with_scale_of(signal, variance, used)
@@ -522,23 +522,6 @@ def compared(prepared: CalibratedCapture, rendered: Rendered, signal: NDArray[np
         ),
         cell=calibration.capture.cell,
     )
-
-
-def band_centres(responses: Sequence[BandResponse]) -> tuple[float, ...]:
-    """Mean wavelength of every band's response.
-
-    Parameters
-    ----------
-    responses
-        Responses of the bands.
-
-    Returns
-    -------
-    tuple
-        (band,) wavelengths, nm.
-    """
-    weights = np.stack([r.response for r in responses], axis=-1)
-    return tuple(float(nm) for nm in (responses[0].wavelength_nm @ weights) / weights.sum(axis=0))
 
 
 def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]:

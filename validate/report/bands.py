@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from cboxlab.calibration.instrument import BandResponse
-
-from ..compare import band_centres
+from cboxlab.calibration.instrument import BandResponse, band_centres
 
 __all__ = ["NamedBand", "named_bands"]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.calibration.colour import FilterWeights
-from cboxlab.calibration.instrument import BandResponse
+from cboxlab.calibration.instrument import BandResponse, band_centres
 from cboxlab.calibration.quality import Suspicion
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
@@ -19,7 +19,7 @@ from cboxlab.utils.page_text import unbroken
 from cboxlab.utils.table import Table
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from ..compare import COLOUR_DIFFERENCES, Comparison, band_centres
+from ..compare import COLOUR_DIFFERENCES, Comparison
 from .bands import named_bands
 from .blocks import Cell, ReportSection, ReportTable, Story
 from .metrics import ValidationFacts

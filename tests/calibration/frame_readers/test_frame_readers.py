@@ -185,7 +185,7 @@ def exr_header(data, display):
 
 
 def test_the_windows_of_an_exr_picture(tmp_path):
-    """A picture may begin anywhere, and have pixels around it that are not shown; none of its own may be missing."""
+    """A picture may begin anywhere, and have pixels around it that are not shown; none that is shown may be missing."""
     picture = counts(SHAPE, 3).astype(np.float32)
     for name, display in {"shifted": ((5, 7), (20, 18)), "wide": ((6, 9), (18, 17))}.items():
         OpenEXR.File(exr_header(((5, 7), (20, 18)), display), {"Y": picture}).write(str(tmp_path / f"{name}.exr"))

@@ -72,7 +72,7 @@ def test_light_in_the_darks_of_a_colour_sensor_follows_its_colours(rate_dn_s, su
 
 
 def of_neighbours(frame):
-    """Each pixel replaced by the mean of those beside it in its row, which have another colour."""
+    """Each pixel replaced by the mean of its neighbours in the row, which have another colour."""
     return (np.roll(frame, 1, 1) + np.roll(frame, -1, 1)) / 2
 
 

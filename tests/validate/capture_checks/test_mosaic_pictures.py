@@ -76,5 +76,5 @@ def test_frames_are_exchanged_with_all_their_channels():
 )
 def test_a_mistake_that_explains_others_stands_alone(of_calibration, of_scene, expected):
     first, second = (tuple(Suspicion("what", where, "why") for where in group) for group in (of_calibration, of_scene))
-    places = [suspicion.where for suspicion in _each_mistake_once(capture(("a", "b")), first, second)]
-    assert places == (expected if isinstance(expected, list) else [*of_calibration, *of_scene])
+    where = [suspicion.where for suspicion in _each_mistake_once(capture(("a", "b")), first, second)]
+    assert where == (expected if isinstance(expected, list) else [*of_calibration, *of_scene])

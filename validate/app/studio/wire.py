@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from cboxlab.calibration.instrument import band_centres
 from cboxlab.rendering.chain import STAGE_TITLES, STAGES
 from cboxlab.rendering.effects import AppliedEffect, Effect, Parameter, catalogue, names_in
 from numpy.typing import NDArray
 
 from ...api import DiagnosisResult
-from ...compare import band_centres
 from ...report import explained_share, finding_sentences, ranked_values
 from .workbench import Workbench
 

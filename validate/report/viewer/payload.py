@@ -10,10 +10,10 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from cboxlab.calibration.instrument import Mask, cell_means
+from cboxlab.calibration.instrument import Mask, band_centres, cell_means
 from numpy.typing import ArrayLike, NDArray
 
-from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, band_centres, srgb_matrix
+from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, srgb_matrix
 from .light import filter_curves, light_parts, pixel_spectra
 
 __all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]

@@ -8,11 +8,11 @@ import urllib.request
 
 import numpy as np
 import pytest
+from cboxlab.calibration.instrument import band_centres
 from cboxlab.rendering.chain import STAGES
 from cboxlab.rendering.model import load_model
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench
-from cboxlab.validation.compare import band_centres
 from cboxlab.validation.diagnose import stepwise
 from helpers.captures.glare_capture import GLARE
 from helpers.pages.page_faults import FAULTS

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare import band_centres
+from cboxlab.calibration.instrument import band_centres
 from helpers.pages.studio import add, chi2, finished, present, press, record_of, step
 
 
