@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from ..scene_pictures import changed_layers
+from .between_cubes import block_changes
 from .grids import Common, common_wavelengths
 from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
@@ -289,6 +290,7 @@ def regress_sides(
         *comparison.common.notes,
         *_remarks(as_found),
     ]
+    between = _between_cubes(comparison, false_alarms)
     layers = _layers(*_sides(as_found), false_alarms)
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
@@ -300,7 +302,7 @@ def regress_sides(
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
-        pools=(*pools, *cancelling, *layers),
+        pools=(*pools, *between, *cancelling, *layers),
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
@@ -310,6 +312,17 @@ def regress_sides(
         single_pictures=comparison.noise.estimated,
     )
     return outcome, comparison
+
+
+def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[PooledMean, ...]:
+    """Tests of blocks by the scatter between independent cubes; none for sides without them."""
+    baseline, candidate = _sides(comparison)
+    if baseline.batches is None or candidate.batches is None or comparison.pooling.paired:
+        return ()
+    floor = float(np.hypot(comparison.pooling.systematic, np.mean(comparison.pooling.interpolation)))
+    findings = block_changes(baseline.batches, candidate.batches, comparison.strata.block, floor)
+    critical = false_alarms * SHARES["between"] / max(len(findings), 1)
+    return tuple(pool_of_finding("between", finding, critical) for finding in findings)
 
 
 def _layers(baseline: Side, candidate: Side, false_alarms: float) -> tuple[PooledMean, ...]:

@@ -1,0 +1,54 @@
+"""Blocks by their scatter between independent cubes, on numbers drawn at random."""
+
+import numpy as np
+import pytest
+from cboxlab.validation.compare_renders.regress.between_cubes import block_changes
+
+BLOCK = np.add.outer(np.arange(32) // 4 * 8, np.arange(32) // 4)
+
+
+def cubes(rng, mean, noise, count=4):
+    return mean * (1 + noise * rng.standard_normal((count, *mean.shape)))
+
+
+def probabilities(first, second):
+    return np.array([finding.probability for finding in block_changes(first, second, BLOCK, 0.0)])
+
+
+@pytest.mark.parametrize("unlike", [0.0, 1.0])
+def test_probabilities_of_equal_pictures_are_uniform(unlike):
+    """200 pairs of 64 blocks; the count below 1 % is binomial, below its mean plus five standard deviations (3e-7).
+
+    unlike : scatter of the logarithm of the blocks' noise. A block's own variance holds where it is larger, so that
+    fewer fall below than stated.
+    """
+    rng = np.random.default_rng(7)
+    below = 0
+    for _ in range(200):
+        noise = 0.1 * np.exp(unlike * rng.standard_normal(64))[BLOCK][..., None]
+        below += int((probabilities(*(cubes(rng, np.ones((32, 32, 2)), noise) for _ in range(2))) < 0.01).sum())
+    assert below < 128 + 5 * 128**0.5
+    assert below > 20
+
+
+def test_a_change_of_few_pixels_in_all_cubes_counts_and_a_firefly_does_not():
+    rng = np.random.default_rng(3)
+    first, second = (cubes(rng, np.ones((32, 32, 2)), 0.02) for _ in range(2))
+    changed, firefly = second.copy(), second.copy()
+    changed[:, 9, 9] += 1.0
+    firefly[2, 9, 9] += 40.0
+    (clearest,) = [finding for finding in block_changes(first, changed, BLOCK, 0.0) if finding.probability < 1e-6]
+    assert clearest.name == "row 3, column 3 between cubes"
+    assert clearest.size == pytest.approx(1 / 16, abs=0.005)
+    assert probabilities(first, firefly).min() > 1e-4
+    assert block_changes(first[:1], changed, BLOCK, 0.0) == ()
+
+
+def test_the_stated_error_is_the_scatter_of_repeated_pairs():
+    rng = np.random.default_rng(5)
+    pairs = [block_changes(*(cubes(rng, np.ones((32, 32, 2)), 0.1) for _ in range(2)), BLOCK, 0.0) for _ in range(60)]
+    sizes = np.array([[finding.size for finding in pair] for pair in pairs])
+    sigma = np.mean([[finding.sigma for finding in pair] for pair in pairs])
+    # 3,840 sizes fix a standard deviation to 1.1 %; the larger of two variances adds up to 15 %
+    assert sizes.std() == pytest.approx(0.1 / np.sqrt(16 * 2) / np.sqrt(2), rel=0.06)
+    assert 0.97 < sigma / sizes.std() < 1.2
