@@ -52,3 +52,13 @@ def test_the_stated_error_is_the_scatter_of_repeated_pairs():
     # 3,840 sizes fix a standard deviation to 1.1 %; the larger of two variances adds up to 15 %
     assert sizes.std() == pytest.approx(0.1 / np.sqrt(16 * 2) / np.sqrt(2), rel=0.06)
     assert 0.97 < sigma / sizes.std() < 1.2
+
+
+def test_equal_noise_and_a_floor_bound_the_errors_from_below():
+    """By six degrees of freedom alone the error of one block in ten is below 0.6 of the true one."""
+    first, second = (cubes(np.random.default_rng(seed), np.ones((32, 32, 2)), 0.1) for seed in (1, 2))
+    true = 0.1 / np.sqrt(16 * 2) / np.sqrt(2)
+    sigmas = [finding.sigma for finding in block_changes(first, second, BLOCK, 0.0)]
+    assert min(sigmas) > 0.85 * true
+    with_floor = [finding.sigma for finding in block_changes(first, second, BLOCK, 0.05)]
+    np.testing.assert_allclose(np.square(with_floor), np.square(sigmas) + 0.05**2)

@@ -60,6 +60,15 @@ def test_a_lamp_that_flickers_makes_no_event_of_a_gain(flicker):
     assert lead is None or lead.lead < 0
 
 
+def test_the_flicker_is_an_error_of_a_gain_in_each_frame():
+    frames = np.stack([SIGNAL[1], SIGNAL[1]]) + NOISE_DN * np.random.default_rng(2).standard_normal(
+        (2, *SIGNAL[1].shape)
+    )
+    weight = np.full(SIGNAL[1].shape, 1 / NOISE_DN)
+    quiet, flickering = (frame_amplitudes("b1", frames, 0.02 * SIGNAL[1], SIGNAL[1], weight, f) for f in (0.0, 0.003))
+    np.testing.assert_allclose(flickering.sigma**2, quiet.sigma**2 + 0.15**2)
+
+
 def _blurred():
     return gaussian_filter(SIGNAL, (0, 0.7, 0.7)) - SIGNAL
 
