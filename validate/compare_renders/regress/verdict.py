@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from ..scene_pictures import changed_layers
-from .between_cubes import block_changes
 from .grids import Common, common_wavelengths
 from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
@@ -19,6 +18,7 @@ from .outliers import Trimmed, trimmed
 from .patterns import (
     Difference,
     Finding,
+    block_changes,
     periodic,
     pool_of_finding,
     slow_change,

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare_renders.regress.between_cubes import block_changes
+from cboxlab.validation.compare_renders.regress.patterns import block_changes
 
 BLOCK = np.add.outer(np.arange(32) // 4 * 8, np.arange(32) // 4)
 

@@ -12,7 +12,7 @@ from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .reused import reused_numbers
 from .slow import slow_change, without_slow
-from .spread import block_spread, scatter_of_blocks
+from .spread import block_changes, block_spread, scatter_of_blocks
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
@@ -26,6 +26,7 @@ __all__ = [
     "Finding",
     "PooledMean",
     "all_patterns",
+    "block_changes",
     "block_spread",
     "clustering_by_filter",
     "clustering_of_blocks",
