@@ -286,7 +286,7 @@ class Outcome(FrozenMappings):
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
             "even": {row.name: _record(row) for row in self.of_kind("even")},
-            "blocks": {row.name: _record(row) for kind in ("block", "between") for row in self.of_kind(kind)},
+            "blocks": {row.name: _record(row) for kind in ("block", "cubes") for row in self.of_kind(kind)},
             "spread": {row.name: _record(row) for row in self.of_kind("spread")},
             "order": {row.name: _record(row) for kind in ("order", "place") for row in self.of_kind(kind)},
             "deciding": [f"{row.kind}: {row.name}" for row in self.deciding],

@@ -321,8 +321,8 @@ def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[Poo
         return ()
     floor = float(np.hypot(comparison.pooling.systematic, np.mean(comparison.pooling.interpolation)))
     findings = block_changes(baseline.batches, candidate.batches, comparison.strata.block, floor)
-    critical = false_alarms * SHARES["between"] / max(len(findings), 1)
-    return tuple(pool_of_finding("between", finding, critical) for finding in findings)
+    critical = false_alarms * SHARES["cubes"] / max(len(findings), 1)
+    return tuple(pool_of_finding("cubes", finding, critical) for finding in findings)
 
 
 def _layers(baseline: Side, candidate: Side, false_alarms: float) -> tuple[PooledMean, ...]:

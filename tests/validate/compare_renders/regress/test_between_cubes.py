@@ -38,7 +38,7 @@ def test_a_change_of_few_pixels_in_all_cubes_counts_and_a_firefly_does_not():
     changed[:, 9, 9] += 1.0
     firefly[2, 9, 9] += 40.0
     (clearest,) = [finding for finding in block_changes(first, changed, BLOCK, 0.0) if finding.probability < 1e-6]
-    assert clearest.name == "row 3, column 3 between cubes"
+    assert clearest.name == "row 3, column 3, between cubes"
     assert clearest.size == pytest.approx(1 / 16, abs=0.005)
     assert probabilities(first, firefly).min() > 1e-4
     assert block_changes(first[:1], changed, BLOCK, 0.0) == ()

@@ -19,7 +19,7 @@ SHARES = {
     "stratum": 0.05,
     "pattern": 0.08,
     "block": 0.06,
-    "between": 0.02,
+    "cubes": 0.02,
     "spread": 0.01,
     "grid": 0.01,
     "line": 0.01,

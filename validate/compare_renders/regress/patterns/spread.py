@@ -137,7 +137,7 @@ def block_changes(
     side_length = round(len(level) ** 0.5)
     return tuple(
         Finding(
-            f"row {number // side_length + 1}, column {number % side_length + 1} between cubes",
+            f"row {number // side_length + 1}, column {number % side_length + 1}, between cubes",
             int(pixels[index]),
             float(difference[index]),
             float(sigma[index]),
