@@ -66,23 +66,54 @@ def findings(path: Path) -> list[Finding]:
     source = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         return [Finding(path, *fault) for fault in _page(source)]
-    tree = ast.parse(source)
     if any(path in paths for paths in SCRIPTS.values()):
-        return [Finding(path, *fault) for fault in (*_names(tree), *_banned(_prose(tree, source)))]
-    prose = _prose(tree, source)
-    faults = [
-        *_names(tree),
-        *_docstrings(tree, source),
-        *_constants(tree),
-        *_texts(tree, source, prose),
-    ]
+        names = _names(list(ast.walk(ast.parse(source))))
+        # tokens are read slowly, and only where a banned phrase stands, possibly across lines of a comment
+        prose = _Module.read(source).prose if BANNED.search(re.sub(r"[#:\s]+", " ", source)) else []
+        return [Finding(path, *fault) for fault in (*names, *_banned(prose))]
+    module = _Module.read(source)
+    faults = [*_names(module.nodes), *_docstrings(module), *_constants(module), *_texts(module)]
     return [Finding(path, *fault) for fault in faults]
 
 
-def assigned_names(tree: ast.AST) -> list[tuple[int, str]]:
+@dataclass(frozen=True)
+class _Module:
+    """A module's source, read once: trees and tokens are walked slowly."""
+
+    lines: list[str]
+    nodes: list[ast.AST]  # the module's own node first
+    docstrings: dict[ast.AST, str | None]  # of every node that may have one
+    comments: list[tuple[int, str]]
+    prose: list[tuple[int, str]]
+
+    @classmethod
+    def read(cls, source: str) -> _Module:
+        nodes = list(ast.walk(ast.parse(source)))
+        docstrings = {node: ast.get_docstring(node) for node in nodes if isinstance(node, _DOCUMENTED)}
+        comments, blocks = _comments(source)
+        texts = [(getattr(node, "lineno", 1), text) for node, text in docstrings.items() if text is not None]
+        return cls(source.splitlines(), nodes, docstrings, comments, texts + blocks)
+
+
+def _comments(source: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """(line, text) of every comment, and of blocks of comments."""
+    comments: list[tuple[int, str]] = []
+    blocks: list[tuple[int, str]] = []
+    block: list[str] = []
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            comments.append((token.start[0], token.string))
+            block.append(token.string.lstrip("#: "))
+        elif block and token.type not in (tokenize.NL, tokenize.NEWLINE):
+            blocks.append((token.start[0] - len(block), " ".join(block)))
+            block = []
+    return comments, blocks
+
+
+def assigned_names(nodes: list[ast.AST]) -> list[tuple[int, str]]:
     """(line, name) of everything that is bound: variables, parameters, loop and exception names."""
     names = []
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             names.append((node.lineno, node.id))
         elif isinstance(node, ast.arg):
@@ -92,15 +123,15 @@ def assigned_names(tree: ast.AST) -> list[tuple[int, str]]:
     return names
 
 
-def _names(tree: ast.AST) -> Iterator[tuple[int, str, str]]:
+def _names(nodes: list[ast.AST]) -> Iterator[tuple[int, str, str]]:
     """Nameless variables, and banned words in names of variables, functions and classes."""
-    names = assigned_names(tree)
+    names = assigned_names(nodes)
     directions = "right" in {name for _, name in names}
     for line, name in names:
         if name.strip("_") in NAMELESS and not (name == "left" and directions):
             yield line, "nameless", name
     definitions = (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    defined = [(node.lineno, node.name) for node in ast.walk(tree) if isinstance(node, definitions)]
+    defined = [(node.lineno, node.name) for node in nodes if isinstance(node, definitions)]
     for line, name in defined:
         if name.strip("_") in NAMELESS:
             yield line, "nameless", f"{name}()"
@@ -137,27 +168,23 @@ def _sections(node: ast.FunctionDef | ast.AsyncFunctionDef, text: str) -> Iterat
         yield "Raises"
 
 
-def _docstrings(tree: ast.Module, source: str) -> Iterator[tuple[int, str, str]]:
-    lines = source.splitlines()
-    nested = {
-        child
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef)
-        for child in ast.walk(node)
-        if child is not node
-    }
-    private = {
-        child
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ClassDef) and not _is_public(node.name)
-        for child in ast.walk(node)
-    }
-    for node in ast.walk(tree):
-        if not isinstance(node, _DOCUMENTED):
+def _hidden(node: ast.AST, hidden: bool = False) -> Iterator[ast.AST]:
+    """Classes and functions inside functions or private classes."""
+    for child in ast.iter_child_nodes(node):
+        # of expressions alone no definition is a part
+        if isinstance(child, ast.expr):
             continue
+        if hidden and isinstance(child, _DOCUMENTED):
+            yield child
+        inside = isinstance(child, ast.FunctionDef) or (isinstance(child, ast.ClassDef) and not _is_public(child.name))
+        yield from _hidden(child, hidden or inside)
+
+
+def _docstrings(module: _Module) -> Iterator[tuple[int, str, str]]:
+    lines, hidden = module.lines, set(_hidden(module.nodes[0]))
+    for node, text in module.docstrings.items():
         name, line = getattr(node, "name", "module"), getattr(node, "lineno", 1)
-        text = ast.get_docstring(node)
-        public = _is_public(name) and node not in nested and node not in private
+        public = _is_public(name) and node not in hidden
         if text is None:
             short = isinstance(node, ast.FunctionDef) and len(node.body) <= 1
             if public and not short and not isinstance(node, ast.Module):
@@ -177,29 +204,12 @@ def _docstrings(tree: ast.Module, source: str) -> Iterator[tuple[int, str, str]]
                         yield field.lineno, "field", f"{name}.{field.target.id}"
 
 
-def _constants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
-    for node in tree.body:
+def _constants(module: _Module) -> Iterator[tuple[int, str, str]]:
+    for node in module.nodes[0].body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple):
             names = [ast.unparse(item) for item in node.targets[0].elts]
             if all(name.isupper() for name in names):
                 yield node.lineno, "tuple-constant", ", ".join(names)
-
-
-def _prose(tree: ast.Module, source: str) -> list[tuple[int, str]]:
-    """(line, text) of docstrings and of blocks of comments."""
-    prose = [
-        (getattr(node, "lineno", 1), text)
-        for node in ast.walk(tree)
-        if isinstance(node, _DOCUMENTED) and (text := ast.get_docstring(node)) is not None
-    ]
-    block: list[str] = []
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            block.append(token.string.lstrip("#: "))
-        elif token.type not in (tokenize.NL, tokenize.NEWLINE) and block:
-            prose.append((token.start[0] - len(block), " ".join(block)))
-            block = []
-    return prose
 
 
 def _banned(texts: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
@@ -210,23 +220,19 @@ def _banned(texts: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
             yield line, "banned", f"{match.group()}: {joined[max(match.start() - 30, 0) : match.end() + 40]!r}"
 
 
-def _texts(tree: ast.Module, source: str, prose: list[tuple[int, str]]) -> Iterator[tuple[int, str, str]]:
+def _texts(module: _Module) -> Iterator[tuple[int, str, str]]:
     """Banned words in docstrings, comments and messages; sentences that are too long in docstrings and comments."""
-    documentation = {
-        node.body[0].value
-        for node in ast.walk(tree)
-        if isinstance(node, _DOCUMENTED) and ast.get_docstring(node) is not None
-    }
+    documentation = {node.body[0].value for node, text in module.docstrings.items() if text is not None}
     messages = [
         (node.lineno, node.value)
-        for node in ast.walk(tree)
+        for node in module.nodes
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in documentation
     ]
-    yield from _banned([*prose, *((line, text) for line, text in messages if " " in text)])
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT and "fmt: skip" in token.string:
-            yield token.start[0], "fmt-skip", ""
-    for line, text in prose:
+    yield from _banned([*module.prose, *((line, text) for line, text in messages if " " in text)])
+    for line, text in module.comments:
+        if "fmt: skip" in text:
+            yield line, "fmt-skip", ""
+    for line, text in module.prose:
         yield from _long_sentences(line, text)
 
 
@@ -295,7 +301,7 @@ def main(arguments: list[str]) -> None:
     print(dict(sorted(total.items())))
     if not paths:
         return
-    names = sum(len(assigned_names(ast.parse(path.read_text(encoding="utf-8")))) for path in paths)
+    names = sum(len(assigned_names(list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))))) for path in paths)
     documented, lines = (sum(column) for column in zip(*map(documentation_lines, paths), strict=True))
     print(f"nameless {total['nameless'] / names:.2%} of {names} names, documentation {documented / lines:.1%} of lines")
 

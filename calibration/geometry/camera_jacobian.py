@@ -143,7 +143,12 @@ def inverse_information(jacobian: NDArray[np.float64], source: str, hint: str) -
 
 def _cross(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., 3, 3) matrices [v]x with [v]x w = v x w."""
-    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    matrices = np.zeros((*vectors.shape, 3))
+    matrices[..., 0, 1], matrices[..., 0, 2] = -z, y
+    matrices[..., 1, 0], matrices[..., 1, 2] = z, -x
+    matrices[..., 2, 0], matrices[..., 2, 1] = -y, x
+    return matrices
 
 
 def _left_jacobian(turn: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import base64
 import itertools
 import json
@@ -12,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +43,7 @@ class PageLeft(AssertionError):
 class Page:
     """One page. errors : what went wrong in it, as written on its console; a test holds this to be empty."""
 
-    def __init__(self, writing: int, reading: int, opener: Page | None = None) -> None:
+    def __init__(self, writing: int, reading: int, opener: Page | None = None, context: str | None = None) -> None:
         self._writing, self._reading, self.errors = writing, reading, []
         self._numbers = itertools.count(1) if opener is None else opener._numbers
         self._unread = bytearray() if opener is None else opener._unread
@@ -49,7 +51,10 @@ class Page:
         self._tabs: dict[str, Page] = {} if opener is None else opener._tabs
         #: Questions that pages asked; each is answered with yes.
         self.questions: list[str] = []
-        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        #: Profile that the page shares with its tabs: storage, cookies, a window; None for the browser's first.
+        self._context = context
+        profile = {} if context is None else {"browserContextId": context}
+        target = self._call("Target.createTarget", url="about:blank", **profile)["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         self._tabs[self._session] = self
         for domain in ("Page", "Runtime", "Log", "Network"):
@@ -57,7 +62,16 @@ class Page:
 
     def tab(self) -> Page:
         """Another page of the same browser."""
-        return Page(self._writing, self._reading, self)
+        return Page(self._writing, self._reading, self, self._context)
+
+    @contextmanager
+    def apart(self) -> Iterator[Page]:
+        """A page of the same browser in a profile that ends with the block."""
+        context = self._call("Target.createBrowserContext")["browserContextId"]
+        try:
+            yield Page(self._writing, self._reading, self, context)
+        finally:
+            self._call("Target.disposeBrowserContext", browserContextId=context)
 
     def _call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
         number = next(self._numbers)
@@ -185,38 +199,48 @@ class Page:
 
 @contextmanager
 def open_browser() -> Iterator[Page]:
-    """A browser with one page; it ends with the block, and its profile is removed."""
+    """A page in a new profile, which ends with the block. All tests of a process share one browser."""
+    with _started().apart() as page:
+        yield page
+
+
+@cache
+def _started() -> Page:
+    """The browser, by its first page; it ends with this process, and its files are removed."""
     program = chromium()
     here_in, there_out = os.pipe()
     there_in, here_out = os.pipe()
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = [
-            program,
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--hide-scrollbars",
-            f"--user-data-dir={profile}",
-            "--remote-debugging-pipe",
-        ]
-        # the browser reads the protocol from descriptor 3 and writes it to 4
-        joined = ["bash", "-c", f'exec "$@" 3<&{there_in} 4>&{there_out}', "bash", *command]
-        process = subprocess.Popen(
-            joined, pass_fds=(there_in, there_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        os.close(there_in)
-        os.close(there_out)
+    profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    command = [
+        program,
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--hide-scrollbars",
+        f"--user-data-dir={profile.name}",
+        "--remote-debugging-pipe",
+    ]
+    # the browser reads the protocol from descriptor 3 and writes it to 4
+    joined = ["bash", "-c", f'exec "$@" 3<&{there_in} 4>&{there_out}', "bash", *command]
+    process = subprocess.Popen(
+        joined, pass_fds=(there_in, there_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    os.close(there_in)
+    os.close(there_out)
+
+    @atexit.register
+    def end() -> None:
+        os.close(here_out)
+        os.close(here_in)
         try:
-            yield Page(here_out, here_in)
-        finally:
-            os.close(here_out)
-            os.close(here_in)
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            process.wait(10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        profile.cleanup()
+
+    return Page(here_out, here_in)

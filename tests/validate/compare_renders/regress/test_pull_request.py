@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.rendering.files import write_cube
 from cboxlab.validation.app.commands.cli import main
-from helpers.programs.other_suite import run_suite
+from helpers.programs.other_suite import run_suite, run_suite_apart
 from pictures import noisy, rendered
 
 TEST = """
@@ -35,12 +35,12 @@ def build(folder, seed, max_bounces=None):
 def test_from_reference_to_red_build_to_named_cause(tmp_path):
     (tmp_path / "test_light.py").write_text(TEST)
     build(tmp_path, 1)
-    assert run_suite(tmp_path, "--update-light-references")[0] == 0
+    assert run_suite_apart(tmp_path, "--update-light-references")[0] == 0
     (tmp_path / "box.nc").rename(tmp_path / "main.nc")
     build(tmp_path, 2)
     assert run_suite(tmp_path)[0] == 0
     build(tmp_path, 3, max_bounces=3)
-    code, printed = run_suite(tmp_path)
+    code, printed = run_suite_apart(tmp_path)
     assert code == 1
     assert "surface: floor" in printed
     with pytest.raises(SystemExit) as end:
