@@ -103,6 +103,11 @@ EQUIVALENT = {
         "knot_counts[-1] - knot_counts[0]",
     ): "another factor of the first slope, which all rows of the fit share",
     (
+        "calibration/geometry/distortion_choice.py",
+        "2 * count - model.shared - 6 * len(cameras)",
+    ): "a fit with fewer coordinates than numbers is refused, too",
+    ("validate/diagnose/stepwise.py", "(index + 1) / len(possible)"): "reports of the progress",
+    (
         "validate/compare_renders/regress/explanations.py",
         "exponent / e",
     ): "the list holds each exponent and its inverse",

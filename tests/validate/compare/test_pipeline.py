@@ -402,3 +402,12 @@ def test_the_promised_figures_are_met(shared):
         assert row.colour["delta_e_ab"] < 0.5, name
     assert 0.9 <= c.chi2.per_dof <= 1.1
     assert c.render_sigma_over_sensor_sigma <= 1
+
+
+def test_a_camera_is_pulled_by_its_distance_in_the_surveys_errors():
+    """Three sigmas of one error and four of another that is independent are five."""
+    covariance = np.diag([4.0, 9.0, 1.0])
+    missed = SimpleNamespace(camera=np.array([6.0, -12.0, 0.0]))
+    fit = SimpleNamespace(missed=lambda surveyed: missed)
+    assert pipeline._camera_pull(fit, SimpleNamespace(covariance=covariance)) == pytest.approx(5.0)
+    assert pipeline._camera_pull(fit, SimpleNamespace(covariance=None)) == 0.0
