@@ -2,12 +2,14 @@
 
     python benchmarks/mutation/mutate_physics.py --out mutants.jsonl --count 200 --seed 1
     python benchmarks/mutation/mutate_physics.py --out mutants.jsonl --count 40 --only calibration
+    python benchmarks/mutation/mutate_physics.py --out mutants.jsonl --count 300 --seed 64 --own --limit 20
 
 A mutant changes one sign, factor, power, axis, transpose, unit, half pixel, quadrature sum, wavelength, dark frame,
 degree of freedom, or takes energy for quanta. Modules take turns, so that each has its share. A module's tests are
 its own file of tests, then those of its package, others that name it or what it defines, and those of packages that
-use it. They have a minute of processor time (``--limit``); a mutant whose tests take longer counts as escaped. A test
-that fails without the mutant, too, finds nothing. Code is exchanged in this process, which saves new ones; one that
+use it. They have a minute of processor time (``--limit``); a mutant whose tests take longer counts as escaped.
+``--own`` takes modules with a file of tests of their own, and runs that alone. A test that fails without the mutant,
+too, finds nothing. Code is exchanged in this process, which saves new ones; one that
 hangs in a kernel is stopped by hand, and counts as escaped.
 
 Every result is a line of the file, the last of a mutant counts, and a stopped run goes on from there; mutants whose
@@ -100,6 +102,11 @@ EQUIVALENT = {
         "calibration/detector/nonlinearity.py",
         "knot_counts[-1] - knot_counts[0]",
     ): "another factor of the first slope, which all rows of the fit share",
+    (
+        "calibration/geometry/distortion_choice.py",
+        "2 * count - model.shared - 6 * len(cameras)",
+    ): "a fit with fewer coordinates than numbers is refused, too",
+    ("validate/diagnose/stepwise.py", "(index + 1) / len(possible)"): "reports of the progress",
     (
         "validate/compare_renders/regress/explanations.py",
         "exponent / e",
@@ -222,12 +229,18 @@ def mutants_of(file: str) -> list[Mutant]:
     return list({mutant.name: mutant for mutant in results}.values())
 
 
-def sample(count: int, seed: int, only: str) -> list[Mutant]:
+def own_tests(file: str) -> Path:
+    """The file of tests that belongs to a module alone; it need not exist."""
+    return Path("tests", file).with_name(f"test_{Path(file).stem.lstrip('_')}.py")
+
+
+def sample(count: int, seed: int, only: str, own: bool) -> list[Mutant]:
     """At most ``count`` mutants, the modules in turn, kinds of a module in turn; the same for the same seed.
 
-    A module's mutants do not depend on other modules' sources.
+    A module's mutants do not depend on other modules' sources. own : of modules with a file of tests of their own.
     """
     files = [path.relative_to(ROOT).as_posix() for package in PHYSICS for path in sorted((ROOT / package).glob("*.py"))]
+    files = [file for file in files if not own or (ROOT / own_tests(file)).exists()]
     random.Random(seed).shuffle(files)
     queues = []
     for file in files:
@@ -269,7 +282,7 @@ def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
     left = dict.fromkeys(tests)
     stages = []
     for belongs in (
-        lambda path: path == package / f"test_{stem}.py",
+        lambda path: path == own_tests(file),
         lambda path: path.parent == package and mentions(path) > 0,
         lambda path: path.parent == package,
         lambda path: mentions(path) > 0,
@@ -280,10 +293,11 @@ def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
     return tuple(stage for stage in stages if stage)
 
 
-def verdict_of(mutant: Mutant, limit_s: float, unsound: dict[str, bool]) -> str:
+def verdict_of(mutant: Mutant, limit_s: float, own: bool, unsound: dict[str, bool]) -> str:
     """``found by TEST``, ``ESCAPED`` or ``no answer in time``.
 
-    limit_s : of processor time. unsound : of tests that failed before, whether they fail without a mutant, too; grows.
+    limit_s : of processor time. own : with the module's own tests alone. unsound : of tests that failed before,
+    whether they fail without a mutant, too; grows.
     """
     source = (ROOT / mutant.file).read_text(encoding="utf-8")
     mutated = source[: mutant.start] + mutant.mutated + source[mutant.start + len(mutant.text) :]
@@ -291,7 +305,7 @@ def verdict_of(mutant: Mutant, limit_s: float, unsound: dict[str, bool]) -> str:
     module = f"cboxlab.{ROOMS[room]}.{rest.replace('/', '.')}"
     left = limit_s
     try:
-        for stage in tests_of(mutant.file):
+        for stage in tests_of(mutant.file)[: 1 if own else None]:
             failure: str | None = ""
             while failure is not None:
                 skipped = [test for test, fails in unsound.items() if fails]
@@ -313,12 +327,13 @@ def main() -> int:
     options.add_argument("--count", type=int, default=200)
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--only", default="", help="start of the files' paths")
+    options.add_argument("--own", action="store_true", help="each module's own tests alone")
     options.add_argument("--limit", type=float, default=60.0, help="processor time of a mutant's tests in s")
     arguments = options.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     lines = arguments.out.read_text(encoding="utf-8").splitlines() if arguments.out.exists() else []
     results = {entry["name"]: entry["verdict"] for entry in map(json.loads, lines)}
-    mutants = sample(arguments.count, arguments.seed, arguments.only)
+    mutants = sample(arguments.count, arguments.seed, arguments.only, arguments.own)
     os.chdir(ROOT)
     unsound: dict[str, bool] = {}
     with arguments.out.open("a", encoding="utf-8", buffering=1) as file:
@@ -328,7 +343,7 @@ def main() -> int:
             entry = {"name": mutant.name, "verdict": "no answer in time", **asdict(mutant)}
             file.write(json.dumps(entry) + "\n")  # one that hangs in a kernel is not run again
             reason = EQUIVALENT.get((mutant.file, mutant.text))
-            verdict = f"equivalent: {reason}" if reason else verdict_of(mutant, arguments.limit, unsound)
+            verdict = f"equivalent: {reason}" if reason else verdict_of(mutant, arguments.limit, arguments.own, unsound)
             results[mutant.name] = verdict
             file.write(json.dumps(entry | {"verdict": verdict}) + "\n")
     detected = [mutant for mutant in mutants if results[mutant.name].startswith("found")]

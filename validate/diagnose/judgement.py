@@ -222,18 +222,27 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     reflectance = transport.pixels(of_fragments) / np.maximum(transport.covered, 1e-9)
     once = predictor.with_settings(replace(predictor.settings, max_bounces=1))
     direct, total = (each.patch_picture(included) for each in (once, predictor))
-    part = np.clip(1 - direct / np.maximum(total, 1e-30), 0.0, 1.0)
-    indirect = np.where(reflectance > 0, part * signal / np.maximum(reflectance, _DARK), 0.0)
     columns = flaw_columns(
         signal,
         linearised.rendered.image.coverage,
         linearised.model.used,
         predictor.warp,
         transport,
-        indirect,
+        _arriving_indirectly(signal, reflectance, direct, total),
         reflectance,
     )
     return build_flaw_model(linearised.model, columns, signal, residual)
+
+
+def _arriving_indirectly(
+    signal: NDArray[np.float64],
+    reflectance: NDArray[np.float64],
+    direct: NDArray[np.float64],
+    total: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Signal of light from other surfaces, as a white surface in their place had it; 0 where nothing is reflected."""
+    part = np.clip(1 - direct / np.maximum(total, 1e-30), 0.0, 1.0)
+    return np.where(reflectance > 0, part * signal / np.maximum(reflectance, _DARK), 0.0)
 
 
 def confirmed_with_flaws(

@@ -5,7 +5,7 @@ import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.colour.colorimetry import fit_filter_weights, train_filter_weights
 from cboxlab.calibration.colour.colour_error import choose_filters, colour_error, lab_differences
-from cboxlab.calibration.colour.colour_study import study_colour
+from cboxlab.calibration.colour.colour_study import _reflectances, study_colour
 from cboxlab.calibration.colour.radiance_ensemble import (
     Radiances,
     evaluation_radiances,
@@ -15,6 +15,7 @@ from cboxlab.calibration.colour.radiance_ensemble import (
 from cboxlab.calibration.instrument import colour_matching_functions
 from cboxlab.calibration.instrument.band_response import BandResponse
 from cboxlab.calibration.result.calibrate import calibrate_capture
+from cboxlab.scenes import cornell_box
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID
 from helpers.fakes.capture import CENTRES_NM, FakeCapture, response
 
@@ -150,3 +151,11 @@ def test_the_baselines_weights(shared):
     assert plain.largest[2] > 0.4 and plain.rms[2] > 0.1
     assert trained.rms[0] < 0.01 and trained.rms[1] < 0.01 and trained.rms[2] < 0.035
     assert trained.delta_e_2000.mean() < 0.3 * plain.delta_e_2000.mean()
+
+
+def test_reflectances_of_a_scenes_materials_are_those_at_each_wavelength():
+    scene, nm = cornell_box(), INTEGRAL_GRID.nm
+    for row, material in zip(_reflectances(scene), scene.materials.values(), strict=True):
+        table = material.reflectance
+        np.testing.assert_allclose(row, np.interp(nm, table.wavelength_nm, table.values), rtol=1e-12)
+    assert _reflectances(None) is None

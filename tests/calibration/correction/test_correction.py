@@ -346,3 +346,12 @@ def test_a_channels_flat_has_the_mean_of_all_places(pattern):
         mask = channel_mask(pattern, fall_off.shape, letter)
         factors[letter] = fall_off[mask].mean() * _mean_of_all_places(fall_off, mask)
     np.testing.assert_allclose(list(factors.values()), fall_off.mean(), rtol=1e-9)
+
+
+def test_few_pixels_of_a_channel_give_no_fall_off():
+    """Fourteen are too few for a plane, with five for each term: their mean stands for all places."""
+    usable = np.zeros((16, 16), bool)
+    usable.flat[::19] = True
+    above_dark = 1 + 0.1 * np.random.default_rng(1).standard_normal(usable.shape)
+    assert np.count_nonzero(usable) == 14
+    assert _mean_of_all_places(above_dark, usable) == pytest.approx(1.0, abs=1e-12)

@@ -8,6 +8,7 @@ import OpenEXR
 import pytest
 import tifffile
 from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction.merged_noise import _line
 from cboxlab.calibration.result.calibrate import calibrate_capture
 from cboxlab.utils.errors import InputError
 
@@ -127,3 +128,16 @@ def test_a_picture_of_several_channels_asks_which_one(tmp_path):
     path = folder / "capture.toml"
     path.write_text(path.read_text().replace("box-0.hdr[1]", "box-0.hdr"))
     assert re.search(r"R, G, B in one file.*box-0\.hdr\[0\]", fault(folder))
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
+def test_the_line_of_noise_weighs_variances_by_their_own_scatter_in_any_unit(unit):
+    """Floor and slope are those of least squares with the true weights, to a fifth of their standard errors."""
+    level, degrees = np.linspace(0, 100, 60), 200.0
+    true = 0.2 + 0.5 * level
+    variance = true * np.random.default_rng(2).chisquare(degrees, 60) / degrees
+    weight = np.sqrt(degrees / 2) / true
+    design = np.stack([np.ones(60), level], axis=1) * weight[:, None]
+    expected, errors = np.linalg.lstsq(design, variance * weight)[0], np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    line = _line([*zip(level, unit * variance, np.full(60, degrees), strict=True)]) / unit
+    np.testing.assert_array_less(np.abs(line - expected), 0.2 * errors)

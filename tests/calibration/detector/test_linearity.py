@@ -16,7 +16,7 @@ def brackets(folder, bias=0.0, rate=0.0, light_dn_s=40.0):
     (folder / "frames").mkdir(parents=True)
     light = light_dn_s * (0.3 + 0.7 * np.indices((64, 64))[1] / 64)
     tables = ""
-    for index, seconds in enumerate((1.0, 2.0, 4.0, 8.0)):
+    for index, seconds in enumerate((2.0, 4.0, 8.0, 16.0)):
         counts = rng.poisson(light * (seconds + 0.05) * GAIN) / GAIN - 0.7 + bias + rate * seconds
         tifffile.imwrite(folder / f"frames/{index}.tif", np.clip(np.rint(counts), 0, 4095).astype(np.uint16))
         head = '[[band]]\nid = "a"' if index == 0 else '[[bracket]]\nband = "a"'
@@ -32,7 +32,7 @@ def brackets(folder, bias=0.0, rate=0.0, light_dn_s=40.0):
 
 @pytest.mark.parametrize(("bias", "rate"), [(0.0, 0.0), (60.0, 2.0)])
 def test_brackets_show_black_level_and_exposure_offset(tmp_path, bias, rate):
-    """0.7 DN below the dark's level and 5% of the shortest exposure: both found.
+    """0.7 DN below the dark's level and 2.5% of the shortest exposure: both found.
 
     The frames are written by this test, since darks, cut off at 0, cannot show it. Dark frames, bias + rate t, are
     distinguished from the light.

@@ -58,6 +58,8 @@ def test_a_departure_is_named_with_its_size(kind, size, signal):
     assert fit.departure is not None and fit.departure.kind == kind
     assert abs(fit.departure.size - size) < 4 * fit.departure.sigma
     assert fit.departure.sigma < 0.2 * abs(size)
+    if kind == "exponent":
+        assert float(fit.departure.text.split()[1]) == pytest.approx(1.02, abs=4 * fit.departure.sigma)
     assert fit.departure.text in fit.verdict
     assert np.abs(fit.residual_after).max() < 0.005 < fit.largest_residual
 

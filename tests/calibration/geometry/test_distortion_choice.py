@@ -125,6 +125,13 @@ def test_few_points_choose_nothing():
     assert choice_of(*survey([0.0] * 5, count=11)) is None
 
 
+def test_as_many_numbers_as_coordinates_choose_nothing():
+    """Twelve points give 24 coordinates. Four views have 24 numbers of their own, the lens has more."""
+    points, fit = survey([0.0] * 5, count=12)
+    views = [(points.points_mm[some], points.image_px[some]) for some in np.arange(12).reshape(4, 3)]
+    assert choose_distortion([fit.camera] * 4, views, [1.0] * 4, ONE_TERM) is None
+
+
 def test_the_wireframe_is_the_box():
     """Published box: walls of one quad give 4 edges, the ceiling 4 and 4 around the lamp; no diagonals."""
     edges = wireframe(cornell_box())

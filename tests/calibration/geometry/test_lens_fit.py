@@ -201,6 +201,7 @@ def test_a_board_at_a_known_place_gives_the_pose(monkeypatch, tmp_path):
     board = replace(BACK, origin_mm=np.array([350.0, 330.0, 400.0]), axes=turned @ BACK.axes)
     fit, targets, notes = calibrate_camera(board_capture(monkeypatch, tmp_path, [(board, true)], rng, lens))
     assert targets is not None and fit.reprojection_rms_px < 0.06
+    assert fit.reprojection_rms_px**2 == pytest.approx(np.mean(np.square(fit.residuals_px)))
     assert any("camera's pose is that before board-0.tif" in note for note in notes)
     difference = fit.camera.parameters - true.parameters
     assert float(difference @ np.linalg.solve(fit.camera.covariance, difference)) < stats.chi2.isf(1e-3, 10)

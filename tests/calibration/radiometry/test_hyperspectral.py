@@ -1,12 +1,14 @@
 """The hyperspectral camera: registration to hundredths of a pixel, and radiances that come back."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.correction.corrected_bands import correct_bands
 from cboxlab.calibration.correction.dark import read_darks
 from cboxlab.calibration.correction.noise import measure_noise
-from cboxlab.calibration.radiometry.hyperspectral import _filter_mean, hyperspectral_cube
+from cboxlab.calibration.radiometry.hyperspectral import _centre, _filter_mean, hyperspectral_cube
 from cboxlab.calibration.radiometry.registration import Registration, move, register
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
 from cboxlab.scenes import Spectrum
@@ -263,3 +265,10 @@ def test_a_filter_of_even_transmittance_reads_the_middle_of_a_slope():
         assert _filter_mean(even, slope) == pytest.approx((500 + last) / 2, rel=1e-12)
     rising = Spectrum(np.array([500.0, 510.0]), np.array([0.0, 1.0]), "zero")
     assert _filter_mean(rising, slope) == pytest.approx(500 + 20 / 3, abs=0.2)
+
+
+@pytest.mark.parametrize("end_nm", [520.0, 523.0])
+def test_the_centre_of_a_table_that_ends_at_its_maximum_counts_its_last_value(end_nm):
+    table = Spectrum(np.array([500.0, end_nm]), np.array([0.5, 0.5]), "zero")
+    capture = SimpleNamespace(band=lambda _: SimpleNamespace(transmittance="a"), light=lambda _: table)
+    assert _centre(capture, "a")[0] == pytest.approx((500 + end_nm) / 2)

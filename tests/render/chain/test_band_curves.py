@@ -78,3 +78,11 @@ def test_a_uniform_source_may_have_a_spectrum_for_every_band():
     for band, spectrum in enumerate(spectra):
         alone = band_signals(uniform_light(spectrum), curves, field_shares(curves, CAMERA))
         assert both[band, 0, 0] == pytest.approx(alone[band, 0, 0], rel=1e-12)
+
+
+def test_the_sine_of_a_ray_is_its_distance_from_the_axis_over_its_length():
+    """Without distortion: in units of the focal length, from the principal point."""
+    (u0, v0), f = CAMERA.principal_point_px, CAMERA.focal_length_px
+    v, u = np.mgrid[:48, :48]
+    square = ((u - u0) ** 2 + (v - v0) ** 2) / f**2
+    np.testing.assert_allclose(field_sine_squared(CAMERA), square / (1 + square), atol=1e-12)

@@ -249,6 +249,19 @@ def test_a_change_of_the_reference_rescales_the_prediction(plain):
     np.testing.assert_allclose(signal, expected * scale[:, None, None], rtol=1e-9)
 
 
+def test_levels_of_darks_that_are_subtracted_change_nothing(plain):
+    """An offset of the counts, with darks of three other levels for scene, flat and reference."""
+    fake, _, constants = plain
+    levels = {
+        f"dark_{frame}": np.full(3, level) for frame, level in (("scene", 90.0), ("flat", 60.0), ("reference", 40))
+    }
+    before, after = (
+        expected_signal(image(fake), c, [effect("dark-offset", dn=3.0)], CAMERA)
+        for c in (constants, replace(constants, **levels))
+    )
+    np.testing.assert_allclose(after, before, rtol=1e-9)
+
+
 def test_minutes_come_from_the_manifest(tmp_path):
     """start_s 90 and 4 frames of t s with 1.2 s between: the middle is 90 + 2 t + 1.8 s."""
     fake = AffectedCapture(tmp_path / "c", centres=(450, 550))

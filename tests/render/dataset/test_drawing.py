@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from cboxlab.rendering.dataset import draw_box, load_recipe, part_of
 from cboxlab.rendering.dataset.distributions import numbers
+from cboxlab.rendering.dataset.drawing import _Rectangle
 from cboxlab.rendering.dataset.solids import Solid, any_meet, blocked_share
 from cboxlab.utils.errors import InputError
 from helpers.places import ROOT
@@ -245,3 +246,12 @@ def test_a_picture_that_no_reader_accepts_is_refused(tmp_path):
     load_recipe(write_recipe(tmp_path, large))  # 4 wavelengths, four parts of the light: just within the limit
     with pytest.raises(InputError, match=r"camera\[0\]: found a picture with an array of 335544320 values"):
         load_recipe(write_recipe(tmp_path, large, ("step_nm = 100.0", "step_nm = 75.0")))
+
+
+@pytest.mark.parametrize("way", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_rectangles_are_apart_by_the_gap_between_their_sides(way):
+    """One of 30 x 40 mm and one of 50 x 20 mm, side by side 10 mm apart."""
+    first, second = _Rectangle(200, 300, 30, 40), np.array([50.0, 20.0])
+    corner = np.where(np.array(way) > 0, np.array([30, 40]) + 10, -second - 10) * np.abs(way)
+    other = _Rectangle(*(np.array([200.0, 300.0]) + corner), *second)
+    assert first.apart(other, 9.9) and not first.apart(other, 10.1)

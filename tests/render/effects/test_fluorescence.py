@@ -92,16 +92,35 @@ def photons(seed):
     return np.array([leaving[name] for name in WALLS]) / PHOTONS
 
 
-def test_fluorescence_reaches_every_wall_as_photons_do():
+@pytest.fixture(scope="module")
+def box():
+    """Scene, its light, and a function of the lamp's spectrum (301,): radiance (patch,) that the dyed floor adds."""
     scene = box_with_lamp(0.5, LAMP_HALF)
     surfaces = tuple(replace(s, material="red" if s.name == "floor" else "white") for s in scene.surfaces)
     scene = replace(scene, surfaces=surfaces, materials={"red": paint("red", DYE), "white": paint("white", REST)})
     field = solve_light(scene, SEEN_NM, patch_edge_mm=90.0, patch_samples=1024)
     transport = build_patch_transport(field, camera_inside(8), 16)
-    at_seen = (GRID == SEEN_NM[:, None]).astype(float)
-    before = patch_light(transport, scene, SEEN_NM, GRID, at_seen, np.ones(GRID.size))
     effect = apply_checked("fluorescence", {"material": "red", "yield": YIELD, "peak_nm": PEAK_NM}, "test")
-    change = (effect.apply(before).patch_radiance() - before.patch_radiance())[:, 0]
+
+    def added(lamp):
+        at_seen = (GRID == SEEN_NM[:, None]).astype(float)
+        before = patch_light(transport, scene, SEEN_NM, GRID, at_seen, lamp)
+        return (effect.apply(before).patch_radiance() - before.patch_radiance())[:, 0]
+
+    return scene, field, added
+
+
+def test_a_line_excites_by_its_own_wavelength(box):
+    """Of absorbed quanta, in steps of 5 nm: a lamp with a line of 420 nm over one that is even from 400 to 455 nm."""
+    _, _, added = box
+    line = added(np.where(GRID < 460, 1.0 * (GRID == 420), 1.0))
+    absorbed = np.arange(400.0, 456.0, 5.0)
+    np.testing.assert_allclose(line, added(np.ones(GRID.size)) * 420 / (absorbed.sum() - (400 + 455) / 2), rtol=1e-4)
+
+
+def test_fluorescence_reaches_every_wall_as_photons_do(box):
+    scene, field, added = box
+    change = added(np.ones(GRID.size))
     surface = field.patches.surface
     names = [s.name for s in scene.surfaces]
     results = [

@@ -1,11 +1,13 @@
 """Illuminances against closed forms: configuration factors of a square lamp, and the balance of a closed box."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.photometry import surface_illuminance, tristimulus_weights
+from cboxlab.rendering.photometry.illuminance import _resting
 from cboxlab.scenes import Spectrum, Surface
 from cboxlab.scenes.shapes import box_mesh
 from cboxlab.utils.errors import InputError
@@ -72,6 +74,17 @@ def test_what_stands_on_a_floor_takes_its_place():
     size["block"] = 5 * edge**2  # its underside is in the dark
     flux = np.pi * LAMP * size["light"]
     assert sum(size[n] * illuminance[n] for n in size) == pytest.approx(flux / 0.5, rel=1e-3)
+
+
+def test_an_underside_rests_where_a_floor_is_right_below_it():
+    """Over both triangles of a floor of 10 x 8 mm, not next to it, above it or turned away from it."""
+    a, b, c, d = np.array([[0.0, 0, 0], [0, 0, 8], [10, 0, 8], [10, 0, 0]])
+    tracer = SimpleNamespace(vertices=np.array([[a, b, c], [a, c, d]]), normals=np.array([[0.0, 1, 0]] * 2))
+    centre = np.array([[1.0, 0, 7], [9, 0, 1], [11, 0, 4], [5, 0, 9], [-1, 0, 1], [5, 2, 4], [5, 0, 4]])
+    down = np.array([[0.0, -1, 0]] * 6 + [[0.0, 1, 0]])
+    exchange = SimpleNamespace(escape=np.ones(7), direct=np.zeros((7, 1)))
+    patched = SimpleNamespace(patches=SimpleNamespace(centre=centre, normal=down), exchange=exchange, tracer=tracer)
+    assert _resting(patched).tolist() == [True, True, False, False, False, False, False]
 
 
 def test_each_lamp_has_its_own_spectrum():

@@ -49,6 +49,12 @@ def means(tracer):
     return patches, read / np.maximum(unshadowed, 1), traced / np.maximum(unshadowed, 1), unshadowed
 
 
+@pytest.mark.parametrize("edge_mm", [100.0, 200.0])
+def test_rays_read_cells_from_four_of_their_edges_on(tracer, edge_mm):
+    cells = build_direct_cells(tracer, (build_lamp_samplers(tracer)[0],), edge_mm, 4, seed=1)[0]
+    assert cells.far.numpy().tolist() == [4 * edge_mm]
+
+
 def test_means_over_surfaces_are_those_of_shadow_rays(tracer, means):
     patches, read, traced, unshadowed = means
     for surface, name in enumerate(s.name for s in tracer.scene.surfaces):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.rendering.device import mi
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.radiosity.lamp import build_lamp_samplers, direct_light
+from cboxlab.rendering.radiosity.lamp import _sample_pattern, build_lamp_samplers, direct_light
 from cboxlab.rendering.visibility.tracer import build_tracer
 from cboxlab.scenes import Lamp, Scene, Surface
 from cboxlab.scenes.shapes import ring_mesh
@@ -75,3 +75,19 @@ def test_a_ring_that_the_horizon_cuts_lights_as_the_sum_over_its_visible_part(ri
     error = light.std() / np.sqrt(len(light))
     assert 0 < error < 0.02 * light.mean()
     assert light.mean() == pytest.approx(by_sum(point, normal), abs=4 * error)
+
+
+def test_points_of_a_lamp_lie_as_its_radiance_falls_to_the_edges():
+    """Second moments along both sides, by the integral of e + (1 - e) (1 - X^2) (1 - Z^2); the mean is its centre."""
+    corners = MIDDLE + np.array([200.0, 0, 50.0]) * (square(MIDDLE, 1.0, 1, -1) - MIDDLE)
+    e, numbers = 0.25, (np.arange(280) + 0.5) / 280  # three sevenths of the points are of the even part
+    scene = Scene(
+        "even", (quad("floor", walls()["floor"]),), {"grey": grey(0.5)}, Lamp(quad("light", corners), FLAT, e)
+    )
+    u, v = (np.ravel(each).astype(np.float32) for each in np.meshgrid(numbers, numbers))
+    sampler = build_lamp_samplers(build_tracer(scene))[0]
+    x, _, z = np.array(_sample_pattern(sampler, mi.Float(u), mi.Float(v)), float)
+    second = (4 * e / 3 + (1 - e) * 16 / 45) / (4 * e + (1 - e) * 16 / 9)
+    for along, half, middle in ((x, 200.0, MIDDLE[0]), (z, 50.0, MIDDLE[2])):
+        assert along.mean() == pytest.approx(middle, abs=1e-3 * half)
+        assert np.mean((along - middle) ** 2) == pytest.approx(second * half**2, rel=2e-3)

@@ -112,6 +112,8 @@ def test_the_columns_of_the_diagnosis_span_the_free_factors():
     assert len(columns) == 2 + 4
     assert np.array_equal(columns[0][1], signal[1]) and not columns[0][[0, 2]].any()
     assert len(free_columns(calibration(signal, None, "free"), signal)) == 0
+    brighter = free_columns(calibration(signal, AXIS, "free-by-band"), 2 * signal)
+    np.testing.assert_allclose(brighter, 2 * np.array(columns))
 
 
 @pytest.fixture(scope="module")

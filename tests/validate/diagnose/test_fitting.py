@@ -182,3 +182,11 @@ def test_parameter_errors_hold_for_errors_that_pixels_share():
     assert 0.8 < np.var(honest) < 1.25  # 4 standard deviations, and the bias of 64 patches
     assert np.var(unaware) > 1.4
     assert np.var(naive) > 4
+
+
+@pytest.mark.parametrize(("null", "found", "other"), [(0.0, 0.9, 0.3), (1.0, 1.9, 1.3), (1.0, 0.9, None)])
+def test_a_second_start_is_at_the_root_of_the_steps_from_the_null(null, found, other):
+    """Nine steps of 0.1 become three; an amplitude of the other sign has no root."""
+    start = start_of({"width": found}, replace(WIDTH, null=null))
+    expected = [] if other is None else [{"width": pytest.approx(other)}]
+    assert fitting._other_starts(start.hypothesis, start) == expected

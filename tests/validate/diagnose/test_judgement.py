@@ -52,3 +52,21 @@ def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
     fit, rest = judgement.flaws_without(linearised, (noise + cause).ravel(), cause)
     assert fit is linearised
     assert rest == pytest.approx(noise.ravel())
+
+
+def test_indirect_light_is_that_of_a_white_surface():
+    """A quarter of 6 DN at a reflectance of 0.5 are 3 DN; a mirror's direct light may exceed its total by noise."""
+    reflectance, direct = np.array([0.5, 0.5, 0.0]), np.array([3.0, 4.2, 0.0])
+    arriving = judgement._arriving_indirectly(np.full(3, 6.0), reflectance, direct, np.array([4.0, 4.0, 0.0]))
+    assert arriving.tolist() == [3.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("certainty", [6.0, 100.0])
+def test_an_amplitude_may_change_next_to_flaws_by_its_own_error_or_a_fixed_part(certainty):
+    """The larger of both; a verdict just below and just above."""
+    for part, holds in ((0.99, True), (1.01, False)):
+        # s - 1 = n s / c, where s / c is its error
+        by_error = 1 / (1 - part * judgement._UNSTABLE_SIGMA / certainty) - 1
+        stability = 1 + max(by_error, part * judgement._MAX_INSTABILITY)
+        verdict = judgement.Verdict("x", 1.0, 1e6, certainty, stability, True)
+        assert verdict.holds_next_to_flaws is holds, stability

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.validation.diagnose import linearised_fit
 from cboxlab.validation.diagnose.linear_model import LinearModel
-from cboxlab.validation.diagnose.linearised_fit import refitted_together, residual_with
+from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, refitted_together, residual_with
 from cboxlab.validation.diagnose.search import Candidate, NumberStep
 from helpers.captures.patterns import COUNT, laboratory, waves
 
@@ -133,3 +133,13 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     signal_given = 3 * 100 * scale
     np.testing.assert_allclose(arguments["variance"], 2 * signal_given + 5 + 0.01 * signal_given + 9 * scale**2)
     np.testing.assert_array_equal(arguments["derivative"][-1], picture)
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.0, 1.7])
+def test_the_lamps_light_is_what_grows_with_its_power(scale):
+    """Light of 5 DN at the lamp's power and an offset of 2 DN of the counts, which is less of a brighter picture."""
+
+    def at(power):
+        return SimpleNamespace(lamp_scale=power, at_lamp=at, signal=lambda effects: np.full(3, 5.0 + 2.0 / power))
+
+    np.testing.assert_allclose(_by_lamp_scale(at(scale), []), 5.0, rtol=1e-6)

@@ -13,7 +13,13 @@ from cboxlab.validation.diagnose.fitting import fit
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import LinearModel
 from cboxlab.validation.diagnose.search import Candidate
-from cboxlab.validation.diagnose.several_captures import FurtherFit, JointProblem, refitted_to_all, same_camera
+from cboxlab.validation.diagnose.several_captures import (
+    FurtherFit,
+    JointProblem,
+    _separate_chi2,
+    refitted_to_all,
+    same_camera,
+)
 from helpers.places import ROOT
 
 COUNT, NUISANCES = 400, 11
@@ -140,3 +146,22 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
         expected += INDISTINGUISHABLE_CHI2
     assert refitted_candidate.candidate.numbers["width"] == pytest.approx(along / size, rel=1e-6)
     assert refitted_candidate.candidate.chi2 == pytest.approx(expected, rel=1e-9)
+
+
+def test_each_number_of_its_own_costs_a_capture_what_chance_gains():
+    """Least squares by hand; an effect that gains less than that is left out."""
+    rng = np.random.default_rng(6)
+    shapes, noise = rng.standard_normal((2, COUNT)), rng.standard_normal(COUNT)
+    numbers = tuple(Parameter(name, "px", null=0.0, low=-9.0, high=9.0, step=0.1) for name in ("width", "height"))
+    effect = Effect("blurred", "optics", "", numbers, lambda light, **values: light, "")
+    pair = Candidate(Hypothesis(effect, numbers, {}), {"width": 0.1, "height": 0.1}, {}, np.inf, np.zeros(1))
+    for size in (0.5, 0.0):
+        problem = OneShape(shapes[0], noise + size * shapes.sum(axis=0))
+        problem.change = lambda applied: np.append([*applied.values.values()] @ shapes, np.zeros(NUISANCES))
+        residual = problem.model.residual[:COUNT]
+        fitted = SimpleNamespace(model=problem.model, problem=lambda others, problem=problem: problem)
+        left = residual - np.linalg.lstsq(shapes.T, residual, rcond=None)[0] @ shapes
+        with_effect = left @ left + 2 * INDISTINGUISHABLE_CHI2
+        expected = min(with_effect, residual @ residual)
+        assert (expected == with_effect) == (size > 0)
+        assert _separate_chi2(fitted, [], pair) == pytest.approx(expected, rel=1e-9)

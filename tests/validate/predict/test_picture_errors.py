@@ -58,3 +58,14 @@ def test_nothing_is_taken_from_what_no_error_makes(parts):
             along = signal[used][in_cell] / sigma[in_cell]
             pattern[in_cell] -= along * (along @ pattern[in_cell]) / (along @ along) if in_cell.any() else 0.0
     np.testing.assert_allclose(errors.whitened(pattern), pattern, atol=1e-5)
+
+
+def test_likeliest_errors_of_cells_are_those_of_a_normal_prior(parts):
+    """Dense: K / (1 + K) of the pixels, and the logarithm of the determinant of 1 + K."""
+    errors = picture_errors(*parts)
+    weight = errors.weight.astype(float)
+    cells = np.where(errors.cell[:, None] == errors.cell, np.outer(weight, weight), 0)
+    with_noise = np.eye(len(weight)) + cells
+    pixels = np.random.default_rng(2).standard_normal(len(weight))
+    np.testing.assert_allclose(errors.of_cells(pixels), cells @ np.linalg.solve(with_noise, pixels), atol=1e-5)
+    assert errors.volume_of_cells == pytest.approx(np.linalg.slogdet(with_noise)[1], rel=1e-5)

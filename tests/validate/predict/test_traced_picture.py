@@ -4,8 +4,10 @@ whose model has the coat that was photographed.
 False alarms: each comparison of means fails by chance with a probability of 1e-6 (Student's t).
 """
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cboxlab.scenes
 import numpy as np
@@ -21,6 +23,7 @@ from cboxlab.rendering.synthetic.capture_writer import tungsten_lamp
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.scenes import Material, Medium, Spectrum, Texture, cornell_box, cornell_camera, load_scene
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.compare.pipeline import validate_capture
 from cboxlab.validation.predict.traced_picture import traced_picture
@@ -139,3 +142,21 @@ def test_a_coated_base_model_explains_a_coated_box(tmp_path):
     plain = path.with_name("plain.toml")
     plain.write_text(path.read_text().replace(f"bsdf = {COAT}\n", ""))
     assert validate_capture(load_capture(tmp_path / "capture"), Model(load_scene(plain))).comparison.chi2.per_dof > 3
+
+
+def test_parts_of_later_batches_are_other_paths(monkeypatch):
+    """Four parts of each batch: batches 3 and 4 are the parts from the twelfth to the nineteenth."""
+    jobs = []
+
+    def refused(job, progress):
+        jobs.append(job)
+        raise InputError("a test", "enough", "nothing more")
+
+    traced = sys.modules[traced_picture.__module__]
+    flat = SimpleNamespace(coefficients=np.ones((1, 1)), spectra=np.ones((1, WAVELENGTH_NM.size)))
+    monkeypatch.setattr(traced, "gather", lambda *_: flat)
+    monkeypatch.setattr(traced, "render_image", refused)
+    picture = traced_picture(cornell_box(), cornell_camera(8), None, SETTINGS)
+    with pytest.raises(InputError, match="enough"):
+        picture(64, 3, 2, NO_PROGRESS)
+    assert [(job.samples, job.first_batch, job.batches) for job in jobs] == [(16, 12, 8)]

@@ -1,5 +1,6 @@
-"""Attacks on the workbench: more than 500 requests read, write and replace nothing outside its folder."""
+"""Attacks on the workbench: more than 2,000 requests read, write and replace nothing outside its folder."""
 
+import gzip
 import hashlib
 import json
 import os
@@ -18,7 +19,13 @@ from starlette.testclient import TestClient
 #: Text of the files outside the workbench's folder, which no answer may contain.
 SECRET = "do-not-repeat-7d1f"
 HOSTS = frozenset({"127.0.0.1", "localhost", "[::1]"})
+JSON = {"content-type": "application/json"}
 JSON_VALUES = [None, True, -1, 2**70, 1.5, "", "x" * 300, "x" * 5000, [], [1, "a"], {}, {"a": {"b": 1}}, "\0", "inf"]
+
+
+#: Paths of the page that read, and that change something.
+READ = ["state", "picture", "view", "effects", "places"]
+CHANGE = ["cancel", "discard", "pattern", "earlier", "step/undo", "first/draft", "points/write", "job/open", "job/save"]
 
 
 def tree(*folders):
@@ -68,8 +75,7 @@ def unchanged(folders):
 
 def answered(client, path, body):
     """Body of the answer to a request, or the error of the computation that it started."""
-    headers = {"content-type": "application/json"}
-    answer = client.post(f"/secret/api/{path}", content=json.dumps(body), headers=headers)
+    answer = client.post(f"/secret/api/{path}", content=json.dumps(body), headers=JSON)
     assert answer.status_code in (200, 202, 400), answer.text
     if answer.status_code == 202:
         while (state := client.get("/secret/api/state").json())["job"]:
@@ -126,8 +132,7 @@ def test_numbers_of_any_size_are_refused_in_a_line(client):
             ("step/add", f'{{"effect": "veiling-glare", "values": {{"fraction": {number}}}}}'),
             ("step/change", f'{{"which": {number}}}'),
         ]:
-            headers = {"content-type": "application/json"}
-            answer = client.post(f"/secret/api/{path}", content=body, headers=headers)
+            answer = client.post(f"/secret/api/{path}", content=body, headers=JSON)
             assert answer.status_code in (400, 409) and "\n" not in answer.text, (path, number, answer.text)
 
 
@@ -203,9 +208,59 @@ def test_other_types_of_json_are_refused_in_a_line(client):
         text = answered(client, path, {key: value})
         assert text and "\n" not in text and len(text) < 600, (path, key, value, text)
     for content in (b"NaN", b'{"which": NaN}', b'{"which": -Infinity}', b"[" * 60000, b'"' + b"x" * 60000, b"\xff\xfe"):
-        answer = client.post("/secret/api/step/undo", content=content, headers={"content-type": "application/json"})
+        answer = client.post("/secret/api/step/undo", content=content, headers=JSON)
         assert answer.status_code == 400, answer.text
     assert len(requests) > 180
+
+
+def test_other_methods_do_nothing(client):
+    """Methods that a path does not have, also in other letters and of other protocols; HEAD sends no body."""
+    methods = ["PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "CONNECT", "PROPFIND", "MOVE", "COPY", "MKCOL", "X"]
+    pairs = [*product([*methods, "POST"], READ), *product([*methods, "GET", "HEAD"], CHANGE)]
+    for method, path in pairs:
+        answer = client.request(method, f"/secret/api/{path}", content=b"{}", headers=JSON)
+        assert answer.status_code == 405 and SECRET not in answer.text, (method, path, answer.status_code)
+    assert len(pairs) > 170
+
+
+def test_paths_that_climb_out_of_the_page_are_no_paths(client, folders):
+    """Spellings of '..', of depths and below every kind of path: no file is served."""
+    climbs = ["..", "%2e%2e", ".%2e", "%252e%252e", "..%2f", "..%5c", "%c0%ae%c0%ae", "%u002e%u002e", "....//", "%00"]
+    targets = ["outside/secret.toml", "etc/passwd", "proc/self/environ", "studio.py", str(folders[1] / "secret.toml")]
+    bases = ["/secret/", "/secret/api/", "/secret/api/job/", "/secret/studio.js/", "/"]
+    addresses = [f"{base}{(climb + '/') * n}{t}" for base, climb, n, t in product(bases, climbs, (1, 9), targets)]
+    for address in addresses:
+        answer = client.get(address)
+        assert answer.status_code in (403, 404, 405) and SECRET not in answer.text, (address, answer.status_code)
+        assert "root:" not in answer.text and "PATH=" not in answer.text, address
+    assert len(addresses) == 500
+
+
+def test_a_wrong_token_is_no_address_of_the_page(client):
+    tokens = ["", "Secret", "SECRET", "secre", "secrets", "secret%00", "secret%20", "%73ecret/", "*", "..", "s" * 5000]
+    for token, path in product(tokens, (*READ, *CHANGE)):
+        answers = client.get(f"/{token}/api/{path}"), client.post(f"/{token}/api/{path}", json={})
+        assert {answer.status_code for answer in answers} <= {404, 405}, (token, path)
+
+
+#: Types of content that are not JSON's.
+OTHER_TYPES = """
+text/plain | text/json | application/jsonx | application/x-www-form-urlencoded | APPLICATION/XML | image/png | */*
+| multipart/form-data; boundary=x | application/json, text/plain | application/json x |
+"""
+#: Bodies that are no JSON object.
+NO_OBJECTS = [b"x", b"[]", b"null", b'"x"', b"1", b'{"capture": "capture"', b"{'a': 1}", b'{"a": 01}', b"{,}", b"{}{}"]
+NO_OBJECTS += [b'{"x": "' + b"x" * 2**20 + b'"}', b'{"x":' * 9000, b"\0" * 70000, gzip.compress(b"{}"), b"\xef\xbb{}"]
+
+
+def test_bodies_of_other_types_encodings_and_sizes_are_refused_in_a_line(client):
+    requests = [(kind.strip(), b"{}") for kind in OTHER_TYPES.split("|")]
+    requests += [("application/json", body) for body in NO_OBJECTS]
+    for (kind, body), path in product(requests, CHANGE[1:]):
+        answer = client.post(f"/secret/api/{path}", content=body, headers={"content-type": kind})
+        assert answer.status_code == 400, (kind, body[:30], path, answer.status_code)
+        assert "\n" not in answer.text and len(answer.text) < 600, answer.text
+    assert len(requests) * len(CHANGE[1:]) > 190
 
 
 def test_a_folder_that_is_no_studys_is_not_written(client):
@@ -218,6 +273,8 @@ def test_foreign_names_and_pages_are_refused_with_and_without_a_token(folders, t
     app = build_app(Workbench(folders[0]), token, HOSTS)
     prefix = f"/{token}" if token else ""
     foreign = ["evil.example", "evil.example:80", "127.0.0.1.evil.example", "localhost.evil.example", "[::2]", "", "0"]
+    foreign += ["127.1", "2130706433", "0x7f.0.0.1", "127.0.0.2", "localhost.", "evil@127.0.0.1.example", "::1"]
+    foreign += ["[::1].evil.example", "[::ffff:127.0.0.1]", "0.0.0.0", "evil.example/127.0.0.1", "127.0.0.1, evil"]
     with TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False) as test_client:
         for host, path in product(foreign, ["/", "/api/state", "/api/places", "/api/effects", "/studio.js"]):
             headers = {"host": host, "origin": f"http://{host}"}

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare_renders.regress.noise import Noise, _correlation
+from cboxlab.validation.compare_renders.regress.noise import Noise, _by_light, _correlation
 
 
 def some_noise(correlated):
@@ -39,3 +39,14 @@ def test_the_correlation_of_strips_is_that_of_the_entire_picture():
     matrix = _correlation(difference, 2 * uniform, uniform, np.ones((150, 40), bool))
     assert matrix[0, 1] == pytest.approx(0.5, abs=0.05)
     assert np.diag(matrix) == pytest.approx([1.0, 1.0], abs=1e-12)
+
+
+def test_noise_is_no_function_of_the_light_and_a_power_is_one():
+    """Uniform light with noise has no part by its light; a gamma of 1.1 is found to a tenth."""
+    rng = np.random.default_rng(4)
+    smooth = np.ones((60, 60), bool)
+    noisy, again = 1 + 0.1 * rng.standard_normal((2, 60, 60))
+    assert _by_light(again - noisy, noisy, smooth).std() < 0.3 * 0.1
+    level = rng.uniform(0.5, 2, (60, 60))
+    bent = level**1.1 - level
+    assert np.abs(_by_light(bent, level, smooth) - bent).mean() < 0.1 * np.abs(bent).mean()

@@ -54,3 +54,20 @@ def test_what_is_set_aside_is_what_an_outlier_had_beyond_its_neighbours():
     assert np.argwhere(result.outlier).tolist() == [[8, 8]]
     np.testing.assert_allclose(result.difference.sum(axis=-1) + result.excess, difference.sum(axis=-1))
     assert result.excess[8, 8] == pytest.approx(120.0, abs=1.0) and np.count_nonzero(result.excess) == 1
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_an_outlier_of_a_dim_band_is_one_of_its_own_light(unit):
+    """One band has a hundredth of the other's light: half of its own is nothing in the sum of both."""
+    light = unit * np.array([1.0, 0.01])
+    difference = np.clip(np.random.default_rng(5).standard_normal((32, 32, 2)), -2, 2) * 0.01 * light
+    difference[9, 20, 1] = 0.5 * light[1]
+    variance = np.broadcast_to((0.01 * light) ** 2, difference.shape)
+    result = trimmed(difference, light * np.ones_like(difference), variance, 1e6, np.zeros((32, 32), bool))
+    assert np.argwhere(result.outlier).tolist() == [[9, 20]]
+
+
+def test_the_relative_difference_is_over_the_baselines_light():
+    baseline, candidate = np.array([[[4.0, 4.0], [0.0, 0.0]]]), np.array([[[1.0, 3.0], [1.0, 0.0]]])
+    common = SimpleNamespace(baseline=SimpleNamespace(radiance=baseline), candidate=SimpleNamespace(radiance=candidate))
+    np.testing.assert_array_equal(verdict._relative(SimpleNamespace(common=common)), [[-0.5, np.nan]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.validation.compare_renders.renderers.closed_form_scenes import measure_closed_forms
+from cboxlab.validation.compare_renders.renderers.closed_form_scenes import _furnace, measure_closed_forms
 from cboxlab.validation.compare_renders.renderers.closed_forms import (
     corner_to_rectangle,
     disk_above,
@@ -39,6 +39,18 @@ def test_radiosity_of_a_nearly_black_cube_is_direct_light():
     assert radiosity["floor"] / 1e-6 == pytest.approx(parallel_squares(1.0), rel=1e-5)
     for wall in ("left", "right", "front", "back"):
         assert radiosity[wall] / 1e-6 == pytest.approx(perpendicular_rectangles(1.0, 1.0), rel=1e-5)
+
+
+def test_a_furnace_is_closed_by_its_lamp_in_the_middle_of_the_ceiling():
+    """Areas of the faces and the lamp are those of a cube; the ceiling's ring and the lamp have one centre."""
+    scene = _furnace().scene
+    surfaces = {s.name: s.vertices_mm[s.faces] for s in (*scene.surfaces, scene.lamp.surface)}
+    areas = {n: np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) / 2 for n, c in surfaces.items()}
+    edge = np.ptp(surfaces["floor"][..., 0])
+    assert sum(area.sum() for area in areas.values()) == pytest.approx(6 * edge**2)
+    assert 0 < areas["light"].sum() < edge**2
+    middle = surfaces["light"].reshape(-1, 3).mean(axis=0)
+    assert middle == pytest.approx([edge / 2, surfaces["ceiling"][0, 0, 1], edge / 2])
 
 
 @pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.diagnose.base_flaws.columns import _Picture, _shading
+from cboxlab.validation.diagnose.base_flaws.columns import _meeting_faces, _Picture, _shading
 
 
 @pytest.mark.parametrize("size", [24, 48])
@@ -19,3 +19,10 @@ def test_shading_over_a_face_has_unit_size(size):
         assert not column[:, face == 0].any()
     for kind, column in columns:
         assert np.abs(column).max() <= 1 + 1e-9, kind
+
+
+def test_faces_meet_along_four_pixels_and_nothing_meets_what_is_no_face():
+    face = np.full((8, 9), -1)
+    face[:, :3], face[:4, 3:6], face[7, 3] = 0, 1, 2  # the last one shares three sides of pixels, one with face 0
+    assert _meeting_faces(face) == [(0, 1)]
+    assert _meeting_faces(np.where(face == 1, -1, face)) == []

@@ -26,6 +26,11 @@ def test_what_all_outcomes_have_in_common_changes_nothing():
     )
 
 
+def test_large_utilities_have_the_probabilities_of_their_differences():
+    shares = np.exp(UTILITY) / np.exp(UTILITY).sum()
+    np.testing.assert_allclose(expected_shares(UTILITY + 1000, np.zeros((3, 3))), shares, atol=1e-12)
+
+
 def test_offsets_belong_to_their_families():
     outcomes, names = ("blur", "object", NONE, SOUND), ("object", "blur")
     columns = design(outcomes, np.zeros((4, len(FEATURES))), names)

@@ -19,12 +19,12 @@ LINE = np.array([[[0, 0, 0], [1, -2, 1], [0, 0, 0]]]) / 2
 COLOURED = SIGNAL * np.where(FLOOR, np.array([0.5, 0.8, 1.2, 1.8])[:, None, None], 1.0)
 
 
-def _best_form(data, shape):
+def _best_form(data, shape, averaging=0.0):
     """Best form over an effect of one number with this shape (band, y, x), DN, at its best amplitude."""
     change = data.whitened(shape)
     amplitude = np.sum(change * data.residual) / np.sum(change**2)
     together = (data.residual - amplitude * change)[data.used]
-    return lead_of_forms(data, together, price=PRICE, averaging=0.0, shape_error=0.01)
+    return lead_of_forms(data, together, price=PRICE, averaging=averaging, shape_error=0.01)
 
 
 def _lead(data, shape):
@@ -116,3 +116,9 @@ def test_the_same_levels_in_other_words_are_no_rival():
     best = _best_form(data, last)
     assert best.lead < -9.2
     assert best.form != rival_forms(data)[0].form
+
+
+def test_what_an_effect_gains_by_averaging_noise_is_not_its_evidence():
+    shape = correlate(SIGNAL, ROUND, mode="nearest")
+    data = small_excess(0.2 * shape)
+    assert _best_form(data, shape, averaging=10.0).lead == pytest.approx(_lead(data, shape) + 10, abs=1e-6)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import hot_spot, hot_spot_of_one_band
 from cboxlab.validation.diagnose.field_fit.spot_appearance import _sharp_line
+from cboxlab.validation.diagnose.field_fit.spot_regions import _MAX_BELLS, bells_on
 from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
 from scipy.ndimage import gaussian_filter
 
@@ -39,3 +40,10 @@ def test_a_line_from_side_to_side_is_a_thread_if_its_ends_are_a_pixel_apart(apar
     weight = np.zeros((60, 60))
     weight[np.floor(row).astype(int), x], weight[np.floor(row).astype(int) + 1, x] = 1 - row % 1, row % 1
     assert _sharp_line(weight.T if across_rows else weight) is is_sharp
+
+
+@pytest.mark.parametrize("side", [60, 120])
+def test_bells_on_a_wide_region_are_about_as_many_as_allowed(side):
+    maps = bells_on(np.pad(np.ones((side, side), bool), 5), None)
+    assert 0.8 * _MAX_BELLS < len(maps.centres) < 1.3 * _MAX_BELLS
+    assert maps.pitch == pytest.approx(side / np.sqrt(_MAX_BELLS))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import field, lamp_dn
-from cboxlab.validation.diagnose.field_fit.surface_maps import _cosines, smooth_surface_maps
+from cboxlab.validation.diagnose.field_fit.surface_maps import _cosines, _lamp_lobes, smooth_surface_maps
 from helpers.captures.small_excess import SIGNAL, small_excess
 
 STEP = 1e-3
@@ -102,3 +102,11 @@ def test_the_prior_of_a_map_falls_to_one_half_at_the_second_order():
     assert order[2, 0, 0] == order[0, 0, 2] == pytest.approx(1 / 2)
     assert order[1, 0, 1] == pytest.approx(1 / 1.5)
     assert order[4, 0, 0] == pytest.approx(1 / 5)
+
+
+def test_lobes_of_a_lamp_are_powers_of_the_cosine_and_their_first_order():
+    """cos^n is 1 + n log(cos) for small n; towards the horizon the logarithm ends."""
+    even, narrow, narrower, first = _lamp_lobes(np.cos(np.radians([0.0, 60.0, 90.0])))
+    assert np.stack([even, narrow, narrower]) == pytest.approx(np.array([[1, 1, 1], [1, 0.5, 0], [1, 0.25, 0]]))
+    assert first[:2] == pytest.approx((np.array([1, 0.5]) ** 1e-6 - 1) / 1e-6, abs=1e-5)
+    assert -10 < first[2] < first[1]
