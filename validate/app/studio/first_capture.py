@@ -256,7 +256,8 @@ def _distributed(
         if name is None:
             rest.append(str(fault))
         elif fields[name]["value"] or fault.found != _NOTHING:
-            fields[name]["fault"] = f"found {fault.found}; expected {fault.expected}. {fault.hint}".strip()
+            text_of_fault = f"found {fault.found}; expected {fault.expected}. {fault.hint}".strip()
+            fields[name].setdefault("fault", text_of_fault)  # that of the entry comes first
     return rest
 
 

@@ -135,12 +135,14 @@ function rowsOf(rows) {
   return [...byFrames.values()];
 }
 
-/** What the values of some rows are, each value once. */
-const explained = (rows) => [...new Set(rows.flatMap((row) => row.fields).map((field) =>
+/** What the values of some rows are that their short names do not say, each value once. */
+const explained = (rows) => [...new Set(rows.flatMap((row) => row.fields).filter(({ key }) => key !== "exposure_s").map((field) =>
   ` ${SHORT[field.key] ?? field.key}: ${[wordsOf(field)[0], ...wordsOf(field)[1]].join("; ")}.`))].join("");
 
 function groupOf(title, words, children) {
-  return make("div", { class: "group", role: "group", "aria-label": title }, [make("h3", {}, title), make("p", { class: "soft" }, words), ...children]);
+  const isBare = children.every((child) => !child.querySelector(".field") && child.matches(".entry"));
+  return make("div", { class: "group", role: "group", "aria-label": title }, [
+    make("h3", {}, title), make("p", { class: "soft" }, words), make("div", isBare ? { class: "bare" } : {}, children)]);
 }
 
 /** Title of the group of a table. */
