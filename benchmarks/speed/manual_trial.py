@@ -17,10 +17,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from helpers.places import ROOT
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests"))
 
+from helpers.places import ROOT
 from helpers.programs.manual_commands import NEW_USER, commands
 
 

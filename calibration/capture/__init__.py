@@ -9,6 +9,7 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .capture import Capture, FrameTable, load_capture
     from .first_manifest import FirstManifest, ManifestEntry, draft_manifest, write_first_manifest
+    from .frame_classes import FrameRole
     from .frames import split_name
     from .labels import Label
     from .manifest import (
@@ -43,6 +44,7 @@ __all__ = [
     "DarkTable",
     "FirstManifest",
     "FlatTable",
+    "FrameRole",
     "FrameTable",
     "Label",
     "LensTable",

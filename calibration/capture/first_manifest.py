@@ -29,7 +29,7 @@ from ..frame_readers import suffixes
 from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
 from .folder_tables import FolderTables, tables_in
-from .frame_classes import FrameGroup, common_values, group_frames, numbered_alike
+from .frame_classes import FrameGroup, FrameRole, common_values, group_frames, numbered_alike, require_roles
 from .manifest import (
     BandTable,
     BracketTable,
@@ -44,7 +44,7 @@ from .manifest import (
     channel_letters,
     example_of,
 )
-from .manifest_faults import checked_keys
+from .manifest_faults import checked_keys, raise_faults
 from .whole_manifest import Manifest
 
 __all__ = ["FirstManifest", "ManifestEntry", "MissingKey", "draft_manifest", "write_first_manifest"]
@@ -144,7 +144,9 @@ class ManifestEntry:
     value: str
 
 
-def draft_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> tuple[str, FirstManifest, list[str]]:
+def draft_manifest(
+    folder: Path, entries: Sequence[ManifestEntry] = (), roles: Sequence[FrameRole] = ()
+) -> tuple[str, FirstManifest, list[InputError]]:
     """Text of the manifest of a folder of frames, what it lacks, and its faults.
 
     Parameters
@@ -153,11 +155,13 @@ def draft_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> tuple
         The folder.
     entries
         Values to add.
+    roles
+        Kind, filter and exposure of frames that their files and names do not state, or state wrongly.
 
     Returns
     -------
     tuple
-        Text of capture.toml, what it lacks without the entries, and its faults, one line each. Nothing is written.
+        Text of capture.toml, what it lacks without the entries, and its faults without its path. Nothing is written.
 
     Raises
     ------
@@ -165,15 +169,22 @@ def draft_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> tuple
         As of ``write_first_manifest``.
     """
     folder = Path(folder)
-    text, first, _ = _draft(folder)
-    text = _with_entries(text, first, entries)
+    text, first, _ = _draft(folder, roles)
+    text, refused = _with_entries(text, first, entries)
     manifest, faults = checked_keys(first.path, dict(parse_toml(first.path, text, "a manifest in TOML")))
     if manifest is not None:
         faults = capture_faults(folder, manifest)
-    return text, first, [str(fault).removeprefix(f"{first.path}: ") for fault in faults]
+    return text, first, [*refused, *(_in_file(first.path, fault) for fault in faults)]
 
 
-def write_first_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) -> FirstManifest:
+def _in_file(path: Path, fault: InputError) -> InputError:
+    """A fault without the file's path in its place."""
+    return InputError(fault.where.removeprefix(f"{path}: "), fault.found, fault.expected, fault.hint)
+
+
+def write_first_manifest(
+    folder: Path, entries: Sequence[ManifestEntry] = (), roles: Sequence[FrameRole] = ()
+) -> FirstManifest:
     """Classify the frames of a folder and its subfolder ``frames``; write ``capture.toml``.
 
     Frames stay where they are, whatever their format. Only the bands of a file with several bands are written into a
@@ -185,6 +196,8 @@ def write_first_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) ->
         The folder.
     entries
         Values to add.
+    roles
+        As of ``draft_manifest``.
 
     Returns
     -------
@@ -195,17 +208,19 @@ def write_first_manifest(folder: Path, entries: Sequence[ManifestEntry] = ()) ->
     ------
     InputError
         If a capture.toml exists, or if there are no frames of a scene. If frames differ in size or mosaic, or two
-        photographs have one name. For files that cannot be read, and for entries of unknown keys.
+        photographs have one name. For files that cannot be read, for entries of unknown keys, and for roles of files
+        that are no frames.
     """
-    text, first, frames = _draft(folder)
-    text = _with_entries(text, first, entries)
+    text, first, frames = _draft(folder, roles)
+    text, refused = _with_entries(text, first, entries)
+    raise_faults(first.path, refused)
     convert_bands(Path(folder), frames)
     with replacing(first.path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return first
 
 
-def _draft(folder: Path) -> tuple[str, FirstManifest, list[FolderFrame]]:
+def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest, list[FolderFrame]]:
     """Text of a folder's manifest, what it lacks, and its frames."""
     folder = Path(folder)
     path = folder / "capture.toml"
@@ -217,7 +232,8 @@ def _draft(folder: Path) -> tuple[str, FirstManifest, list[FolderFrame]]:
     if not frames:
         raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
     _require_one_size(frames)
-    groups, unused = group_frames(frames)
+    require_roles(folder, roles, frames)
+    groups, unused = group_frames(frames, roles)
     pattern = _pattern(frames)
     letters = () if pattern is None else channel_letters(pattern)
     if not any(group.kind == "band" for group in groups):
@@ -233,8 +249,9 @@ def _draft(folder: Path) -> tuple[str, FirstManifest, list[FolderFrame]]:
     return text, first, [frame for group in groups for frame in group.frames]
 
 
-def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEntry]) -> str:
-    """Text of a manifest with values added to its tables."""
+def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEntry]) -> tuple[str, list[InputError]]:
+    """Text of a manifest with values added to its tables, and the entries that are no values of their keys."""
+    refused = []
     examples = {(key.where, key.key): key.example.partition(" = ")[2] for key in first.missing if key.example}
     blocks = text.removesuffix(_FURTHER).rstrip("\n").split("\n\n")
     for entry in entries:
@@ -242,7 +259,11 @@ def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEnt
         example = examples.get((entry.where, entry.key)) or examples.get((f"every {header}", entry.key))
         if example is None:
             raise InputError(entry.where, repr(entry.key)[:80], "a key that the manifest lacks")
-        line = f"{entry.key} = {_as_toml(entry, example)}"
+        try:
+            line = f"{entry.key} = {_as_toml(entry, example)}"
+        except InputError as fault:
+            refused.append(fault)
+            continue
         if entry.where.startswith("every "):
             targets = [k for k, block in enumerate(blocks) if block.startswith(header)]
         elif entry.where == _TOP:
@@ -260,7 +281,7 @@ def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEnt
             lines = blocks[k].split("\n")
             if not any(written.startswith(f"{entry.key} =") for written in lines):
                 blocks[k] = "\n".join([*(each for each in lines if not each.startswith(f"# {entry.key} =")), line])
-    return "\n\n".join(_in_order_taken(blocks)) + "\n\n" + _FURTHER
+    return "\n\n".join(_in_order_taken(blocks)) + "\n\n" + _FURTHER, refused
 
 
 def _in_order_taken(blocks: Sequence[str]) -> list[str]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ FRAMES_FOLDER = "frames"
 _BLOCKS = 8
 #: Largest difference of two pictures' block means, of their range, up to which they show the same scene and light.
 _SAME_PICTURE = 0.01
+#: Number of files whose digests and block means are remembered: a kilobyte each.
+_MAX_REMEMBERED = 4096
 
 #: What file managers add to the name of a copy, in some languages.
 _MANAGERS_COPY = re.compile(
@@ -39,6 +42,8 @@ class LeftOut:
     file: str
     #: Why it is not named.
     why: str
+    #: Whether it is a frame, which a `FrameRole` can put into a table.
+    is_frame: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,14 +142,22 @@ def _digest(counts: NDArray[np.uint16]) -> str:
     return hashlib.sha256(repr(counts.shape).encode() + np.ascontiguousarray(counts).tobytes()).hexdigest()
 
 
-def _frames_of_file(folder: Path, path: Path) -> Iterator[FolderFrame]:
+def _frames_of_file(folder: Path, path: Path) -> Sequence[FolderFrame]:
+    """Frames of a file, read once until it changes: a page that checks each entry asks for them again."""
+    state = path.stat()
+    return _read_frames(folder, path, state.st_mtime_ns, state.st_ctime_ns, state.st_size)
+
+
+@lru_cache(_MAX_REMEMBERED)
+def _read_frames(folder: Path, path: Path, _changed: int, _status: int, _size: int) -> tuple[FolderFrame, ...]:
     header, listed, stem = frame_header(path), path.relative_to(folder).as_posix(), _stem(path)
     if not header.bands:
-        yield _frame(path, listed, stem, header.facts, None)
-    for number, band in enumerate(header.bands):
-        name = re.sub(r"[^\w.]+", "-", band)
-        facts = replace(header.facts, filter=band)
-        yield _frame(path, f"{FRAMES_FOLDER}/{stem}-{name}.tif", f"{stem}-{name}", facts, number)
+        return (_frame(path, listed, stem, header.facts, None),)
+    names = [stem + "-" + re.sub(r"[^\w.]+", "-", band) for band in header.bands]
+    return tuple(
+        _frame(path, f"{FRAMES_FOLDER}/{name}.tif", name, replace(header.facts, filter=band), number)
+        for number, (name, band) in enumerate(zip(names, header.bands, strict=True))
+    )
 
 
 def _refusal(folder: Path, path: Path) -> str | None:

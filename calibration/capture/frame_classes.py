@@ -2,21 +2,74 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
+from cboxlab.utils.errors import InputError
 
 from .folder_frames import FolderFrame, LeftOut, natural_key, show_the_same
 from .frame_names import FrameName, common_words, is_setting, kind_in_words, parse_name
 
-__all__ = ["FrameGroup", "common_values", "group_frames", "numbered_alike"]
+__all__ = ["FrameGroup", "FrameRole", "common_values", "group_frames", "numbered_alike", "require_roles"]
 
 #: Range of a picture's block means over that of a frame without light, at least: a hundredth of the light is light.
 _LIT = 200.0
+
+#: Kinds that the user may state of a frame; "none" leaves it out.
+_KINDS = ("band", "dark", "flat", "reference", "target", "none")
+
+#: A filter that the user states, which becomes the name of a band.
+_FILTER_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,39}")
+
+
+@dataclass(frozen=True)
+class FrameRole:
+    """What the user says of a frame; it comes before the file's header and name."""
+
+    #: Path of the file in the manifest.
+    file: str
+    #: "band", "dark", "flat", "reference", "target", or "none" for a frame that is not used.
+    kind: str
+    #: The filter; empty where header or name shall say it.
+    filter: str = ""
+    #: Exposure time, s; None where header or name shall say it.
+    exposure_s: float | None = None
+
+
+def require_roles(folder: Path, roles: Sequence[FrameRole], frames: Sequence[FolderFrame]) -> None:
+    """Require that roles are of frames of the folder, of kinds that exist.
+
+    Parameters
+    ----------
+    folder
+        The folder, for messages.
+    roles
+        What the user says of frames.
+    frames
+        The frames of the folder.
+
+    Raises
+    ------
+    InputError
+        For another file, kind, exposure, or a filter that is no name.
+    """
+    files = {frame.listed for frame in frames}
+    for role in roles:
+        where = f"{folder}: {role.file[:80]}"
+        if role.file not in files:
+            raise InputError(where, "no frame of the folder", "one of its frames")
+        if role.kind not in _KINDS:
+            raise InputError(where, f"the kind {role.kind[:40]!r}", f"one of {', '.join(_KINDS)}")
+        if role.filter and _FILTER_NAME.fullmatch(role.filter) is None:
+            raise InputError(where, f"the filter {role.filter[:60]!r}", "a name without blanks, such as f550")
+        if role.exposure_s is not None and not (math.isfinite(role.exposure_s) and role.exposure_s > 0):
+            raise InputError(where, f"the exposure {role.exposure_s:g} s", "seconds above 0, such as 4.0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +108,19 @@ class _Classified:
     filter: str | None
     exposure_s: float | None
     f_number: float | None
+    #: Whether the user states the kind.
+    has_role: bool = False
 
 
-def _classified(frame: FolderFrame, ignored: int) -> _Classified:
+def _classified(frame: FolderFrame, ignored: int, role: FrameRole | None) -> _Classified:
     facts, name = frame.facts, parse_name(frame.stem, ignored)
+    if role is not None:
+        # words of the name say nothing more; frames of one filter or of one kind are repeats
+        series = name.series if role.kind == "band" and not role.filter else ""
+        name = replace(name, kind=role.kind, other_words=(), repeat=None, series=series)
+        exposure = role.exposure_s or facts.exposure_s or name.exposure_s
+        band = role.filter or ("-".join(facts.filter.split()) if facts.filter else name.filter)
+        return _Classified(frame, name, role.kind, band, exposure, facts.f_number, has_role=True)
     kind = kind_in_words(facts.kind or "") or name.kind or "band"
     band = "-".join(facts.filter.split()) if facts.filter else name.filter
     exposure = facts.exposure_s if facts.exposure_s is not None else name.exposure_s
@@ -71,7 +133,7 @@ def _doubt(item: _Classified, bands: Mapping[str, str]) -> str | None:
     None if it is certain, or if the header states it. ``bands`` has the bands by the words of their names: a flat may
     name its band.
     """
-    if kind_in_words(item.frame.facts.kind or "") is not None:
+    if item.has_role or kind_in_words(item.frame.facts.kind or "") is not None:
         return None
     kind = item.name.kind
     other_words = "-".join(word for word in item.name.other_words if not is_setting(word))
@@ -91,7 +153,8 @@ def _shows_no_light(item: _Classified, items: Sequence[_Classified]) -> bool:
     False where its kind or filter is stated. Cameras number pictures behind a covered lens as all others.
     """
     blocks, facts = item.frame.blocks, item.frame.facts
-    if item.kind != "band" or item.filter is not None or kind_in_words(facts.kind or "") or not blocks.size:
+    is_stated = item.has_role or item.filter is not None or kind_in_words(facts.kind or "")
+    if item.kind != "band" or is_stated or not blocks.size:
         return False
     alike = [
         other.frame.blocks
@@ -213,7 +276,9 @@ def common_values(groups: Sequence[FrameGroup]) -> dict[str, float]:
     }
 
 
-def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[LeftOut]]:
+def group_frames(
+    frames: Sequence[FolderFrame], roles: Sequence[FrameRole] = ()
+) -> tuple[list[FrameGroup], list[LeftOut]]:
     """Sort frames into tables.
 
     Frames are repeats if they agree in kind, band, exposure, f-number and ISO. Where the exposure is unknown, their
@@ -223,6 +288,8 @@ def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[
     ----------
     frames
         The frames of a folder.
+    roles
+        What the user says of some of them.
 
     Returns
     -------
@@ -231,7 +298,9 @@ def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[
         references and targets. And the frames without a table, with the reason.
     """
     ignored = common_words([frame.stem for frame in frames])
-    every = [_classified(frame, ignored) for frame in frames]
+    stated = {role.file: role for role in roles}
+    unused = [frame for frame in frames if frame.listed in stated and stated[frame.listed].kind == "none"]
+    every = [_classified(frame, ignored, stated.get(frame.listed)) for frame in frames if frame not in unused]
     unlit = [item for item in every if _shows_no_light(item, every)]
     items = [item for item in every if item not in unlit]
     scenes = [item for item in items if item.kind == "band" and _doubt(item, {}) is None]
@@ -239,16 +308,19 @@ def group_frames(frames: Sequence[FolderFrame]) -> tuple[list[FrameGroup], list[
     bands = {"-".join(item.name.other_words) or item.name.stem: ids[id(item.frame)] for item in scenes}
     bands |= {band: band for band in ids.values()}
     why = "no light in it: name it 'dark-...' if the lens was covered, or name it in capture.toml"
-    left_out = [LeftOut(item.frame.listed, why) for item in unlit]
+    left_out = [LeftOut(item.frame.listed, why, is_frame=True) for item in unlit]
+    left_out += [LeftOut(frame.listed, "not used, as you said", is_frame=True) for frame in unused]
     groups: dict[tuple[object, ...], list[_Classified]] = defaultdict(list)
     for item in items:
         if (doubt := _doubt(item, bands)) is not None:
-            left_out.append(LeftOut(item.frame.listed, f"{doubt}: rename it, or name it in capture.toml"))
+            reason = f"{doubt}: rename it, or name it in capture.toml"
+            left_out.append(LeftOut(item.frame.listed, reason, is_frame=True))
             continue
         has_lens = item.kind not in ("dark", "target")
         band = (ids[id(item.frame)] if item.kind == "band" else _band(item, bands)) if has_lens else None
         if has_lens and band is None:
-            left_out.append(LeftOut(item.frame.listed, f"a {item.kind} whose band has no frames of the scene"))
+            reason = f"a {item.kind} whose band has no frames of the scene"
+            left_out.append(LeftOut(item.frame.listed, reason, is_frame=True))
             continue
         # Exposures that are not known may differ: then only the names say which frames are repeats.
         name = item.name.series if item.exposure_s is None and item.kind != "target" else ""

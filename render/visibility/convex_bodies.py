@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from ..device import dr, mi
 
-__all__ = ["ConvexBody", "convex_bodies", "convex_room"]
+__all__ = ["ConvexBody", "convex_bodies", "convex_room", "cross"]
 
 #: Largest distance at which two corners are one point, or a corner lies in a plane, mm.
 _SAME_MM = 1e-4
@@ -299,7 +299,7 @@ def _division(
     for outline in outlines[:-1]:
         middle, piece = outline.mean(axis=0), []
         for first, second in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-            across = np.cross(plane[:3], second - first)
+            across = cross(plane[:3], second - first)
             line = np.array([*across, across @ first]) / np.linalg.norm(across)
             heights = corners @ line[:3] - line[3]
             if min(heights.max(), -heights.min()) < _SAME_MM:  # at the side's own edge
@@ -355,6 +355,24 @@ def _planes(corners: NDArray[np.float64], most: float = np.inf) -> list[tuple[ND
     return planes
 
 
+def cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Cross products of vectors, as of ``np.cross``, in a fifth of its time for a few of them.
+
+    Parameters
+    ----------
+    first, second
+        (3,) or (k, 3) vectors.
+
+    Returns
+    -------
+    NDArray
+        (3,) or (k, 3) products.
+    """
+    x, y, z = first.T
+    u, v, w = second.T
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u]).T
+
+
 def _area(outline: NDArray[np.float64]) -> float:
     """Area of a plane polygon (k, 3), by the cross products of its corners."""
-    return 0.5 * float(np.linalg.norm(np.cross(outline, np.roll(outline, -1, axis=0)).sum(axis=0)))
+    return 0.5 * float(np.linalg.norm(cross(outline, np.roll(outline, -1, axis=0)).sum(axis=0)))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, mi
-from .convex_bodies import ConvexBody, convex_bodies, convex_room
+from .convex_bodies import ConvexBody, convex_bodies, convex_room, cross
 
 __all__ = ["MOST_FACES", "FlatFaces", "Nearest", "NearestFace", "flat_faces"]
 
@@ -297,13 +297,13 @@ def _joined(first: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[n
     apex, far = int(np.flatnonzero(~same.any(axis=1))[0]), int(np.flatnonzero(~same.any(axis=0))[0])
     outline = np.array([first[apex], first[(apex + 1) % 3], other[far], first[(apex + 2) % 3]])
     edges = np.roll(outline, -1, axis=0) - outline
-    turns = np.cross(edges, np.roll(edges, -1, axis=0)) @ normal
+    turns = cross(edges, np.roll(edges, -1, axis=0)) @ normal
     return outline if (turns > 0).all() else None
 
 
 def _normal(outline: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit normal of a plane polygon, by its first three corners."""
-    normal = np.cross(outline[1] - outline[0], outline[2] - outline[0])
+    normal = cross(outline[1] - outline[0], outline[2] - outline[0])
     return normal / np.linalg.norm(normal)
 
 
@@ -314,7 +314,7 @@ def _planes(outline: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     normal = _normal(outline)
     edges = np.roll(outline, -1, axis=0) - outline
-    inwards = np.cross(normal, edges / np.linalg.norm(edges, axis=1, keepdims=True))
+    inwards = cross(normal, edges / np.linalg.norm(edges, axis=1, keepdims=True))
     sides = [(a, a @ corner) for a, corner in zip(inwards, outline, strict=True)]
     if len(sides) == 3:
         sides.insert(1, sides[1])
@@ -343,7 +343,7 @@ def _diagonal(outline: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     if len(outline) == 3:
         return np.zeros(4)
-    beyond = np.cross(outline[3] - outline[1], _normal(outline))
+    beyond = cross(outline[3] - outline[1], _normal(outline))
     return np.array([*beyond, -beyond @ outline[1]])
 
 

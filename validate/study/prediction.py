@@ -223,20 +223,19 @@ def _camera_step(base: Base, before: NDArray[np.float64], effects: Sequence[Appl
     prior = rows.T @ rows
     deviation = rendered.fit.missed(expected).vector
     variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(before)) + rendered.variance
+    sharpness = np.zeros(len(used))  # 1 / sigma; 0 of samples that are not used
+    sharpness[used] = 1 / np.sqrt(variance.ravel()[used])
     derivative = base.derivative.reshape(len(base.derivative), -1)
-    still = np.ravel(before + base.refit_change)
-    measured = prepared.measured.ravel()
+    still = np.where(used, np.ravel(before + base.refit_change), 0.0)
+    residual = np.where(used, prepared.measured.ravel() - scale * still, 0.0) * sharpness
     step: NDArray[np.float64] = np.zeros(Nuisances.count)
     for _ in range(_ROUNDS):
         information, gradient = prior.copy(), prior @ deviation
         for first in range(0, len(used), _SAMPLES_AT_ONCE):
             some = slice(first, first + _SAMPLES_AT_ONCE)
-            members = used[some]
-            sigma = np.sqrt(variance.ravel()[some][members])
-            columns = np.vstack([scale * derivative[:, some], still[some]])[:, members] / sigma
-            residual = (measured[some] - scale * still[some])[members] / sigma
-            weight = np.minimum(1.0, _HUBER_SIGMA / np.maximum(np.abs(residual - step @ columns), 1e-9))
+            columns = np.vstack([derivative[:, some] * (scale * sharpness[some]), still[some] * sharpness[some]])
+            weight = np.minimum(1.0, _HUBER_SIGMA / np.maximum(np.abs(residual[some] - step @ columns), 1e-9))
             information += (columns * weight) @ columns.T
-            gradient += columns @ (weight * residual)
+            gradient += columns @ (weight * residual[some])
         step = np.asarray(np.linalg.solve(information, gradient), np.float64)
     return Nuisances.from_vector(step).camera

@@ -6,7 +6,6 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from functools import partial
 from importlib import resources
 from ipaddress import ip_address
 from typing import Any
@@ -23,7 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
 from .autosave import discard_unsaved
 from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
-from .first_capture import first_draft, first_thumbnails, write_first
+from .first_capture import FirstCaptures
 from .jobs import Jobs
 from .picker import Picker
 from .places import list_inputs
@@ -66,6 +65,7 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "controls.js": ("text/javascript", _page_file("controls.js")),
     "first.html": ("text/html", _page_file("first.html")),
     "first.js": ("text/javascript", _page_file("first.js")),
+    "first.css": ("text/css", _page_file("first.css")),
     "points.html": ("text/html", _page_file("points.html")),
     "points.js": ("text/javascript", _page_file("points.js")),
     "text.js": ("text/javascript", lambda: viewer_part("text.js")),
@@ -121,6 +121,7 @@ class _Handlers:
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
         self._picker = Picker(bench.root)
+        self._firsts = FirstCaptures(bench.root)
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
         #: Last answers by name, for pages that ask during a computation.
@@ -232,21 +233,20 @@ class _Handlers:
         return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
 
     async def first(self, request: Request) -> Response:
-        """Draft of a folder's first capture.toml, or its file."""
-        root = self.bench.root
-        steps: Mapping[str, Callable[[str, list[Any]], dict[str, Any]]] = {
-            "draft": partial(first_draft, root),
-            "write": partial(write_first, root),
-            "thumbnails": lambda folder, _: first_thumbnails(root, folder),
-        }
+        """Form of a folder's first capture.toml, its small pictures, or its file."""
+        firsts = self._firsts
         name, body = request.path_params["name"], await json_body(request)
-        folder, entries = text_of(body, "folder"), body.get("entries", [])
+        folder, entries, roles = text_of(body, "folder"), body.get("entries", []), body.get("roles", [])
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "draft": lambda: firsts.draft(folder, entries, roles),
+            "write": lambda: firsts.write(folder, entries, roles),
+            "thumbnails": lambda: firsts.thumbnails(folder),
+        }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
-        if not isinstance(entries, list):
-            raise InputError("entries", repr(entries)[:80], "a list of entries")
-        record = await self.jobs.quick(lambda: steps[name](folder, entries))
-        return JSONResponse(record, headers=_HEADERS)
+        if not isinstance(entries, list) or not isinstance(roles, list):
+            raise InputError("entries", repr((entries, roles))[:80], "lists of entries and of roles")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
 
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""

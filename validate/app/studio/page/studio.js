@@ -496,6 +496,13 @@ async function following(load) {
   enable(!page.job);
 }
 
+/** Open the capture that another page of the workbench asks for; no page of another origin can. */
+async function openAsked() {
+  const capture = sessionStorage.getItem("open");
+  sessionStorage.removeItem("open");
+  if (capture !== null && !page.job) await job("open", { capture, model: "" });
+}
+
 const events = new EventSource("api/events");
 events.onmessage = (message) => {
   const event = JSON.parse(message.data);
@@ -527,7 +534,10 @@ addEventListener("beforeunload", (event) => {
   if (page.record && page.record.open && !page.record.saved) event.preventDefault();
 });
 addEventListener("pageshow", (event) => { if (event.persisted) attempt(reload); }); // back and forward
-events.onopen = () => attempt(reload); // also after the server was away
+events.onopen = async () => { // also after the server was away
+  await attempt(reload);
+  await openAsked();
+};
 events.onerror = () => {
   showJob(null);
   $("mistake").textContent = NO_ANSWER;
