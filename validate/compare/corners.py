@@ -6,15 +6,17 @@ there is fitted by
 
     I(p) = sum_k w_k(p - d) B_k(p),
 
-with a polynomial B_k as the brightness of each face k. The shift d with the least misfit is the corner's. A polynomial
-is not the light: shadows and reflected light bend brightness near an edge. So polynomials of several degrees are fitted
+with a polynomial B_k as the brightness of each face k. Where a shadow lies on a face, it counts twice: whole, and times
+the part of the lamps that each of its points sees. The shift d with the least misfit is the corner's. A polynomial
+is not the light: reflected light bends brightness near an edge. So polynomials of several degrees are fitted
 to squares of several sizes. The mean of their shifts is the position, and their scatter is a part of its error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, fit_camera
@@ -22,9 +24,17 @@ from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    map_coordinates,
+    maximum_filter,
+    minimum_filter,
+    uniform_filter,
+)
 
-from .edge_alignment import align_photograph
+from .edge_alignment import EDGE_BIAS_PX, align_photograph
+from .edge_offsets import are_visible
 
 __all__ = ["Corner", "LocatedCorners", "locate_corners", "scene_corners"]
 
@@ -38,8 +48,8 @@ _FITS = ((2, 7), (2, 5), (1, 4), (3, 7))
 #: Weight that holds brightness at zero, per pixel: enough where a face is hardly in the square.
 _RIDGE = 1e-8
 
-#: Smallest share of a square that is in the picture.
-_SMALLEST_PART = 0.5
+#: Smallest share of a square that is in the picture: corners near its border have a third or more.
+_SMALLEST_PART = 0.3
 
 #: Largest shift from the position by the corrected camera, px.
 _SEARCH_PX = 1.5
@@ -49,6 +59,18 @@ _MARGIN_PX = 13
 
 #: Rays across a pixel, odd so that one is at its centre. An edge along the rows is then known to 0.06 px.
 _RAYS_ACROSS = 9
+
+#: Distance across a pixel of points at which the light of the lamps is computed, as a part of 1: three a pixel.
+_LIGHT_ACROSS = 3
+
+#: Points across half a lamp's quad (a triangle): 50 in all of a quad, so that a half shadow has steps of 2 %.
+_LAMP_POINTS_ACROSS = 5
+
+#: Smallest scatter of the part of the lamps that a face sees, for a shadow on it.
+_LEAST_SHADOW = 0.02
+
+#: Distance towards the camera at which light is computed, as a part of the way: else a face would shade itself.
+_OFF_THE_FACE = 1e-5
 
 #: Blurs of the lens that are tried first (standard deviation), px; the pixel's width is added. Each round halves the
 #: distance between them.
@@ -107,8 +129,10 @@ class LocatedCorners:
     sigma_px: NDArray[np.float64]
     #: Camera fitted to the positions; None with too few of them.
     fit: CameraFit | None
-    #: Reason for no camera, or for positions that are not refined; else empty.
+    #: Reason for no camera, or why no position is refined; else empty.
     reason: str = ""
+    #: (n) reasons why positions are not refined; empty texts for the others.
+    reasons: tuple[str, ...] = ()
 
 
 def scene_corners(scene: Scene) -> tuple[Corner, ...]:
@@ -163,7 +187,10 @@ def locate_corners(
         As clicked, without a camera, where the corners do not determine one.
     """
     count = len(clicked.ids)
-    corners = LocatedCorners(clicked, np.zeros(count, bool), np.full(count, np.nan), *_camera(clicked, photograph))
+    unrefined = ("",) * count
+    corners = LocatedCorners(
+        clicked, np.zeros(count, bool), np.full(count, np.nan), *_camera(clicked, photograph), unrefined
+    )
     if corners.fit is None or not by_edges:
         return corners
     try:
@@ -173,18 +200,25 @@ def locate_corners(
     blurs: tuple[float, ...] = _BLURS_PX
     step = blurs[1] / 2
     for _ in range(_ROUNDS):
-        squares = [_Square(photograph, scene, camera, corner) for corner in clicked.points_mm]
-        blur = _blur(squares, blurs)
+        in_view = are_visible(scene, camera, clicked.points_mm)
+        squares = {
+            index: _Square(photograph, scene, camera, clicked.points_mm[index]) for index in np.flatnonzero(in_view)
+        }
+        blur = _blur([*squares.values()], blurs)
         blurs, step = (max(blur - step, 0.0), blur, blur + step), step / 2
         image, sigma = clicked.image_px.copy(), np.full(count, np.nan)
-        for index, square in enumerate(squares):
+        reasons = ["hidden behind a surface"] * count
+        for index, square in squares.items():
             position, scatter = square.position(blur)
+            reasons[index] = square.reason
             if scatter < _LARGEST_SIGMA_PX:
                 image[index], sigma[index] = position, scatter
+            elif square.is_usable:
+                reasons[index] = "its edges do not determine it: shadows and reflected light hide them"
         refined = np.isfinite(sigma)
         change = np.abs(image - corners.points.image_px).max()
         points = replace(clicked, image_px=image)
-        corners = LocatedCorners(points, refined, sigma, *_camera(points, photograph))
+        corners = LocatedCorners(points, refined, sigma, *_camera(points, photograph), tuple(reasons))
         by_refined, _ = _camera(_subset(points, refined), photograph)
         if by_refined is not None:
             camera = by_refined.camera
@@ -196,7 +230,9 @@ def locate_corners(
     image = np.where(wrong[:, None], clicked.image_px, corners.points.image_px)
     points = replace(clicked, image_px=image)
     sigma = np.where(wrong, np.nan, corners.sigma_px)
-    return LocatedCorners(points, corners.by_edges & ~wrong, sigma, *_camera(points, photograph))
+    pairs = zip(wrong, corners.reasons, strict=True)
+    why = tuple("its edges disagree with the other corners" if is_wrong else text for is_wrong, text in pairs)
+    return LocatedCorners(points, corners.by_edges & ~wrong, sigma, *_camera(points, photograph), why)
 
 
 def _subset(points: SurveyedPoints, members: NDArray[np.bool_]) -> SurveyedPoints:
@@ -231,7 +267,7 @@ class _Square:
     ) -> None:
         height, width = photograph.shape
         self._expected = camera.project(corner_mm[None])[0]
-        self.is_usable = False
+        self.is_usable, self.reason = False, "outside the picture"
         if not np.isfinite(self._expected).all() or not (np.abs(self._expected) < 2 * (height + width)).all():
             return
         middle = np.round(self._expected).astype(int)
@@ -242,16 +278,20 @@ class _Square:
         values[inside] = photograph[rows[inside], columns[inside]]
         usable = np.isfinite(values)
         if usable.mean() < _SMALLEST_PART:
+            self.reason = f"{usable.mean():.0%} of the pixels around it can be used; {_SMALLEST_PART:.0%} are needed"
             return
         self._at = np.stack([v[usable], u[usable]]).astype(float)
         self._measured = values[usable]
         self._faces = _faces_around(scene, camera, middle)
+        self._light_of_lamps = partial(_lit_around, scene, camera, middle)
+        self._lit: dict[int, NDArray[np.float64]] = {}
         self._shares: dict[float, NDArray[np.float64]] = {}
-        self.is_usable = len(self._of_blur(0.0)) > 1
+        self.is_usable = len(np.unique(self._faces)) > 1
+        self.reason = "" if self.is_usable else "no edge near it"
 
     def _of_blur(self, blur: float) -> NDArray[np.float64]:
         if blur not in self._shares:
-            self._shares[blur] = _blurred(self._faces, blur)
+            self._shares[blur] = _blurred(self._faces, self._lit, blur)
         return self._shares[blur]
 
     def _fit(
@@ -288,9 +328,22 @@ class _Square:
         return float(np.log(max(self._fit(blur, *_FITS[0], np.zeros(2))[2], 1e-300)))
 
     def position(self, blur: float) -> tuple[NDArray[np.float64], float]:
-        """Position (u, v) of the corner and its standard deviation, px; else infinite."""
+        """Position (u, v) of the corner and its standard deviation, px; else infinite.
+
+        Shadows are computed only where polynomials alone do not determine the position. Reflected light is weaker at
+        the contact of two faces and shifts their edge, so that the error there is larger.
+        """
         if not self.is_usable:
             return self._expected, np.inf
+        position, scatter = self._mean_position(blur)
+        if scatter < _LARGEST_SIGMA_PX:
+            return position, scatter
+        self._lit, self._shares = self._light_of_lamps(), {}
+        if self._lit:
+            position, scatter = self._mean_position(blur)
+        return position, float(np.hypot(scatter, EDGE_BIAS_PX))
+
+    def _mean_position(self, blur: float) -> tuple[NDArray[np.float64], float]:
         first = self._fit(blur, *_FITS[0])
         fits = [first, *(self._fit(blur, *form, first[0]) for form in _FITS[1:])]
         shifts = np.array([shift for shift, _, _ in fits])
@@ -344,14 +397,21 @@ def _faces_met(
     scene: Scene, camera: Camera, middle: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
 ) -> NDArray[np.int64]:
     """Number of the flat face that each ray (u, v) near a pixel meets first; 0 for none."""
-    direction = camera.directions(u.ravel(), v.ravel())
-    nearest, number = np.full(u.size, np.inf), np.zeros(u.size, np.int64)
+    return _first_met(scene, camera, middle, camera.directions(u.ravel(), v.ravel()))[0].reshape(u.shape)
+
+
+def _first_met(
+    scene: Scene, camera: Camera, middle: NDArray[np.int64], direction: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """(n,) number of the flat face that each ray (n, 3) meets first, 0 for none, and its distance."""
+    nearest, number = np.full(len(direction), np.inf), np.zeros(len(direction), np.int64)
     flat: dict[tuple[float, ...], int] = {}
     for surface in scene.all_surfaces:
         for face in surface.faces:
-            if not _may_be_seen(camera, surface.vertices_mm[face], middle):
+            corners = surface.vertices_mm[face]
+            if not _may_be_seen(camera, corners, middle):
                 continue
-            a, b, c = surface.vertices_mm[face]
+            a, b, c = corners
             normal = np.cross(b - a, c - a)
             length = float(np.linalg.norm(normal))
             if length == 0:
@@ -363,11 +423,11 @@ def _faces_met(
                 slope = direction @ np.cross(c - a, b - a)
                 first, second = direction @ np.cross(c - a, from_a) / slope, direction @ turned / slope
                 distance = float((c - a) @ turned) / slope
-                hit = (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9) & (distance > 1e-6)
+            hit = (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9) & (distance > 1e-6)
             nearer = hit & (distance < nearest)
             nearest[nearer] = distance[nearer]
             number[nearer] = flat.setdefault(key, len(flat) + 1)
-    return number.reshape(u.shape)
+    return number, nearest
 
 
 def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArray[np.int64]) -> bool:
@@ -379,13 +439,59 @@ def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArr
     return bool(np.all(image.max(axis=0) > middle - reach) and np.all(image.min(axis=0) < middle + reach))
 
 
-def _blurred(faces: NDArray[np.int64], blur_px: float) -> NDArray[np.float64]:
-    """(k, n, n) shares of faces around each ray, within a pixel and the lens's blur."""
+def _lit_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
+    """Part of the lamps that points of a face see, (n, n) by its number, where a shadow lies on it.
+
+    Beyond the rim of the face, as at its nearest point.
+    """
+    size = (2 * _MARGIN_PX + 1) * _LIGHT_ACROSS
+    at = (np.arange(size) + 0.5) / _LIGHT_ACROSS - _MARGIN_PX - 0.5
+    u, v = np.meshgrid(middle[0] + at, middle[1] + at)
+    direction = camera.directions(u.ravel(), v.ravel())
+    number, distance = _first_met(scene, camera, middle, direction)
+    met = number > 0
+    positions = camera.position_mm + (distance[met] * (1 - _OFF_THE_FACE))[:, None] * direction[met]
+    lit = np.zeros(number.size)
+    lit[met] = _part_of_lamps(scene, positions)
+    rays = (np.arange(size * _RAYS_ACROSS // _LIGHT_ACROSS) + 0.5) * _LIGHT_ACROSS / _RAYS_ACROSS - 0.5
+    parts = {}
+    for face in np.unique(number[met]):
+        of_face = (number == face).reshape(size, size)
+        if np.std(lit.reshape(size, size)[of_face]) > _LEAST_SHADOW:
+            nearest = distance_transform_edt(~of_face, return_distances=False, return_indices=True)
+            extended = lit.reshape(size, size)[tuple(nearest)]
+            grid = np.meshgrid(rays, rays, indexing="ij")
+            parts[int(face)] = np.asarray(map_coordinates(extended, grid, order=1, mode="nearest"), np.float64)
+    return parts
+
+
+def _part_of_lamps(scene: Scene, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) part of the lamps' area that each position sees."""
+    steps = (np.arange(_LAMP_POINTS_ACROSS) + 0.5) / _LAMP_POINTS_ACROSS
+    x, y = (axis.ravel()[:, None] for axis in np.meshgrid(np.sqrt(steps), steps))
+    triangles = np.concatenate([lamp.surface.vertices_mm[lamp.surface.faces] for lamp in scene.lamps])
+    lamps = np.concatenate([a + x * (1 - y) * (b - a) + x * y * (c - a) for a, b, c in triangles])
+    hidden = np.zeros((len(positions), len(lamps)), bool)
+    for a, b, c in np.concatenate([surface.vertices_mm[surface.faces] for surface in scene.surfaces]):
+        from_a, to_lamps = positions - a, lamps - a
+        normal = np.cross(c - a, b - a)
+        height, lamp_height = from_a @ normal, to_lamps @ normal
+        if max(height.max(), lamp_height.max()) <= 0 or min(height.min(), lamp_height.min()) >= 0:
+            continue  # all on one side of the face
+        turned = np.cross(from_a, b - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # the determinants of ``_first_met``, of every position and every point of the lamps
+            slope = lamp_height - height[:, None]
+            first, second = np.cross(c - a, from_a) @ to_lamps.T / slope, turned @ to_lamps.T / slope
+            distance = (turned @ (c - a))[:, None] / slope
+            hidden |= (first >= 0) & (second >= 0) & (first + second <= 1) & (distance > 0) & (distance < 1)
+    return np.asarray(1 - hidden.mean(axis=1), np.float64)
+
+
+def _blurred(faces: NDArray[np.int64], lit: Mapping[int, NDArray[np.float64]], blur_px: float) -> NDArray[np.float64]:
+    """(k, n, n) shares of faces around each ray, and of their light from the lamps, in a pixel and the lens's blur."""
     numbers, counts = np.unique(faces, return_counts=True)
     large = numbers[counts > _SMALLEST_SHARE * faces.size]
-    return np.stack(
-        [
-            gaussian_filter(uniform_filter((faces == k).astype(float), _RAYS_ACROSS), blur_px * _RAYS_ACROSS)
-            for k in large
-        ]
-    )
+    parts = [(faces == k).astype(float) for k in large]
+    parts += [(faces == k) * lit[k] for k in large if k in lit]
+    return np.stack([gaussian_filter(uniform_filter(part, _RAYS_ACROSS), blur_px * _RAYS_ACROSS) for part in parts])

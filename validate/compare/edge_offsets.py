@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.special import erf
 
-__all__ = ["EdgeOffsets", "measure_edges"]
+__all__ = ["EdgeOffsets", "are_visible", "measure_edges"]
 
 #: Distance between samples along an edge, px: nearer ones would share pixels and so their noise.
 _SAMPLE_SPACING_PX = 2.0
@@ -118,7 +118,7 @@ def measure_edges(photograph: NDArray[np.float64], camera: Camera, scene: Scene)
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
             u, v = (image[:, i, None] + normal[:, i, None] * x for i in (0, 1))
             profile = map_coordinates(photograph, [v, u], order=1, mode="constant", cval=np.nan)
-            usable = np.all(np.isfinite(profile), axis=1) & _visible(scene, camera, positions)
+            usable = np.all(np.isfinite(profile), axis=1) & are_visible(scene, camera, positions)
             usable &= ~_crowded(image, tangent, others)
             if not np.any(usable):
                 continue
@@ -160,11 +160,25 @@ def _objects(scene: Scene) -> list[tuple[str, list[int]]]:
     ]
 
 
-def _visible(scene: Scene, camera: Camera, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) True where no face occludes a position.
+def are_visible(scene: Scene, camera: Camera, positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether a camera sees positions of a scene.
 
     Intersection by Möller and Trumbore (1997) in double precision: the positions lie on edges, where single precision
     would decide by chance whether the next face hides them.
+
+    Parameters
+    ----------
+    scene
+        Model of the scene.
+    camera
+        The camera.
+    positions
+        (n, 3) positions on edges or corners, mm.
+
+    Returns
+    -------
+    NDArray
+        (n,) True where no face hides the position.
     """
     corners = np.concatenate([surface.vertices_mm[surface.faces] for surface in scene.surfaces])
     direction = positions - camera.position_mm
@@ -191,7 +205,7 @@ def _image_edges(scene: Scene, camera: Camera) -> NDArray[np.float64]:
         image = camera.project(positions)
         tangent = np.gradient(image, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-        parts.append(np.hstack([image, tangent])[_visible(scene, camera, positions)])
+        parts.append(np.hstack([image, tangent])[are_visible(scene, camera, positions)])
     return np.concatenate(parts)
 
 

@@ -121,9 +121,16 @@ class Picker:
                     "by_edges": bool(refined),
                     "error_px": None if math.isnan(sigma) else float(sigma),
                     "residual_px": residual,
+                    "why": why,
                 }
-                for name, position, refined, sigma, residual in zip(
-                    points.ids, located.points.image_px, located.by_edges, located.sigma_px, residuals, strict=True
+                for name, position, refined, sigma, residual, why in zip(
+                    points.ids,
+                    located.points.image_px,
+                    located.by_edges,
+                    located.sigma_px,
+                    residuals,
+                    located.reasons,
+                    strict=True,
                 )
             ],
             "expected": expected,

@@ -70,7 +70,7 @@ async function locate(by_edges) {
 function mark(u, v) {
   const { width, height } = page.picture;
   const within = (value, size) => Math.min(Math.max(value, -0.5), size - 0.51);
-  page.marks.set(page.chosen, { u: within(u, width), v: within(v, height), by_edges: false, error_px: null, residual_px: [null, null] });
+  page.marks.set(page.chosen, { u: within(u, width), v: within(v, height), by_edges: false, error_px: null, residual_px: [null, null], why: "" });
   draw();
   attempt(() => locate(false));
 }
@@ -83,7 +83,7 @@ function list() {
     const at = page.marks.get(corner.id);
     const [du, dv] = at ? at.residual_px : [null, null];
     const residual = du === null ? "" : `; residual ${signed(du)}, ${signed(dv)}`;
-    const how = at && at.by_edges ? ` by edges ± ${at.error_px.toFixed(2)}` : "";
+    const how = at && at.by_edges ? ` by edges ± ${at.error_px.toFixed(2)}` : at && at.why ? ` as clicked (${at.why})` : "";
     const text = at ? `${at.u.toFixed(2)}, ${at.v.toFixed(2)} px${how}${residual}` : "not marked";
     return make("label", { class: "check" }, [input,
       make("span", {}, `${corner.name} (${corner.position_mm.map(numberText).join(", ")} mm): ${text}`)]);
