@@ -14,7 +14,7 @@ from .diagnosis import (
 from .figures import FIGURES, comparison_figure
 from .metrics import PathStep
 from .page import write_tables
-from .plots import STYLE, picture_row
+from .plots import STYLE, map_next_to, picture_row
 from .table_sections import correlation_section
 from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
 from .verdict import chi2_by_place, verdict
@@ -32,6 +32,7 @@ __all__ = [
     "diagnosis_record",
     "explained_share",
     "finding_sentences",
+    "map_next_to",
     "named_bands",
     "path_steps",
     "picture_row",

@@ -134,8 +134,14 @@ def write_sections(path: Path, title: str, sections: Sequence[ReportSection]) ->
         temporary.write_text(page, encoding="utf-8")
 
 
-def write_tables(path: Path, title: str, sentences: Sequence[str], tables: Sequence[Table]) -> None:
-    """Write a page of sentences and tables; an incomplete file is removed.
+def write_tables(
+    path: Path,
+    title: str,
+    sentences: Sequence[str],
+    tables: Sequence[Table],
+    pictures: Sequence[ReportSection] = (),
+) -> None:
+    """Write a page of sentences, pictures and tables; an incomplete file is removed.
 
     Parameters
     ----------
@@ -147,12 +153,14 @@ def write_tables(path: Path, title: str, sentences: Sequence[str], tables: Seque
         Sentences, the first one as the heading of the rest. Those that begin with a bullet become a list.
     tables
         Tables of text.
+    pictures
+        Sections between sentences and tables.
     """
     first, *others = sentences
     notes = [text.removeprefix(_BULLET) for text in others if text.startswith(_BULLET)]
     head = ReportSection(first, [text for text in others if not text.startswith(_BULLET)], steps=notes)
     below = [ReportSection(table.title, blocks=(ReportTable(table.columns, table.rows),)) for table in tables]
-    write_sections(path, title, [head, *below])
+    write_sections(path, title, [head, *pictures, *below])
 
 
 def build_report(path: Path, inputs: ReportInputs) -> None:

@@ -32,6 +32,7 @@ __all__ = [
     "Scale",
     "drawing",
     "falling_curve",
+    "map_next_to",
     "map_row",
     "new_figure",
     "picture_row",
@@ -72,6 +73,12 @@ COLOUR = 5.0
 
 #: End of the scale of luminance differences, %: the same in every report.
 LUMINANCE = 10.0
+
+#: Light that is white in a grey picture, over the median: lamps and highlights are brighter.
+_WHITE = 4.0
+
+#: Exponent of a screen.
+_SCREEN_GAMMA = 2.2
 
 #: Colour stops of the CSS gradient of a scale.
 _NUM_GRADIENT_STOPS = 17
@@ -276,6 +283,35 @@ def picture_row(images: Mapping[str, NDArray[np.uint8]], caption: str = "") -> M
         The row, without a scale.
     """
     return MapRow(tuple(_panel(name, blocks(image), image) for name, image in images.items()), None, caption)
+
+
+def map_next_to(picture: tuple[str, ArrayLike], image: tuple[str, ArrayLike], unit: str, caption: str = "") -> MapRow:
+    """Grey picture, and next to it a signed map in standard errors.
+
+    Parameters
+    ----------
+    picture
+        Caption, and (y, x) light; four times its median and more is white.
+    image
+        Caption, and (y, x) difference over sigma; NaN is hatched.
+    unit
+        Name of the difference.
+    caption
+        Caption of the row.
+
+    Returns
+    -------
+    MapRow
+        The row. Its scale ends at 5 or, where the map goes far beyond it, at the map's largest value.
+    """
+    name, light = picture[0], np.asarray(picture[1], float)
+    white = max(_WHITE * float(np.nanmedian(light)), 1e-3 * float(np.nanmax(light)), 1e-300)
+    grey = np.rint(255 * np.clip(blocks(light) / white, 0, 1) ** (1 / _SCREEN_GAMMA)).astype(np.uint8)
+    values = np.asarray(image[1], float)
+    largest = float(np.nanmax(np.abs(values)))
+    end = RESIDUAL if largest <= 2 * RESIDUAL else float(f"{largest:.1g}")
+    maps = map_row({image[0]: values}, Scale(-end, end, unit, "RdBu_r"))
+    return MapRow((_panel(name, np.stack([grey] * 3, axis=-1), light), *maps.panels), maps.scale, caption)
 
 
 #: Parameters of matplotlib for every plot of a report; the salt makes identifiers in the SVG repeatable.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,10 @@ from .console import (
     require_file,
     say,
 )
+
+if TYPE_CHECKING:
+    from ...compare_renders.regress import Spot
+    from ...report import ReportSection
 
 __all__ = ["regress"]
 
@@ -82,7 +86,9 @@ def regress(
     if out is not None:
         from ...report import write_tables  # slow to import
 
-        write_tables(out, f"{candidate} against {baseline}", outcome.lines(), outcome.tables())
+        pictures = [] if outcome.spot is None else [_where(outcome.spot)]
+        title = f"{_short(candidate)} against {_short(baseline)}"
+        write_tables(out, title, outcome.lines(), outcome.tables(), pictures)
     written = [path for path in (json, junit, out) if path is not None and path != STANDARD_OUTPUT]
     if written:
         from ...api import write_manifest  # slow to import
@@ -96,3 +102,25 @@ def regress(
             say(line)
     if not outcome.same:
         raise typer.Exit(1)
+
+
+def _short(side: str) -> str:
+    """Side for a title: a command, or the first of several files and their number."""
+    first, *others = [side] if "{out}" in side else side.split(",")
+    return f"{first} and {len(others)} more" if others else first
+
+
+def _where(spot: Spot) -> ReportSection:
+    """Section of the page with a map of the difference, next to the baseline."""
+    from ...report import ReportSection, map_next_to  # slow to import
+
+    of_band = f" in band {spot.band}" if spot.band else ""
+    pixels = f"smoothed by a Gaussian of {spot.width_px:g} px" if spot.width_px else "pixel by pixel"
+    caption = (
+        f"Candidate less baseline{of_band} over its standard error, {pixels}: the width at which the difference is "
+        f"clearest. Red is brighter, blue darker. Noise alone rarely exceeds ±4.5."
+    )
+    light = f"Baseline, light{of_band or ' of all bands'}; four times its median is white"
+    signed = f"Candidate less baseline, {pixels}"
+    row = map_next_to((light, spot.baseline), (signed, spot.sigmas), "(candidate − baseline) / σ", caption)
+    return ReportSection("Where the pictures differ", (), (row,))

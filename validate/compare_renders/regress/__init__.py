@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .sides import Side, SurfaceIndices, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
     from .strata import BLOCKS, strata_of
     from .verdict import FALSE_ALARMS, compared_areas, regress_sides
+    from .where import Spot
 
 __all__ = [
     "BLOCKS",
@@ -36,6 +37,7 @@ __all__ = [
     "Outcome",
     "PooledMean",
     "Side",
+    "Spot",
     "SurfaceIndices",
     "View",
     "as_percent",

@@ -17,6 +17,7 @@ from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
 from .patterns import CANCELLING, FIXED_TEXTURE, STRUCTURE, PooledMean
+from .where import Spot
 
 __all__ = [
     "UNKNOWN",
@@ -89,6 +90,8 @@ class Outcome(FrozenMappings):
     kinds: Mapping[str, str] = field(default_factory=dict)
     #: Whether a side states no noise, so that a texture of single pixels counts as noise.
     single_pictures: bool = False
+    #: Where the pictures differ; None where they are the same.
+    spot: Spot | None = None
 
     @property
     def same(self) -> bool:
@@ -217,6 +220,8 @@ class Outcome(FrozenMappings):
         text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
         if self.unseen:
             text.append(self.unseen)
+        if self.spot is not None:
+            text.append(self.spot.sentence)
         if self.cancelling:
             text.append(f"Pattern whose means cancel: {self.cancelling}.")
         for index, change in enumerate(self.changes[:_MOST_NAMES]):
@@ -285,6 +290,7 @@ class Outcome(FrozenMappings):
             },
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
+            "where": None if self.spot is None else self.spot.record(),
             "even": {row.name: _record(row) for row in self.of_kind("even")},
             "blocks": {row.name: _record(row) for kind in ("block", "cubes") for row in self.of_kind(kind)},
             "spread": {row.name: _record(row) for row in self.of_kind("spread")},

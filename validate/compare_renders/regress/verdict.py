@@ -37,6 +37,7 @@ from .pooled import (
 )
 from .sides import Side, SurfaceIndices, quieter_part, roughness_of, sound_side
 from .strata import Strata, strata_of
+from .where import Spot, spot_of
 
 __all__ = ["FALSE_ALARMS", "RegressionData", "compared_areas", "compared_sides", "regress_sides"]
 
@@ -311,7 +312,18 @@ def regress_sides(
         notes=tuple(notes),
         single_pictures=comparison.noise.estimated,
     )
-    return outcome, comparison
+    return outcome if outcome.same else replace(outcome, spot=_spot(as_found, outcome)), comparison
+
+
+def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
+    """Spot of the difference, in the sum over bands or in the band that decides."""
+    pooling, first, names = comparison.pooling, outcome.deciding[0], comparison.common.baseline.bands
+    band = first.name if first.kind == "band" else ""
+    sums = pooling.band(names.index(band)) if band else pooling.summed
+    noise, strata = comparison.noise, comparison.strata
+    excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
+    parts = strata.surfaces | {"the lamp": strata.lamp}
+    return spot_of(sums.difference, sums.level, excess * sums.variance, strata.used, noise.clustering, parts, band)
 
 
 def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[PooledMean, ...]:

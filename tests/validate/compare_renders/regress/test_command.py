@@ -67,11 +67,18 @@ def test_equal_pictures_of_no_stated_scene_are_compared_without_rendering_one(cu
 def test_another_lamp_ends_with_1_and_is_named(cubes, tmp_path):
     page = tmp_path / "r.html"
     assert ended("regress", cubes / "a.nc", cubes / "brighter.nc", "--json", tmp_path / "r.json", "--out", page) == 1
-    assert "DIFFERENT: mean light" in page.read_text(encoding="utf-8") and "<table" in page.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    assert "DIFFERENT: mean light" in text
+    assert "<table" in text
+    assert text.count('src="data:image/png;base64,') == text.count(' alt="') == 2
+    assert 'alt="Baseline, light of all bands; four' in text.replace("\u00a0", " ")
+    assert "(candidate − baseline) / σ" in text.replace("\u00a0", " ")
     record = json.loads((tmp_path / "r.json").read_text())
     assert record["same"] is False
     assert abs(record["mean_relative_difference"] - 0.05) < 5 * record["sigma"]
     assert record["named"][0]["change"] == "lamp-scale"
+    assert record["where"]["clear"] is True
+    assert record["where"]["relative_difference"] == pytest.approx(0.05, abs=0.02)
 
 
 def test_the_camera_that_the_cubes_state_is_used(tmp_path):
