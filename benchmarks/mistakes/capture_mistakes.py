@@ -29,6 +29,8 @@ def _value(value: Any) -> str:
         return str(value).lower()
     if isinstance(value, list):
         return "[" + ", ".join(_value(v) for v in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k} = {_value(v)}" for k, v in value.items()) + "}"
     return repr(value) if not isinstance(value, str) else '"' + value.replace('"', "'") + '"'
 
 

@@ -294,3 +294,14 @@ for _name, _change, _pattern in (
     ),
 ):
     MISTAKES.append(Mistake(_name, _points(_change), _pattern))  # type: ignore[arg-type]
+
+
+@mistake("the table of one colour channel off by 10 nm", r"displaced by [-+]1?\d nm|does not suit the references")
+def _(d: Draft, rng: np.random.Generator) -> None:
+    efficiency = d.manifest["camera"]["quantum_efficiency"]
+    if not isinstance(efficiency, dict):
+        raise Unsuitable
+    column = efficiency[sorted(efficiency)[int(rng.integers(len(efficiency)))]]
+    grid = np.loadtxt(d.columns(column)[0], delimiter=",", skiprows=1)[:, 0]
+    shift = rng.choice([-10.0, 10.0])
+    d.spectrum(column, lambda values: np.interp(grid - shift, grid, values))

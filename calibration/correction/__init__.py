@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .full_well import with_full_well
     from .merged_noise import measure_merged_noise
     from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
+    from .noise_line import VarianceSamples, samples_of_repeats
     from .nominal_fall_off import LensAxis, fall_off_terms
     from .repeat_light import with_steady_light
 
@@ -23,6 +24,7 @@ __all__ = [
     "DarkLibrary",
     "LensAxis",
     "NoiseModel",
+    "VarianceSamples",
     "correct",
     "correct_bands",
     "evaluate_variance",
@@ -31,6 +33,7 @@ __all__ = [
     "measure_merged_noise",
     "measure_noise",
     "read_darks",
+    "samples_of_repeats",
     "uniform_flat",
     "with_full_well",
     "with_steady_light",

@@ -11,6 +11,7 @@ is in the unit of the focal length (mm here). For the nominal lens, C = (pi / 4)
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from cboxlab.scenes import NAMED_CAMERA
@@ -123,11 +124,15 @@ def _lens_of(capture: Capture) -> Spectrum | None:
     return None if capture.manifest.is_absolute and not _is_relative(capture) else _CLEAR
 
 
-def _rest_curve(capture: Capture, channel: str | None, grid: WavelengthGrid) -> NDArray[np.float64] | None:
+def _rest_curve(
+    capture: Capture, channel: str | None, grid: WavelengthGrid, displaced_nm: float = 0.0
+) -> NDArray[np.float64] | None:
     """(w,) F Q T_lens; None where the capture states no lens or no quantum efficiency."""
     lens, efficiency = _lens_of(capture), capture.quantum_efficiency(channel)
     if lens is None or efficiency is None:
         return None
+    if displaced_nm:
+        efficiency = replace(efficiency, wavelength_nm=efficiency.wavelength_nm + displaced_nm)
     return rest_curve(efficiency, lens, grid)
 
 
@@ -139,7 +144,9 @@ def _is_relative(capture: Capture) -> bool:
     return isinstance(efficiency, dict) and any(column.startswith(NAMED_CAMERA) for column in efficiency.values())
 
 
-def response_curve(capture: Capture, band: BandTable, channel: str | None = None) -> NDArray[np.float64] | None:
+def response_curve(
+    capture: Capture, band: BandTable, channel: str | None = None, displaced_nm: float = 0.0
+) -> NDArray[np.float64] | None:
     """Spectral response F Q T_lens T_i of a band.
 
     Parameters
@@ -150,20 +157,23 @@ def response_curve(capture: Capture, band: BandTable, channel: str | None = None
         Band with a transmittance T_i.
     channel
         "R", "G" or "B" of a sensor with a mosaic; None without a mosaic.
+    displaced_nm
+        Displacement of the table of Q to longer wavelengths, nm.
 
     Returns
     -------
     NDArray | None
         (301,) response on WAVELENGTH_NM, quanta per joule; None if one of the factors is not stated.
     """
-    rest, transmittance = _rest_curve(capture, channel, INTEGRAL_GRID), _filter_of(capture, band)
+    rest = _rest_curve(capture, channel, INTEGRAL_GRID, displaced_nm)
+    transmittance = _filter_of(capture, band)
     if rest is None or transmittance is None:
         return None
     return rest * transmittance.at(WAVELENGTH_NM)
 
 
 def counts_over_constant(
-    capture: Capture, table: BracketTable, radiance: str, channel: str | None = None
+    capture: Capture, table: BracketTable, radiance: str, channel: str | None = None, displaced_nm: float = 0.0
 ) -> float | None:
     """Net counts of a light divided by the constant C: t f^-2 d^-2 Int F Q T L dl.
 
@@ -177,13 +187,16 @@ def counts_over_constant(
         Name of the light's spectral radiance in the capture.
     channel
         Channel of a sensor with a mosaic; None without a mosaic.
+    displaced_nm
+        Displacement of the table of Q to longer wavelengths, nm.
 
     Returns
     -------
     float | None
         Counts over C, DN (e-/DN) mm^-2 m^-2; None if a table is missing or the counts are 0.
     """
-    curve, factor = response_curve(capture, capture.band(table.band), channel), optical_factor(capture, table)
+    curve = response_curve(capture, capture.band(table.band), channel, displaced_nm)
+    factor = optical_factor(capture, table)
     if curve is None or factor is None:
         return None
     light = capture.light(radiance).at(WAVELENGTH_NM)

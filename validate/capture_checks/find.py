@@ -11,6 +11,7 @@ from cboxlab.calibration.result import Calibration
 from cboxlab.rendering.device import variant
 
 from .band_registration import check_registration
+from .channel_tables import check_channel_tables
 from .lamp import check_lamp
 from .materials import check_materials
 from .placement import check_orientation, check_survey
@@ -55,6 +56,7 @@ def find_scene_suspicions(calibration: Calibration) -> tuple[Suspicion, ...]:
         *check_orientation(capture, view),
         *check_survey(capture, view),
         *check_lamp(capture, bands, radiometry, calibration.channels, view),
+        *check_channel_tables(capture, bands, radiometry, calibration.channels, view),
         *check_registration(capture, bands),
     )
     return tuple(dict.fromkeys(suspicions))
