@@ -52,3 +52,26 @@ def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
     fit, rest = judgement.flaws_without(linearised, (noise + cause).ravel(), cause)
     assert fit is linearised
     assert rest == pytest.approx(noise.ravel())
+
+
+def test_rivals_of_effects_that_hold_meet_the_flaws_too(monkeypatch):
+    """One that fits better only because the base is off wins without the flaws; next to them it is compared again."""
+    asked, rival = [], SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id="glare")))
+
+    def better(linearised, selected, _):
+        asked.append(linearised.model)
+        return [rival], ["assessed"]
+
+    flaws = SimpleNamespace(model=SimpleNamespace(counted_in=lambda plain, _: f"{plain} with flaws"), fitted=None)
+    verdicts = (judgement.Verdict("glare", 0.1, 90.0, 9.0, 1.0, True),)
+    monkeypatch.setattr(judgement, "replace", lambda value, **new: SimpleNamespace(**{**vars(value), **new}))
+    monkeypatch.setattr(judgement, "with_better_alternatives", better)
+    monkeypatch.setattr(judgement, "refitted_together", lambda linearised, selected: list(selected))
+    monkeypatch.setattr(judgement, "confirmed_with_flaws", lambda linearised, selected: (selected, flaws, verdicts))
+    monkeypatch.setattr(judgement, "with_alternatives", lambda linearised, *_: asked.append(linearised.model) or [])
+    monkeypatch.setattr(judgement, "tested_without_errors", lambda linearised, assessed: assessed)
+    monkeypatch.setattr(judgement, "confirmed_where_held_out", lambda linearised, selected, *_: (selected, []))
+    settled = judgement.settled_with_flaws(SimpleNamespace(model="plain"), [CANDIDATE], flaws, (), ())
+    assert [c.hypothesis.effect.id for c in settled.selected] == ["glare"]
+    assert asked == ["plain with flaws", "plain with flaws"]
+    assert [verdict.holds for verdict in settled.verdicts] == [True]

@@ -81,9 +81,9 @@ def _rivals(fit_input: FitInput) -> Iterator[FittedExplanation]:
     """
     yield from _generate(fit_input)
     data, t = fit_input.data, fit_input.data.transport
-    bands, lines = len(data.bands), len(t.line_nm)
-    if data.used.all(axis=0).any():
+    if data.used.all(axis=0).any():  # bands of filters: their pictures stand for narrow parts of the spectrum
         return
+    bands, lines = len(data.bands), len(t.line_nm)
     ratio = t.lines[None] / np.maximum(t.picture, 1e-30)[:, None]
     ratio = np.where(t.picture[:, None] > 0, ratio, 0.0).reshape(bands, lines, -1)
     signal = data.signal.reshape(bands, 1, -1)
