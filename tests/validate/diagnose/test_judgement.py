@@ -56,10 +56,10 @@ def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
 
 def test_rivals_of_effects_that_hold_meet_the_flaws_too(monkeypatch):
     """One that fits better only because the base is off wins without the flaws; next to them it is compared again."""
-    asked, rival = [], SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id="glare")))
+    models, rival = [], SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id="glare")))
 
     def better(linearised, selected, _):
-        asked.append(linearised.model)
+        models.append(linearised.model)
         return [rival], ["assessed"]
 
     flaws = SimpleNamespace(model=SimpleNamespace(counted_in=lambda plain, _: f"{plain} with flaws"), fitted=None)
@@ -68,10 +68,10 @@ def test_rivals_of_effects_that_hold_meet_the_flaws_too(monkeypatch):
     monkeypatch.setattr(judgement, "with_better_alternatives", better)
     monkeypatch.setattr(judgement, "refitted_together", lambda linearised, selected: list(selected))
     monkeypatch.setattr(judgement, "confirmed_with_flaws", lambda linearised, selected: (selected, flaws, verdicts))
-    monkeypatch.setattr(judgement, "with_alternatives", lambda linearised, *_: asked.append(linearised.model) or [])
+    monkeypatch.setattr(judgement, "with_alternatives", lambda linearised, *_: models.append(linearised.model) or [])
     monkeypatch.setattr(judgement, "tested_without_errors", lambda linearised, assessed: assessed)
     monkeypatch.setattr(judgement, "confirmed_where_held_out", lambda linearised, selected, *_: (selected, []))
     settled = judgement.settled_with_flaws(SimpleNamespace(model="plain"), [CANDIDATE], flaws, (), ())
     assert [c.hypothesis.effect.id for c in settled.selected] == ["glare"]
-    assert asked == ["plain with flaws", "plain with flaws"]
+    assert models == ["plain with flaws", "plain with flaws"]
     assert [verdict.holds for verdict in settled.verdicts] == [True]

@@ -75,9 +75,10 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _rivals(fit_input: FitInput) -> Iterator[FittedExplanation]:
-    """The same forms, and second pass bands of a colour filter: light of a single wavelength in one channel.
+    """The same forms, and light of a single wavelength in one channel of a mosaic.
 
-    Few channels stand for few wavelengths, so that the line's picture follows the light exchange.
+    Such is the second pass band of a dye. Few channels stand for few wavelengths, so that the picture of each follows
+    the light exchange.
     """
     yield from _generate(fit_input)
     data, t = fit_input.data, fit_input.data.transport
@@ -153,7 +154,7 @@ def _explanation(
 
 
 def _of_two(n: NormalEquations, band: int, some: list[int]) -> FieldFit:
-    """Fit of two columns in one band: another level of the band itself, and light of another kind."""
+    """Fit of two columns in one band: its own level, and light of another kind."""
     h = n.a[band][np.ix_(some, some)] - n.c[band][:, some].T @ n.c[band][:, some]
     x, evidence, freedom, width = solve_coefficients(h, n.b[band][some])
     trial_h, trial_b = n.trial_a[band][np.ix_(some, some)], n.trial_b[band][some]
