@@ -1,4 +1,4 @@
-"""Sound boxes that are not quite as surveyed: soft corners, leaning things, uneven paint, old flats.
+"""Sound boxes that are not quite as surveyed: soft corners, leaning things, uneven or other paint, old flats.
 
 A flaw changes the real box, or the light that its sensor counts. None of them uses the formulas with which a
 diagnosis describes flaws: things are meshes in the rendered scene, fields are sums of waves at random.
@@ -13,6 +13,7 @@ import numpy as np
 from cboxlab.rendering.image.image import RenderedImage
 from cboxlab.scenes.scene import Scene, Surface
 from cboxlab.scenes.shapes import box_mesh
+from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
@@ -45,10 +46,14 @@ class Picture:
 
 @dataclass(frozen=True)
 class Flaw:
-    """scene : a change of the box; light : factor (band, y, x) on the light at full size; either may do nothing."""
+    """scene : a change of the box; light : factor (band, y, x) on the light at full size; either may do nothing.
+
+    as_drawn : whether its size is the drawn one, not one between the limits.
+    """
 
     scene: Callable[[Draw, Scene], Scene] | None = None
     light: Callable[[Draw, Picture], Stack] | None = None
+    as_drawn: bool = False
 
 
 def _with(scene: Scene, changed: Mapping[str, NDArray[np.float64]]) -> Scene:
@@ -163,6 +168,19 @@ def caulk(draw: Draw, scene: Scene) -> Scene:
     return replace(scene, surfaces=(*scene.surfaces, *strips))
 
 
+def other_paints(draw: Draw, scene: Scene) -> Scene:
+    """Tables of all paints are off by 0.1 to 0.4 % (rms), slowly over wavelength: noise that is blurred over 40 nm."""
+    size, grid = draw.uniform(0.001, 0.004), np.arange(360.0, 761.0, 5.0)
+    materials = {}
+    for name, material in scene.materials.items():
+        blurred = gaussian_filter(draw.standard_normal(len(grid) + 80), 8)[40:-40]
+        table, change = material.reflectance, size * blurred / blurred.std()
+        values = table.values * (1 + np.interp(table.wavelength_nm, grid, change))
+        changed = Spectrum(table.wavelength_nm, np.minimum(values, 1.0), table.outside)
+        materials[name] = replace(material, reflectance=changed)
+    return replace(scene, materials=materials)
+
+
 def soft_creases(draw: Draw, picture: Picture) -> Stack:
     """Corners of the room are rounded: light that was reflected before is blurred over 0.7 px along them."""
     inside = picture.room.astype(float)
@@ -237,4 +255,5 @@ FLAWS: Mapping[str, Flaw] = {
     "astigmatism": Flaw(light=astigmatism),
     "old-flats": Flaw(light=old_flats),
     "sizes": Flaw(scene=sizes),
+    "other-paints": Flaw(scene=other_paints, as_drawn=True),
 }

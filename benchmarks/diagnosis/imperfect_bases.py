@@ -168,8 +168,8 @@ def flaw_of(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEf
         changed = _signal(image_of(name, seed, laboratory, size), laboratory, size)
         factor = np.divide(changed, signal, out=np.ones_like(signal), where=signal > 0)
     factor = np.clip(factor, 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
-    target = float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
     excess = _excess(signal, factor * signal, laboratory, size, sound.sees_lamp)
+    target = excess if flaw.as_drawn else float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
     factor = 1 + np.sqrt(target / excess) * (factor - 1)
     effect = Effect("flaw", "optics", "a flaw", (), lambda light: light.with_signal(light.signal * factor), "none")
     return AppliedEffect(effect, {}), target

@@ -263,6 +263,11 @@ class Effect:
         """Parameters that are numbers."""
         return tuple(p for p in self.parameters if not p.choices)
 
+    @property
+    def acts_on_things(self) -> bool:
+        """Whether it acts on a paint, a surface or a block: on one thing in the scene."""
+        return any(p.kind in ("material", "surface", "block") for p in self.parameters)
+
     def to_dict(self) -> dict[str, Any]:
         """Description of the effect, ready for JSON.
 

@@ -45,7 +45,7 @@ from .judgement import (
     flaws_without,
     scores_with_flaws,
     selected_with_flaws,
-    verdicts_with_flaws,
+    settled_with_flaws,
 )
 from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
@@ -391,13 +391,18 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     by_size = search = selection(validation, first, signatures, progress)
     effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
     flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors_in(search.linearised)
-    del fitted_flaws  # its columns take much of the memory
     capture = validation.prepared.calibration.capture
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
     doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
+    again = None
     if doubtful or something_remains(search.linearised.model, residual, rendered):
         # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
+        del fitted_flaws  # the next one is as large
         again = selected_with_flaws(validation, search.linearised if effects else first, effects, signatures)
+    elif effects and flaws.imitated:
+        again = settled_with_flaws(search.linearised, effects, fitted_flaws, verdicts, signatures)
+        del fitted_flaws
+    if again is not None:
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
@@ -405,18 +410,18 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         judged = _Judged(
             by_size, search, again.selected, again.assessed, again.flaws.base_flaws, verdicts, cost, imitated
         )
-        del again
+        del again  # its columns take much of the memory
         return _likelier_than_imitations(judged, errors, signatures, capture)
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
         if search.selected:
-            fitted_flaws, small_verdicts = verdicts_with_flaws(search.linearised, search.selected)
-            flaws, verdicts = fitted_flaws.base_flaws, tuple(small_verdicts)
-            errors = fitted_flaws.errors_in(search.linearised)
-            if flaws.imitated and not all(verdict.holds for verdict in verdicts):
-                search = replace(search, selected=[], assessed=[])
+            effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
+            flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors_in(search.linearised)
+            if flaws.imitated and len(effects) < len(search.selected):
+                rivals = with_alternatives(search.judging(search.linearised), effects, signatures)
+                search = replace(search, selected=effects, assessed=rivals)
     judged = _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
     return _likelier_than_imitations(judged, errors, signatures, capture)
 

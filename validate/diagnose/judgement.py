@@ -42,6 +42,7 @@ __all__ = [
     "flaws_without",
     "scores_with_flaws",
     "selected_with_flaws",
+    "settled_with_flaws",
     "verdict_of",
     "verdicts_with_flaws",
 ]
@@ -230,6 +231,7 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
         transport,
         _arriving_indirectly(signal, reflectance, direct, total),
         reflectance,
+        predictor.patch_light_of(scene, included),
     )
     return build_flaw_model(linearised.model, columns, signal, residual)
 
@@ -404,25 +406,55 @@ def selected_with_flaws(
         del flaws  # the next one is as large
         flaws = flaws_of(linearised, residual_with(linearised, selected))
     del flaws
-    selected, flaws, verdicts = confirmed_with_flaws(linearised, selected)
-    if selected:
-        # rivals meet the same flaws as the effects: without flaws, the best one imitates these as well
+    return settled_with_flaws(linearised, *confirmed_with_flaws(linearised, selected), signatures)
+
+
+def settled_with_flaws(
+    linearised: LinearisedFit,
+    selected: Sequence[Candidate],
+    flaws: FlawsWithEffects,
+    verdicts: tuple[Verdict, ...],
+    signatures: Sequence[Signature],
+) -> SelectionWithFlaws:
+    """Effects that hold next to the flaws of the base, against rivals that meet the same flaws.
+
+    Without flaws the best rival imitates these as well.
+
+    Parameters
+    ----------
+    linearised
+        The capture's linearised fit with those effects, without errors in its covariance.
+    selected
+        Effects that hold.
+    flaws
+        Flaws of the base next to them.
+    verdicts
+        Judgement of every effect.
+    signatures
+        Signatures of the hypotheses.
+
+    Returns
+    -------
+    SelectionWithFlaws
+        The effects that hold in the end.
+    """
+    if not selected:
+        return SelectionWithFlaws(linearised, [], [], flaws, verdicts)
+    judged = _judged(linearised, flaws)
+    better, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
+    if _names(better) != _names(selected):
+        better, flaws, verdicts = confirmed_with_flaws(linearised, better)
         judged = _judged(linearised, flaws)
-        better, assessed = with_better_alternatives(judged, refitted_together(judged, selected), signatures)
-        if _names(better) != _names(selected):
-            better, flaws, verdicts = confirmed_with_flaws(linearised, better)
-            judged = _judged(linearised, flaws)
-            better = refitted_together(judged, better) if better else []
-            assessed = with_alternatives(judged, better, signatures)
-        assessed = tested_without_errors(linearised, assessed)
-        selected, assessed = confirmed_where_held_out(linearised, better, assessed, signatures)
-        if len(selected) < len(better):
-            flaws = flaws_of(linearised, residual_with(linearised, selected))
-            rivals = with_alternatives(_judged(linearised, flaws), selected, signatures)
-            assessed = tested_without_errors(linearised, rivals)
-        verdicts = tuple(replace(verdict, holds=verdict.effect in _names(selected)) for verdict in verdicts)
-        return SelectionWithFlaws(linearised, selected, assessed, flaws, verdicts)
-    return SelectionWithFlaws(linearised, [], [], flaws, verdicts)
+        better = refitted_together(judged, better) if better else []
+        assessed = with_alternatives(judged, better, signatures)
+    assessed = tested_without_errors(linearised, assessed)
+    confirmed, assessed = confirmed_where_held_out(linearised, better, assessed, signatures)
+    if len(confirmed) < len(better):
+        flaws = flaws_of(linearised, residual_with(linearised, confirmed))
+        rivals = with_alternatives(_judged(linearised, flaws), confirmed, signatures)
+        assessed = tested_without_errors(linearised, rivals)
+    verdicts = tuple(replace(verdict, holds=verdict.effect in _names(confirmed)) for verdict in verdicts)
+    return SelectionWithFlaws(linearised, confirmed, assessed, flaws, verdicts)
 
 
 def _names(selected: Sequence[Candidate]) -> set[str]:

@@ -11,9 +11,10 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.chain import after_stage
 from cboxlab.rendering.device import mi
 from cboxlab.rendering.effects import catalogue
-from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection
+from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection, patch_light
 from cboxlab.rendering.radiosity import LampSampler, solve_exchange
 from cboxlab.scenes.camera import PARAMETER_NAMES
+from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
@@ -60,6 +61,9 @@ _FALSE_ALARM = 0.005
 #: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
 #: columns, as those of a ceiling, look like rows or columns and have none there.
 _MIN_INTERIOR_AMPLITUDE = 0.5
+
+#: Step of the single wavelengths at which a filter may pass light, nm: paints change little over half of it.
+_LINE_STEP_NM = 20.0
 
 #: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky.
 _COAT_ROUGHNESS = (0.03, 0.12, 0.35)
@@ -170,7 +174,8 @@ def leads_of_forms(
         averaging = linearised.problem(others).noise_averaging_gain(*(c.applied for c in some))
         price = price_of(sum(len(c.numbers) for c in some))
         shape_error = max(shape_error_of(c.hypothesis.effect.stage) for c in some)
-        return lead_of_forms(data, together[: data.count], price, averaging, shape_error)
+        on_things = all(c.hypothesis.effect.acts_on_things for c in some)
+        return lead_of_forms(data, together[: data.count], price, averaging, shape_error, on_things)
 
     leads = dict[str, Lead]()
     by_picture = [candidate for candidate in selected if not candidate.by_priors]
@@ -491,8 +496,11 @@ def _transport(linearised: LinearisedFit) -> Transport:
     predictor = linearised.predictor
     traced = predictor.transport
     exchange, patches = traced.light.exchange, traced.light.patches
-    nm = predictor.effective_nm
-    reflectance = after_stage(predictor.scene, predictor.included, "scene").reflectances(nm)
+    nm, scene = predictor.effective_nm, after_stage(predictor.scene, predictor.included, "scene")
+    reflectance = scene.reflectances(nm)
+    line_nm = WAVELENGTH_NM[np.isclose(WAVELENGTH_NM % _LINE_STEP_NM, 0)]
+    at_lines = (WAVELENGTH_NM == line_nm[:, None]).astype(float)
+    lines = patch_light(traced, scene, line_nm, WAVELENGTH_NM, at_lines, scene.lamp_radiance(WAVELENGTH_NM))
     shares = predictor.lamp_shares
     first = exchange.direct @ shares
     radiance = solve_exchange(exchange, reflectance[patches.material], first).astype(np.float32)
@@ -521,6 +529,8 @@ def _transport(linearised: LinearisedFit) -> Transport:
         emission=_emission(traced.position, traced.light.lamps, traced.direct),
         patch_emission=_emission(patches.centre, traced.light.lamps, exchange.direct),
         picture=traced.pixels(reflectance[traced.material] * arriving),
+        line_nm=line_nm,
+        lines=lines.picture(),
         roughness=_COAT_ROUGHNESS,
         coats=np.array(
             [_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COAT_ROUGHNESS], np.float32

@@ -421,21 +421,36 @@ class Predictor:
         NDArray
             (band, y, x) DN.
         """
+        light = self.patch_light_of(scene, effects)
+        return (light.weights @ light.lamp)[:, None, None] * light.picture()
+
+    def patch_light_of(self, scene: Scene, effects: Sequence[AppliedEffect]) -> PatchLight:
+        """Light by patch transport of a changed scene.
+
+        Parameters
+        ----------
+        scene
+            Scene with the effects of the scene stage.
+        effects
+            Effects; those of settings and transport act here.
+
+        Returns
+        -------
+        PatchLight
+            Over the lamps' mean in each band.
+        """
         settings = after_stage(self.settings, effects, "settings")
-        weights = sensor_matrix(self.sensing.curves.responses())
-        lamp = scene.lamp_radiance(WAVELENGTH_NM)
         light: PatchLight = patch_light(
             self._transport(scene),
             scene,
             self.effective_nm,
             WAVELENGTH_NM,
-            weights,
-            lamp,
+            sensor_matrix(self.sensing.curves.responses()),
+            scene.lamp_radiance(WAVELENGTH_NM),
             max_bounces=settings.max_bounces,
             samples=self.samples,
         )
-        light = after_stage(light, effects, "transport")
-        return (weights @ lamp)[:, None, None] * light.picture()
+        return after_stage(light, effects, "transport")
 
     def _transport(self, scene: Scene) -> PatchTransport:
         """Exchange of light of a scene, stored by lamps' patterns, materials and meshes."""

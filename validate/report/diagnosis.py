@@ -53,6 +53,7 @@ _FLAWS = {
     "edges": "Edges of walls and blocks that lean or differ in size",
     "shading": "Faces that are lit or painted unevenly",
     "slopes": "Walls that lean or bulge, and so receive more or less light,",
+    "paints": "Paints that differ from their tables by about a spectrophotometer's error",
     "field": "Slow changes over the picture, alike in all bands,",
     "pixels": "Single pixels, alike in all bands, as with old flats or a photograph simulated from a noisy rendering,",
 }
@@ -238,7 +239,9 @@ def flaw_sentences(diagnosis: Diagnosis) -> list[str]:
             f"Because of these flaws, an effect must be {diagnosis.flaws_cost:.1f} times as large to be detected."
         )
     refused = (verdict for verdict in diagnosis.verdicts if not verdict.holds and verdict.gain > 0)
-    return [*sentences, *(_reason_of_refusal(verdict) for verdict in refused if verdict.effect not in diagnosis.doubts)]
+    refused = (verdict for verdict in refused if verdict.effect not in diagnosis.doubts)
+    imitable = next((flaw.kind for flaw in diagnosis.flaws if not flaw.of_single_pixels), "")
+    return [*sentences, *(_reason_of_refusal(verdict, imitable) for verdict in refused)]
 
 
 def doubt_sentences(diagnosis: Diagnosis) -> list[str]:
@@ -266,8 +269,11 @@ def doubt_sentences(diagnosis: Diagnosis) -> list[str]:
     return list(dict.fromkeys(sentences))
 
 
-def _reason_of_refusal(verdict: Verdict) -> str:
-    """Reason for which an effect that fits is not reported."""
+def _reason_of_refusal(verdict: Verdict, largest_flaw: str) -> str:
+    """Reason for which an effect that fits is not reported.
+
+    largest_flaw : kind of the largest flaw that effects may imitate.
+    """
     if verdict.holds_next_to_flaws:
         return (
             f"{verdict.effect} is not reported: pixels or bands that the fit left out do not confirm it, or its size "
@@ -275,6 +281,11 @@ def _reason_of_refusal(verdict: Verdict) -> str:
         )
     if verdict.certainty <= 0:
         return f"{verdict.effect} is not reported: with the flaws in the fit, nothing remains of it."
+    if not verdict.needed and largest_flaw == "paints":
+        return (
+            f"{verdict.effect} is not reported: this capture cannot distinguish it from paints within their tolerance. "
+            f"To distinguish them: {catalogue()[verdict.effect].confirm}"
+        )
     if not verdict.needed:
         return f"{verdict.effect} is not reported: the flaws explain the difference about as well without it."
     return (

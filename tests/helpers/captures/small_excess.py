@@ -57,6 +57,8 @@ def small_excess(change, repeats=None, seed=3):
         emission=EMISSION.ravel(),
         patch_emission=np.array([0.7, 0.9, 0.4, 0.6]),
         picture=SIGNAL / 1000,
+        line_nm=np.array([440.0, 540.0, 640.0]),
+        lines=np.array([np.where(COLUMNS > edge, 1.5, 0.5) for edge in (12, 24, 36)]) * SIGNAL[0] / 1000,
         roughness=(0.1,),
         coats=COAT[None].astype(np.float32),
     )

@@ -70,3 +70,26 @@ def test_an_amplitude_may_change_next_to_flaws_by_its_own_error_or_a_fixed_part(
         stability = 1 + max(by_error, part * judgement._MAX_INSTABILITY)
         verdict = judgement.Verdict("x", 1.0, 1e6, certainty, stability, True)
         assert verdict.holds_next_to_flaws is holds, stability
+
+
+def test_rivals_of_effects_that_hold_meet_the_flaws_too(monkeypatch):
+    """One that fits better only because the base is off wins without the flaws; next to them it is compared again."""
+    models, rival = [], SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id="glare")))
+
+    def better(linearised, selected, _):
+        models.append(linearised.model)
+        return [rival], ["assessed"]
+
+    flaws = SimpleNamespace(model=SimpleNamespace(counted_in=lambda plain, _: f"{plain} with flaws"), fitted=None)
+    verdicts = (judgement.Verdict("glare", 0.1, 90.0, 9.0, 1.0, True),)
+    monkeypatch.setattr(judgement, "replace", lambda value, **new: SimpleNamespace(**{**vars(value), **new}))
+    monkeypatch.setattr(judgement, "with_better_alternatives", better)
+    monkeypatch.setattr(judgement, "refitted_together", lambda linearised, selected: list(selected))
+    monkeypatch.setattr(judgement, "confirmed_with_flaws", lambda linearised, selected: (selected, flaws, verdicts))
+    monkeypatch.setattr(judgement, "with_alternatives", lambda linearised, *_: models.append(linearised.model) or [])
+    monkeypatch.setattr(judgement, "tested_without_errors", lambda linearised, assessed: assessed)
+    monkeypatch.setattr(judgement, "confirmed_where_held_out", lambda linearised, selected, *_: (selected, []))
+    settled = judgement.settled_with_flaws(SimpleNamespace(model="plain"), [CANDIDATE], flaws, (), ())
+    assert [c.hypothesis.effect.id for c in settled.selected] == ["glare"]
+    assert models == ["plain with flaws", "plain with flaws"]
+    assert [verdict.holds for verdict in settled.verdicts] == [True]

@@ -1,9 +1,9 @@
 """Changes of a picture by small flaws of the base, as columns of a linear model.
 
 A corner that is not sharp changes the light near it, on either side. A wall or block that leans or is larger than
-surveyed moves its outline and shades its faces. Paint differs slowly over a face, and the sensitivity of the sensor
-slowly over the picture. All are relative changes or shifts, so that their priors are the tolerances with which a box
-is built.
+surveyed moves its outline and shades its faces. Paint differs slowly over a face, its table slowly over wavelength, and
+the sensitivity of the sensor slowly over the picture. All are relative changes or shifts, so that their priors are the
+tolerances with which a box is built.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from cboxlab.rendering.perturbation import PatchTransport, Warp
+from cboxlab.rendering.perturbation import PatchLight, PatchTransport, Warp
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from .paints import paints
 from .slopes import slopes
 
 __all__ = ["FlawColumns", "flaw_columns"]
@@ -72,8 +73,8 @@ class _Picture:
 
 
 #: Standard deviation of each kind's columns: creases over the blur, edges in px, shading and field over the signal;
-#: those of slopes are in it already.
-_TOLERANCE = {"creases": 1.0, "edges": 0.05, "shading": 0.002, "field": 0.002, "slopes": 1.0}
+#: those of slopes and paints are in it already.
+_TOLERANCE = {"creases": 1.0, "edges": 0.05, "shading": 0.002, "field": 0.002, "slopes": 1.0, "paints": 1.0}
 
 
 def flaw_columns(
@@ -84,6 +85,7 @@ def flaw_columns(
     transport: PatchTransport,
     indirect: NDArray[np.float64],
     reflectance: NDArray[np.float64],
+    light: PatchLight,
 ) -> FlawColumns:
     """Columns of the flaws that a picture may show.
 
@@ -103,11 +105,13 @@ def flaw_columns(
         (band, y, x) light that arrives after reflections: its signal over the reflectance, DN.
     reflectance
         (band, y, x) reflectance of what the pixels see, 0 to 1.
+    light
+        Light of the picture by patch transport.
 
     Returns
     -------
     FlawColumns
-        Columns of the kinds creases, edges, shading, slopes and field.
+        Columns of the kinds creases, edges, shading, slopes, paints and field.
     """
     face = np.where(coverage.any(axis=-1), coverage.argmax(axis=-1), -1)
     picture = _Picture(signal, used, face, indirect, reflectance)
@@ -119,6 +123,7 @@ def flaw_columns(
         *(_edge(picture, warp, *pair) for pair in pairs),
         *(_shading(picture, face) for face in np.unique(picture.face[picture.face >= 0])),
         slopes(signal, signal - indirect * reflectance, used, face, transport),
+        paints(signal, used, light),
         _field(picture),
     ):
         kinds.append(kind)

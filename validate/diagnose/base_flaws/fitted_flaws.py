@@ -78,7 +78,7 @@ W = TypeVar("W", bound=Whitening)
 class Flaw:
     """A kind of flaw that a residual shows."""
 
-    #: Kind: creases, edges, shading, slopes, field or pixels.
+    #: Kind: creases, edges, shading, slopes, paints, field or pixels.
     kind: str
     #: Chi2 per sample that it makes.
     chi2_per_dof: float

@@ -3,7 +3,8 @@
 An effect may resemble a cause that the catalogue lacks: fluorescence a filter's leak, crosstalk a camera that shook, a
 shutter that opens late a step of the gain. Such forms are computed exactly and have few numbers. Each is fitted to the
 residual without the effect, and their evidence is compared. A form that contains the effect pays for its further
-numbers; one of the same pattern says the same in other words, and is no rival.
+numbers; one of the same pattern says the same in other words, and is no rival. Next to an effect on a thing in the
+scene it is one: a paint and a filter are two causes, however alike they look in few bands.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ from ..field_fit import Advice, FitInput, FittedExplanation, ResidualData, advic
 from .competition import MIN_HELDOUT_GAIN
 
 __all__ = ["Lead", "lead_of_forms", "rival_forms"]
+
+#: Part of an effect's square, next to a form, that rounding leaves of the same pattern.
+_ROUNDING = 1e-6
 
 #: Number of forms, those with the largest evidence, whose pattern is compared with the effect's.
 _MAX_COMPARED = 12
@@ -60,7 +64,12 @@ def rival_forms(data: ResidualData) -> list[FittedExplanation]:
 
 
 def lead_of_forms(
-    data: ResidualData, together: NDArray[np.float64], price: float, averaging: float, shape_error: float
+    data: ResidualData,
+    together: NDArray[np.float64],
+    price: float,
+    averaging: float,
+    shape_error: float,
+    on_things: bool,
 ) -> Lead:
     """Lead of the best form of an unlisted cause over an effect.
 
@@ -79,6 +88,8 @@ def lead_of_forms(
         Chi2 that the effect gains by averaging noise.
     shape_error
         Part of its gain that errors of its shape may lack.
+    on_things
+        Whether it acts on a paint, a surface or a block. A form never says that in other words.
 
     Returns
     -------
@@ -87,7 +98,7 @@ def lead_of_forms(
     """
     residual = data.residual[data.used].astype(float)
     shape = residual - together
-    rival, change = _best_of_another_pattern(data, shape, shape_error)
+    rival, change = _best_rival(data, shape, 0.0 if on_things else shape_error)
     products = _marginal_products(data, np.array([residual, together, change, shape]))
     gain = products[0, 0] - products[1, 1] - averaging
     lead = (0.0 if rival is None else rival.evidence) - (gain - price)
@@ -95,7 +106,7 @@ def lead_of_forms(
     # what the effect gains where the form has its best size already
     rest = products[3, 3] - products[2, 3] ** 2 / max(products[2, 2], 1e-30)
     along = products[0, 3] - products[0, 2] * products[2, 3] / max(products[2, 2], 1e-30)
-    next_to_form = max(along**2 / max(rest, 1e-30) - averaging, 0.0)
+    next_to_form = max(along**2 / rest - averaging, 0.0) if rest > _ROUNDING * products[3, 3] else 0.0
     # an effect that gains nothing there may be contained in the form: what the form explains beyond it decides
     lead = float(min(lead, price - next_to_form) if next_to_form > price else lead)
     if rival is None:
@@ -103,17 +114,18 @@ def lead_of_forms(
     return Lead(lead, rival.family.title, rival.form, advice_for(rival.family, rival.form))
 
 
-def _best_of_another_pattern(
-    data: ResidualData, shape: NDArray[np.float64], shape_error: float
+def _best_rival(
+    data: ResidualData, shape: NDArray[np.float64], alike: float
 ) -> tuple[FittedExplanation | None, NDArray[np.float64]]:
     """The best form whose pattern is not the effect's, and its change (n,) over sigma.
 
-    shape : (n,) the effect's change over sigma.
+    shape : (n,) the effect's change over sigma. alike : part of its square by which a pattern that is alike differs; 0
+    where none counts as alike.
     """
     for form in rival_forms(data)[:_MAX_COMPARED]:
         change = data.whitened(change_dn(data, form))[data.used]
         ((of_shape, cross), (_, of_change)) = _marginal_products(data, np.array([shape, change]))
-        if cross**2 < (1 - shape_error) * of_shape * of_change:
+        if not alike or cross**2 < (1 - alike) * of_shape * of_change:
             return form, change
     return None, np.zeros_like(shape)
 

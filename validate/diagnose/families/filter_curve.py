@@ -65,13 +65,43 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
     for band in range(bands):
         single_band = np.eye(bands)[band]
         yield _explanation(f"other light in {data.bands[band]}", fixed_spectrum(n, single_band), frames, parts, bands)
-        others = [(_from_one(n, band, source), source) for source in range(bands) if source != band]
+        others = [(_of_two(n, band, [band, source]), source) for source in range(bands) if source != band]
         fit, source = max(others, key=lambda pair: pair[0].evidence)
         form = f"light of {data.bands[source]} in {data.bands[band]}"
         yield _explanation(form, fit, frames, parts, bands * (bands - 1))
     if not data.used.all(axis=0).any():  # behind a mosaic no pixel sees all bands
         yield _explanation(_OTHER_CHANNELS, each_band(n), frames, parts, 1)
     yield from _unlike_places(fit_input, mixed, parts)
+
+
+def _rivals(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    """The same forms, and light of a single wavelength in one channel of a mosaic.
+
+    Such is the second pass band of a dye. Few channels stand for few wavelengths, so that the picture of each follows
+    the light exchange.
+    """
+    yield from _generate(fit_input)
+    data, t = fit_input.data, fit_input.data.transport
+    if data.used.all(axis=0).any():  # bands of filters: their pictures stand for narrow parts of the spectrum
+        return
+    bands, lines = len(data.bands), len(t.line_nm)
+    ratio = t.lines[None] / np.maximum(t.picture, 1e-30)[:, None]
+    ratio = np.where(t.picture[:, None] > 0, ratio, 0.0).reshape(bands, lines, -1)
+    signal = data.signal.reshape(bands, 1, -1)
+    pictures = signal * np.concatenate([np.ones_like(signal), ratio], axis=1)
+    level = np.median(signal, axis=2) / np.maximum(np.median(pictures, axis=2), 1e-9)
+
+    def columns(band: int) -> NDArray[Any]:
+        return (level[band, :, None] * pictures[band]).astype(np.float32)
+
+    n = equations_in_all_bands(data, columns)
+    for band in range(bands):
+        fits = [(_of_two(n, band, [0, 1 + line]), t.line_nm[line]) for line in range(lines)]
+        fit, nm = max(fits, key=lambda pair: pair[0].evidence)
+        form = f"light of {nm:.0f} nm in {data.bands[band]}"
+        yield FittedExplanation(
+            FAMILY, form, fit, columns, "previous", ImageMaps("cosines"), sharp=True, num_choices=bands * lines
+        )
 
 
 def _unlike_places(fit_input: FitInput, mixed: Columns, parts: NDArray[np.float64]) -> Iterator[FittedExplanation]:
@@ -123,9 +153,8 @@ def _explanation(
     )
 
 
-def _from_one(n: NormalEquations, band: int, source: int) -> FieldFit:
-    """Fit of the light of one other band, next to another level of the band itself."""
-    some = [band, source]
+def _of_two(n: NormalEquations, band: int, some: list[int]) -> FieldFit:
+    """Fit of two columns in one band: its own level, and light of another kind."""
     h = n.a[band][np.ix_(some, some)] - n.c[band][:, some].T @ n.c[band][:, some]
     x, evidence, freedom, width = solve_coefficients(h, n.b[band][some])
     trial_h, trial_b = n.trial_a[band][np.ix_(some, some)], n.trial_b[band][some]
@@ -171,7 +200,7 @@ FAMILY = Family(
     acts_on="lamp",
     generate=_generate,
     order=65,
-    rivals=_generate,
+    rivals=_rivals,
     localised=False,
     advice=_ADVICE,
 )

@@ -70,6 +70,10 @@ class Transport:
     patch_emission: NDArray[np.float64]
     #: (band, y, x) radiance of the rendering.
     picture: NDArray[np.float64]
+    #: (line,) single wavelengths, nm.
+    line_nm: NDArray[np.float64]
+    #: (line, y, x) radiance of the rendering at each of them.
+    lines: NDArray[np.float64]
     #: (roughness, band, y, x) radiance that a specular coat of refractive index 1.5 on all surfaces would add.
     coats: NDArray[np.float32]
     #: Roughness (GGX alpha) of each of the coats.

@@ -19,12 +19,12 @@ LINE = np.array([[[0, 0, 0], [1, -2, 1], [0, 0, 0]]]) / 2
 COLOURED = SIGNAL * np.where(FLOOR, np.array([0.5, 0.8, 1.2, 1.8])[:, None, None], 1.0)
 
 
-def _best_form(data, shape, averaging=0.0):
+def _best_form(data, shape, averaging=0.0, on_things=False):
     """Best form over an effect of one number with this shape (band, y, x), DN, at its best amplitude."""
     change = data.whitened(shape)
     amplitude = np.sum(change * data.residual) / np.sum(change**2)
     together = (data.residual - amplitude * change)[data.used]
-    return lead_of_forms(data, together, price=PRICE, averaging=averaging, shape_error=0.01)
+    return lead_of_forms(data, together, PRICE, averaging, 0.01, on_things)
 
 
 def _lead(data, shape):
@@ -89,6 +89,17 @@ def test_other_sensitivities_of_the_channels_are_no_paint_that_glows(dyes):
         assert "all channels" in rival_forms(data)[0].form
 
 
+def test_a_second_pass_band_of_a_colour_filter_is_found_at_its_wavelength():
+    """Light of 540 nm in one channel, by a third paint on the right half that no channel's own picture shows."""
+    lines = small_excess(np.zeros_like(SIGNAL)).transport.lines
+    leak = np.zeros_like(SIGNAL)
+    leak[1] = 0.06 * 1000 * lines[1]
+    first, second, *_ = rival_forms(_behind_mosaic(leak))
+    assert first.form == "light of 540 nm in b1"
+    assert first.evidence > second.evidence + 20
+    assert not any(" nm in " in form.form for form in rival_forms(small_excess(leak)))
+
+
 def test_charge_that_goes_from_colour_to_colour_is_crosstalk():
     """Other sensitivities do nearly the same to even surfaces, with many more numbers."""
     used = _behind_mosaic(np.zeros_like(SIGNAL)).used
@@ -122,3 +133,12 @@ def test_what_an_effect_gains_by_averaging_noise_is_not_its_evidence():
     shape = correlate(SIGNAL, ROUND, mode="nearest")
     data = small_excess(0.2 * shape)
     assert _best_form(data, shape, averaging=10.0).lead == pytest.approx(_lead(data, shape) + 10, abs=1e-6)
+
+
+def test_a_paint_and_a_filter_of_one_pattern_are_two_causes():
+    """In one band both add the same light: the paint has no evidence over the filter, and the form is shown."""
+    last = _levels([0.0, 0.0, 0.0, 0.02])
+    data = small_excess(last)
+    best = _best_form(data, last, on_things=True)
+    assert best.form == rival_forms(data)[0].form
+    assert -9.2 < best.lead < 9.2
