@@ -72,10 +72,10 @@ def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
         "unexplained": "Noise does not explain the difference.",
     }[level]
     colour, noise = c.colour[HEADLINE.id], c.colour_noise[HEADLINE.id]
-    by_gain = f", {c.chi2.variance_sigma:.2g} of it by the error of the measured gain" if c.chi2.variance_sigma else ""
+    by_gain = f" The measured gain's error contributes {c.chi2.variance_sigma:.2g}." if c.chi2.variance_sigma else ""
     details = [
         f"χ² per degree of freedom is {chi2_text(c.chi2.per_dof)}; noise alone gives "
-        f"1 ± {c.chi2.per_dof_sigma:.2g}{by_gain}.",
+        f"1 ± {c.chi2.per_dof_sigma:.2g}.{by_gain}",
         f"The mean colour difference per pixel is {HEADLINE.label} {colour.mean:.2f}; "
         f"noise alone gives {noise.mean:.2f}.",
     ]

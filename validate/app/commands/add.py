@@ -51,7 +51,8 @@ def add(
 ) -> None:
     """Add an effect to a model.
 
-    An omitted parameter gets its default or else its null value. With --fit it is fitted.
+    A parameter that you omit gets its default, or else the value at which the effect does nothing. With --fit it is
+    fitted.
     """
     from cboxlab.calibration.capture import load_capture
     from cboxlab.rendering.effects import apply_checked, names_in

@@ -12,8 +12,9 @@ from ..terminal import JsonOption
 __all__ = [
     "LARGEST_SIZE",
     "CaptureFolder",
+    "DeclareComparedOption",
     "DeclareOption",
-    "DeclarePairOption",
+    "DeclareRegressedOption",
     "JsonOption",
     "ModelArgument",
     "NoCacheOption",
@@ -51,16 +52,23 @@ NoCacheOption = Annotated[
 _DECLARED = (
     "Property that a file does not state, as KEY=VALUE. Repeat the option for several properties. The keys are units "
     "('W m^-2 sr^-1 nm^-1', or 'cd m^-2' in colour), scale (factor to these units), wavelengths (400:700:20), "
-    "wavelength-unit (nm), colour-space (rec709, rec2020, p3-d65, aces, acescg or radiance), and layer (the picture "
-    "among several layers, in `cbox regress`)."
+    "wavelength-unit (nm) and colour-space (rec709, rec2020, p3-d65, aces, acescg or radiance)."
 )
 DeclareOption = Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help=_DECLARED, show_default=False)]
-DeclarePairOption = Annotated[
+DeclareComparedOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="[SIDE:]KEY=VALUE",
-        help=f"{_DECLARED} For one of the two inputs, put its name before the key: A: or B: in `cbox compare`, "
-        "baseline: or candidate: in `cbox regress`.",
+        help=f"{_DECLARED} For one of the two inputs, put A: or B: before the key.",
+        show_default=False,
+    ),
+]
+DeclareRegressedOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[SIDE:]KEY=VALUE",
+        help=f"{_DECLARED} The key layer names the picture in a file of several layers. For one of the two sides, put "
+        "baseline: or candidate: before the key.",
         show_default=False,
     ),
 ]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .arguments import DeclarePairOption, JsonOption
+from .arguments import DeclareComparedOption, JsonOption
 from .console import (
     bar,
     declared_pair,
@@ -28,7 +28,7 @@ def compare(
     ],
     b: Annotated[Path, typer.Argument(help="B: the reference, of the same kind.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="Folder for maps and comparison.json.")] = None,
-    declare: DeclarePairOption = None,
+    declare: DeclareComparedOption = None,
     json: JsonOption = None,
 ) -> None:
     """Compare two cubes, maps or captures: tables and maps of (A − B) / B."""

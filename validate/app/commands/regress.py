@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..terminal import STANDARD_OUTPUT
-from .arguments import DeclarePairOption, JsonOption
+from .arguments import DeclareRegressedOption, JsonOption
 from .console import (
     bar,
     declared_pair,
@@ -64,7 +64,7 @@ def regress(
             help="Compare cube by cube. Both sides must list cubes of the same seeds in the same order.",
         ),
     ] = False,
-    declare: DeclarePairOption = None,
+    declare: DeclareRegressedOption = None,
 ) -> None:
     """Test whether two renderings have the same light, and name the change.
 
