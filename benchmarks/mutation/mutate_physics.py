@@ -109,7 +109,7 @@ EQUIVALENT = {
     (
         "calibration/correction/exposure_merge.py",
         "used * a",
-    ): "another start of an iteration, equal to 3e-13 in the end",
+    ): "another start of an iteration that arrives, to 3e-13",
     ("validate/diagnose/stepwise.py", "(index + 1) / len(possible)"): "reports of the progress",
     (
         "validate/compare_renders/regress/explanations.py",
