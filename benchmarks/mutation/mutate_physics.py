@@ -106,6 +106,10 @@ EQUIVALENT = {
         "calibration/geometry/distortion_choice.py",
         "2 * count - model.shared - 6 * len(cameras)",
     ): "a fit with fewer coordinates than numbers is refused, too",
+    (
+        "calibration/correction/exposure_merge.py",
+        "used * a",
+    ): "another start of an iteration that arrives, to 3e-13",
     ("validate/diagnose/stepwise.py", "(index + 1) / len(possible)"): "reports of the progress",
     (
         "validate/compare_renders/regress/explanations.py",

@@ -87,14 +87,17 @@ def find_chart(capture: Capture, bands: CorrectedBands) -> NDArray[np.uint8]:
             "a whole ColorChecker in view, or a label image",
             "Turn the chart to the camera, or write image = 'labels.png' with a label per pixel.",
         )
-    # OpenCV's pixel centres of a resized picture: u' + 1/2 = scale (u + 1/2).
-    quads = (corners.reshape(_PATCHES, 4, 2) + 0.5) / scale - 0.5
-    corners = _refined(picture, quads.mean(axis=1))
+    corners = _refined(picture, _before_resize(corners.reshape(_PATCHES, 4, 2), scale).mean(axis=1))
     quads = _projected(corners, _CENTRES[:, None] + _HALF_PATCH * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
     labels = np.zeros(picture.shape[:2], np.uint8)
     for index, quad in enumerate(quads):
         cv2.fillConvexPoly(labels, np.rint(quad).astype(np.int32), index + 1)
     return labels
+
+
+def _before_resize(resized_px: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Positions in a picture, px, from those in the same one resized by OpenCV: u' + 1/2 = scale (u + 1/2)."""
+    return (resized_px + 0.5) / scale - 0.5
 
 
 def _projected(corners: NDArray[np.float64], chart: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.colour.chart import find_chart
+from cboxlab.calibration.colour.chart import _before_resize, _three_bands, find_chart
 from cboxlab.calibration.colour.patches import measure_patches
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
 from cboxlab.calibration.result import calibrate_capture
@@ -67,6 +67,25 @@ def test_each_patch_is_labelled_where_it_is(turns):
         of_patch = truth == label
         assert np.mean(labels[of_patch] == label) > 0.9, label
         assert not np.any((labels[of_patch] != label) & (labels[of_patch] > 0))
+
+
+@pytest.mark.parametrize(("size", "mode"), [(32, cv2.INTER_AREA), (256, cv2.INTER_LINEAR)])
+def test_places_in_a_resized_picture_are_those_before(size, mode):
+    """Of the centre of a bell's light, in a picture of 128 px made smaller and larger."""
+    x, place = np.arange(128.0), 71.3
+    bell = np.exp(-0.5 * ((x - place) / 9) ** 2) * np.ones((128, 1))
+    resized = cv2.resize(bell, (size, size), interpolation=mode)[0]
+    found = np.array([np.average(np.arange(size), weights=resized)])
+    assert _before_resize(found, size / 128)[0] == pytest.approx(place, abs=0.02)
+
+
+@pytest.mark.parametrize("order", [("blue", "green", "red"), ("red", "blue", "green")])
+def test_bands_nearest_to_the_primaries_are_the_colours(order):
+    """By the mean wavelength of each filter, in the order blue, green, red; a filter of half the width is no bluer."""
+    capture, bands = bands_of(np.zeros((4, 4, 3)), order)
+    light = capture.light
+    capture.light = lambda name: light(name).scaled(0.3 if name == "green" else 1.0)
+    assert [order[index] for index in _three_bands(capture, bands)] == ["blue", "green", "red"]
 
 
 def test_no_chart_and_no_colours_are_said():

@@ -6,6 +6,7 @@ from cboxlab.calibration.colour.colorimetry import fit_filter_weights, xyz_covar
 from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, colour_matching_functions
 from cboxlab.calibration.instrument.band_images import Mask, band_images
 from cboxlab.calibration.instrument.band_response import BandResponse
+from cboxlab.calibration.radiometry.uncertainty import Uncertainty
 from cboxlab.scenes.wavelength_grid import INTEGRAL_GRID, WAVELENGTH_NM
 from helpers.fakes.capture import CENTRES_NM, response
 
@@ -140,3 +141,16 @@ def test_flags_of_all_bands_are_joined():
     responses = spanning_responses()
     joined = xyz_image(band_images("012", signal, signal, mask), fit_filter_weights(responses), responses)
     assert joined["mask"].values.tolist() == [[Mask.HOT | Mask.SATURATED, 0], [0, Mask.LAMP]]
+
+
+def test_errors_of_the_weights_are_parts_of_the_colour():
+    """X and Y 1 % too large together in half of all spectra: 0.5e-4 of their products; a bright pixel has 4 times."""
+    signal = np.full((3, 1, 2), 10.0) * np.array([1.0, 2.0])
+    responses, errors = spanning_responses(), np.array([[0.01, 0.01, 0.0], [0.0, 0.0, 0.0]])
+    none = Uncertainty(("0", "1", "2"), np.zeros((3, 3)), 0.0)
+    weights = fit_filter_weights(responses)
+    result = xyz_image(band_images("012", signal, signal), weights, responses, none, errors)
+    xyz = np.moveaxis(result["xyz"].values, 0, -1)
+    expected = xyz[..., :, None] * xyz[..., None, :] * 0.5e-4 * np.outer([1, 1, 0], [1, 1, 0])
+    np.testing.assert_allclose(result["covariance_weights"].values, expected, rtol=1e-9)
+    assert expected[0, 1, 0, 1] == pytest.approx(4 * expected[0, 0, 0, 1])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.rendering.visibility.pinhole import film_for, resampling
+from cboxlab.rendering.visibility.pinhole import _image_of_pixels, film_for, resampling
 from cboxlab.scenes import cornell_camera
 
 WIDTH, HEIGHT = 40, 28
@@ -40,3 +40,12 @@ def test_without_distortion_its_pixels_are_parts_of_the_cameras():
     sampled = np.zeros_like(weights)
     sampled[row // 2 * WIDTH + column // 2, np.arange(film.pixels)] = 0.25
     np.testing.assert_allclose(weights, sampled, atol=1e-9)
+
+
+@pytest.mark.parametrize("k1", [-0.15, -0.4])
+def test_there_is_no_image_where_rays_farther_out_come_back(k1):
+    """r (1 + k1 r^2) grows until 1 + 3 k1 r^2 is 0."""
+    radius = np.array([0.1, 0.999, 1.001, 1.1, 2.0]) / np.sqrt(-3 * k1)
+    angle = np.arange(5.0)
+    xy = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    assert _image_of_pixels(film_for(camera(k1), 1), camera(k1), xy)[0].tolist() == [True, True, False, False, False]

@@ -1,6 +1,6 @@
 """Signal whose noise counts where the model lacks light; scene that the checks of a capture see."""
 
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,3 +27,13 @@ def test_checks_see_the_scene_of_a_users_model_and_else_the_one_that_the_capture
     assert _compared_with(capture, users_box).scene is users_box
     silent = replace(capture, manifest=capture.manifest.model_copy(update={"scene": None}))
     assert _compared_with(silent, users_box) is silent
+
+
+def test_pixels_scatter_beyond_the_noise_of_both_pictures():
+    bands = SimpleNamespace(with_scatter_of=lambda signal, variance, used, step: variance)
+    calibration = make_dataclass("Calibration", ["bands", "capture", "predicted_variance"])(
+        bands, SimpleNamespace(cell=None), lambda signal: 2 * signal
+    )
+    prepared = make_dataclass("Prepared", ["calibration"])(calibration)
+    result = CalibratedCapture.with_scatter_of(prepared, np.full(3, 5.0), np.full(3, 0.5), np.ones(3, bool))
+    np.testing.assert_array_equal(result.calibration.bands, 10.5)
