@@ -165,7 +165,7 @@ class AtPage(Person):
                 assert time.monotonic() < end, f"never true: {condition}"
                 time.sleep(0.05)
 
-    def words(self, selector: str) -> str:
+    def text_of(self, selector: str) -> str:
         return str(self.page.run(f"{_element(selector)}.innerText"))
 
     def looks(self, name: str) -> None:
@@ -211,7 +211,7 @@ def teaching(person: AtPage, work: Path) -> None:
         person.sees(READY)
         person.looks("teaching-1-opened")
         person.begins("look at the difference: where is the photograph brighter?")
-        person.reads(person.words("#figures") + person.words("#picture"))
+        person.reads(person.text_of("#figures") + person.text_of("#picture"))
         person.thinks(4)
         person.begins("read the list of effects")
         person.reads(
@@ -220,7 +220,7 @@ def teaching(person: AtPage, work: Path) -> None:
         for effect in ("lamp-power", "gloss", "veiling-glare"):
             person.begins(f"compare the pattern of {effect} with the difference")
             person.chooses("#new-effect", effect)
-            person.reads(person.words("#new-summary"))
+            person.reads(person.text_of("#new-summary"))
             person.clicks("#pattern")
             person.sees("document.getElementById('pattern').getAttribute('aria-pressed') === 'true' && !page.requests")
             person.thinks(3)
@@ -230,7 +230,7 @@ def teaching(person: AtPage, work: Path) -> None:
         person.sees("page.controls.length === 1 && !page.requests")
         person.clicks("#fit-all")
         person.sees(f"{READY} && page.record.effects[0].values.fraction > 0")
-        person.reads(person.words("#figures"))
+        person.reads(person.text_of("#figures"))
         person.thinks(2)
         person.looks("teaching-3-fitted")
         chi2 = float(page.run("document.getElementById('chi2').textContent"))
@@ -259,7 +259,7 @@ def lighting(person: AtPage, work: Path) -> None:
         person.sees(CHECKED)
         person.looks("lighting-1-opened")
         person.begins("look through the frames: is each in the right group?")
-        person.reads(person.words("#frames"))
+        person.reads(person.text_of("#frames"))
         person.thinks(5)
 
         def fills(key: str, where: str, value: str, with_mouse: bool) -> None:
@@ -279,23 +279,23 @@ def lighting(person: AtPage, work: Path) -> None:
         for k, (band, value) in enumerate(EVEN_EXPOSURES.items()):
             fills("exposure_s", f"[[reference]] of sphere-{band}", value, k == 0)
         person.begins("read and fill in the values of camera, lens, lamp and box")
-        person.reads(person.words("[aria-label='Other values']"))
+        person.reads(person.text_of("[aria-label='Other values']"))
         fills("scene", "the top", "cornell-box", True)
         for key, where, value in DATA_SHEETS:
             fills(key, where, value, True)
         person.looks("lighting-2-filled")
         person.begins("check and write")
-        person.reads(person.words("#result"))
-        assert "No required value is missing. Nothing" in person.words("#lacking")
+        person.reads(person.text_of("#result"))
+        assert "No required value is missing. Nothing" in person.text_of("#lacking")
         person.clicks("#write")
         person.sees("document.getElementById('saved').innerText.includes('Written')")
         person.looks("lighting-3-written")
         person.begins("open it in the workbench: the first comparison")
-        person.reads(person.words("#saved"))
+        person.reads(person.text_of("#saved"))
         person.clicks("#saved a")
         person.sees(READY)
         person.looks("lighting-4-compared")
-        person.reads(person.words("#figures") + person.words("#picture"))
+        person.reads(person.text_of("#figures") + person.text_of("#picture"))
         person.thinks(4)
         person.begins("save it with the report")
         person.clicks("#show-save")
@@ -328,7 +328,7 @@ def renderer(person: Person, work: Path) -> None:
             check=False,
         )
     person.begins("read the failure")
-    failure = done.stdout[done.stdout.rfind("AssertionError") :]
+    failure = "\n".join(line for line in done.stdout.splitlines() if line.startswith("E  "))
     assert "named: path-depth (max_bounces 3)" in failure, done.stdout + done.stderr
     person.reads(failure)
     person.thinks(2)

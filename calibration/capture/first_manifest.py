@@ -27,7 +27,7 @@ from pydantic import BaseModel
 
 from ..frame_readers import suffixes
 from .checks import capture_faults
-from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in
+from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in, mosaic_of, require_one_size
 from .folder_tables import FolderTables, tables_in
 from .frame_classes import FrameGroup, FrameRole, common_values, group_frames, numbered_alike, require_roles
 from .manifest import (
@@ -231,10 +231,10 @@ def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest
     frames, left_out = frames_in(folder)
     if not frames:
         raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
-    _require_one_size(frames)
+    require_one_size(frames)
     require_roles(folder, roles, frames)
     groups, unused = group_frames(frames, roles)
-    pattern = _pattern(frames)
+    pattern = mosaic_of(frames)
     letters = () if pattern is None else channel_letters(pattern)
     if not any(group.kind == "band" for group in groups):
         expected = "at least one frame that is not a dark, flat, reference or target"
@@ -250,7 +250,7 @@ def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest
 
 
 def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEntry]) -> tuple[str, list[InputError]]:
-    """Text of a manifest with values added to its tables, and the entries that are no values of their keys."""
+    """Text of a manifest with values added to its tables, and the faults of other values."""
     refused = []
     examples = {(key.where, key.key): key.example.partition(" = ")[2] for key in first.missing if key.example}
     blocks = text.removesuffix(_FURTHER).rstrip("\n").split("\n\n")
@@ -307,28 +307,6 @@ def _as_toml(entry: ManifestEntry, example: str) -> str:
     if not math.isfinite(number):
         raise InputError(f"{entry.where}: {entry.key}", repr(value)[:80], f"a number, such as {example}")
     return value if re.fullmatch(r"[+-]?[1-9][0-9]*|0", value) else repr(number)
-
-
-def _require_one_size(frames: Sequence[FolderFrame]) -> None:
-    sizes = Counter(frame.shape for frame in frames)
-    if len(sizes) > 1:
-        common = sizes.most_common(1)[0][0]
-        odd = next(frame for frame in frames if frame.shape != common)
-        raise InputError(
-            odd.path,
-            f"{odd.shape[1]} x {odd.shape[0]} px",
-            f"{common[1]} x {common[0]} px like the other frames",
-        )
-
-
-def _pattern(frames: Sequence[FolderFrame]) -> str | None:
-    """The mosaic that the files state; InputError if they state different ones."""
-    frames_with_mosaic = [frame for frame in frames if frame.facts.pattern is not None]
-    for frame in frames_with_mosaic:
-        if frame.facts.pattern != frames_with_mosaic[0].facts.pattern:
-            expected = f"'{frames_with_mosaic[0].facts.pattern}' as in {frames_with_mosaic[0].path.name}"
-            raise InputError(frame.path, f"the mosaic '{frame.facts.pattern}'", expected)
-    return frames_with_mosaic[0].facts.pattern if frames_with_mosaic else None
 
 
 def _by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup, str | None]]:

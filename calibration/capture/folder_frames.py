@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,7 +18,16 @@ from numpy.typing import NDArray
 
 from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of
 
-__all__ = ["FolderFrame", "LeftOut", "convert_bands", "frames_in", "natural_key", "show_the_same"]
+__all__ = [
+    "FolderFrame",
+    "LeftOut",
+    "convert_bands",
+    "frames_in",
+    "mosaic_of",
+    "natural_key",
+    "require_one_size",
+    "show_the_same",
+]
 
 #: The folder in which frames of a capture usually lie, and into which bands of one file are written.
 FRAMES_FOLDER = "frames"
@@ -143,7 +153,10 @@ def _digest(counts: NDArray[np.uint16]) -> str:
 
 
 def _frames_of_file(folder: Path, path: Path) -> Sequence[FolderFrame]:
-    """Frames of a file, read once until it changes: a page that checks each entry asks for them again."""
+    """Frames of a file, read once until it changes.
+
+    A page that checks each entry asks for them again.
+    """
     state = path.stat()
     return _read_frames(folder, path, state.st_mtime_ns, state.st_ctime_ns, state.st_size)
 
@@ -281,3 +294,53 @@ def convert_bands(folder: Path, frames: list[FolderFrame]) -> None:
         with replacing(folder / frame.listed) as temporary:
             counts = read_pictures(frame.path, range(number, number + 1))[0]
             tifffile.imwrite(temporary, counts, photometric="minisblack", metadata=None)
+
+
+def require_one_size(frames: Sequence[FolderFrame]) -> None:
+    """Require that all frames have one size.
+
+    Parameters
+    ----------
+    frames
+        The frames, at least one.
+
+    Raises
+    ------
+    InputError
+        For a frame of another size than most.
+    """
+    sizes = Counter(frame.shape for frame in frames)
+    if len(sizes) > 1:
+        common = sizes.most_common(1)[0][0]
+        odd = next(frame for frame in frames if frame.shape != common)
+        raise InputError(
+            odd.path,
+            f"{odd.shape[1]} x {odd.shape[0]} px",
+            f"{common[1]} x {common[0]} px like the other frames",
+        )
+
+
+def mosaic_of(frames: Sequence[FolderFrame]) -> str | None:
+    """Mosaic that the files state.
+
+    Parameters
+    ----------
+    frames
+        The frames.
+
+    Returns
+    -------
+    str | None
+        None where no file states one.
+
+    Raises
+    ------
+    InputError
+        If they state different ones.
+    """
+    frames_with_mosaic = [frame for frame in frames if frame.facts.pattern is not None]
+    for frame in frames_with_mosaic:
+        if frame.facts.pattern != frames_with_mosaic[0].facts.pattern:
+            expected = f"'{frames_with_mosaic[0].facts.pattern}' as in {frames_with_mosaic[0].path.name}"
+            raise InputError(frame.path, f"the mosaic '{frame.facts.pattern}'", expected)
+    return frames_with_mosaic[0].facts.pattern if frames_with_mosaic else None

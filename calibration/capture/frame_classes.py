@@ -30,7 +30,7 @@ _FILTER_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,39}")
 
 @dataclass(frozen=True)
 class FrameRole:
-    """What the user says of a frame; it comes before the file's header and name."""
+    """Kind, filter and exposure of a frame by the user, before those of header and name."""
 
     #: Path of the file in the manifest.
     file: str
@@ -298,9 +298,9 @@ def group_frames(
         references and targets. And the frames without a table, with the reason.
     """
     ignored = common_words([frame.stem for frame in frames])
-    stated = {role.file: role for role in roles}
-    unused = [frame for frame in frames if frame.listed in stated and stated[frame.listed].kind == "none"]
-    every = [_classified(frame, ignored, stated.get(frame.listed)) for frame in frames if frame not in unused]
+    role_of = {role.file: role for role in roles}
+    unused = [frame for frame in frames if frame.listed in role_of and role_of[frame.listed].kind == "none"]
+    every = [_classified(frame, ignored, role_of.get(frame.listed)) for frame in frames if frame not in unused]
     unlit = [item for item in every if _shows_no_light(item, every)]
     items = [item for item in every if item not in unlit]
     scenes = [item for item in items if item.kind == "band" and _doubt(item, {}) is None]

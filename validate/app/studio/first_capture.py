@@ -1,4 +1,4 @@
-"""Form for the first capture.toml of a folder of frames: its rows, its fields, and what is wrong with an entry."""
+"""Form for the first capture.toml of a folder of frames, with what is wrong at each field."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def _tables(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _fields(first: FirstManifest, text: str) -> list[dict[str, Any]]:
-    """Missing keys as fields of the form, those of each band once for each photograph; notes have no key."""
+    """Missing keys as fields of the form; those of bands for each photograph. Notes have none."""
     bands = tomllib.loads(text).get("band", [])
     fields = {}
     for key in first.missing:
@@ -249,10 +249,10 @@ def _distributed(
     faults: Sequence[InputError], fields: Mapping[tuple[str, str], dict[str, Any]], text: str
 ) -> list[str]:
     """Give each fault to the field of its key; returns the faults of no field."""
-    of_place = {place: name for name in fields for place in _places(*name, text)}
+    of_key = {key: name for name in fields for key in _keys(*name, text)}
     rest = []
     for fault in faults:
-        name = of_place.get(fault.where)
+        name = of_key.get(fault.where)
         if name is None:
             rest.append(str(fault))
         elif fields[name]["value"] or fault.found != _NOTHING:
@@ -261,8 +261,8 @@ def _distributed(
     return rest
 
 
-def _places(where: str, key: str, text: str) -> Iterator[str]:
-    """Places that faults of a field name: those of an entry, and those of the manifest with it."""
+def _keys(where: str, key: str, text: str) -> Iterator[str]:
+    """Keys that faults of a field name: that of an entry, and those of the manifest with it."""
     yield f"{where}: {key}"
     header, _, frame = where.removeprefix("every ").partition(" of ")
     kind = header.strip("[]")

@@ -1,4 +1,4 @@
-"""What the user entered for first manifests: in memory, and in a hidden file until capture.toml is written."""
+"""Entries for a first manifest, in a hidden file until capture.toml is written."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ _LOG = logging.getLogger(__name__)
 class FirstEntries:
     """Values of keys, and roles of frames, each the last one that was entered."""
 
+    #: Values of keys.
     values: tuple[ManifestEntry, ...] = ()
+    #: Roles of frames.
     roles: tuple[FrameRole, ...] = ()
 
     def changed(self, entries: Sequence[Any], roles: Sequence[Any]) -> FirstEntries:

@@ -1,5 +1,6 @@
 """The pages by keyboard alone, for a screen reader, and by the rules of axe."""
 
+import json
 import shutil
 
 import pytest
@@ -51,7 +52,7 @@ def test_the_workbench_is_reached_by_keys_and_read_aloud(page):
     assert looks(page) == []
 
 
-def test_an_effect_is_found_added_moved_and_removed_by_keys(page, bench):
+def test_a_capture_is_opened_and_an_effect_found_moved_saved_and_removed_by_keys(page, bench):
     """Letters, Tab and Enter alone, as somebody without a mouse."""
 
     def go_to(condition):
@@ -61,6 +62,14 @@ def test_an_effect_is_found_added_moved_and_removed_by_keys(page, bench):
             page.key("Tab")
         raise AssertionError(f"never reached: {condition}")
 
+    page.run("document.activeElement.blur()")
+    before = bench.revision
+    go_to("e.id === 'show-open'")
+    page.key("Enter")
+    page.until("!document.getElementById('found').hidden")
+    go_to("e.getAttribute('aria-label') === 'Open capture'")
+    page.key("Enter")
+    page.until(f"page.revision > {before} && page.job === null && page.loading === 0 && page.requests === 0")
     page.run("document.activeElement.blur()")
     go_to("e.id === 'search'")
     for letter in "veiling":
@@ -73,6 +82,16 @@ def test_an_effect_is_found_added_moved_and_removed_by_keys(page, bench):
     go_to("e.type === 'range' && e.id === 'p-0-fraction'")
     page.key("ArrowRight")
     page.until("page.record.effects[0].values.fraction > 0 && !page.asking")
+    page.run("document.activeElement.blur(); window.scrollTo(0, 0)")
+    go_to("e.id === 'show-save'")
+    page.key("Enter")
+    go_to("e.id === 'save-folder'")
+    page.call("Input.insertText", text="by-keys")
+    page.key("Enter")
+    page.until("document.getElementById('saved').textContent.includes('study.json')")
+    saved = json.loads((bench.root / "by-keys" / "study.json").read_text())
+    shutil.rmtree(bench.root / "by-keys")
+    assert "veiling-glare" in json.dumps(saved)
     go_to("e.getAttribute('aria-label') === 'Remove veiling-glare'")
     page.key("Enter")
     page.until("page.controls.length === 0")

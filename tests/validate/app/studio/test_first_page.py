@@ -72,7 +72,11 @@ def test_frames_become_a_capture(tmp_path):
         ready(page)
         assert page.run(LACKING) == "No required value is missing. Nothing that you entered is wrong."
         enter(page, "exposure_s", "2.5", "f450")
+        # an entry that the program does not answer is sent with the next one
+        page.run("globalThis.there = fetch; globalThis.fetch = () => Promise.reject(new Error())")
         enter(page, "f_number", "8")
+        assert "does not answer" in page.run("document.getElementById('mistake').innerText")
+        page.run("globalThis.fetch = there")
         enter(page, "focal_length_mm", "35,0")
         assert "focal_length_mm = 35.0" in page.run("document.getElementById('text').textContent")
         enter(page, "start_s", "7.5", "f550")
@@ -122,7 +126,7 @@ def test_numbered_frames_get_their_kinds_and_nothing_entered_is_lost(tmp_path):
         page.run("document.getElementById('set-roles').click()")
         ready(page)
 
-    shown = "document.getElementById('text').textContent"
+    draft = "document.getElementById('text').textContent"
     with open_browser() as page:
         with served(Workbench(tmp_path, None)) as address:
             page.open(f"{address}first.html?folder=box")
@@ -138,22 +142,22 @@ def test_numbered_frames_get_their_kinds_and_nothing_entered_is_lost(tmp_path):
             assert "found the exposure -1 s" in page.run("document.getElementById('mistake').innerText")
             set_roles(page, ["0005"], "dark", "", "2.5")
             enter(page, "bit_depth", "12")
-            text = page.run(shown)
+            text = page.run(draft)
             page.reload()
             ready(page)
-            assert page.run(shown) == text
+            assert page.run(draft) == text
             other = page.tab()
             other.open(f"{address}first.html?folder=box")
             ready(other)
             enter(other, "scene", "cornell-box")
             enter(page, "gain_e_per_dn", "12")  # the entry of the other tab stays
-            text = page.run(shown)
+            text = page.run(draft)
             other.call("Page.close")
         assert 'scene = "cornell-box"' in text and "gain_e_per_dn = 12" in text
         with served(Workbench(tmp_path, None)) as address:
             page.open(f"{address}first.html?folder=box")
             ready(page)
-            assert page.run(shown) == text
+            assert page.run(draft) == text
             page.run("document.getElementById('write').click()")
             page.until("document.getElementById('saved').innerText.includes('Written')")
     manifest = load_capture(tmp_path / "box").manifest
@@ -179,6 +183,17 @@ def test_damaged_stored_entries_are_as_none(tmp_path, content, caplog):
     stored.write_text(content)
     assert "bit_depth = 12" not in FirstCaptures(tmp_path).draft("box", [], [])["text"]
     assert "not read" in caplog.text
+
+
+def test_entries_are_not_stored_behind_a_link(tmp_path, caplog):
+    root, outside = tmp_path / "root", tmp_path / "outside"
+    frames_in(root / "box")
+    outside.mkdir()
+    (root / ".cbox-unsaved").symlink_to(outside)
+    firsts = FirstCaptures(root)
+    firsts.draft("box", [{"where": "[camera]", "key": "bit_depth", "value": "12"}], [])
+    assert "bit_depth = 12" in firsts.draft("box", [], [])["text"]  # in memory
+    assert list(outside.iterdir()) == [] and "may lead anywhere" in caplog.text
 
 
 def test_entries_of_another_form_are_refused_and_change_nothing(tmp_path):

@@ -37,7 +37,7 @@ async function ask(name, body = {}) {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ folder: page.folder, ...body }),
     });
   } catch {
-    throw new Error("The program does not answer. Start `cbox studio` again. What you entered before is stored.");
+    throw new Error("The program does not answer. Start `cbox studio` again: what you entered before is stored.");
   }
   const record = await answer.json();
   if (!answer.ok) throw new Error(record.error);
@@ -57,10 +57,16 @@ async function attempt(step) {
   document.body.dataset.busy = String(page.working > 0);
 }
 
+/** Entries that the server has not answered yet, by field: they are sent again with the next one. */
+const unsent = new Map();
+
 /** Send changes, and show the form with them; an answer that a later one overtook is not shown. */
 async function send(entries = [], roles = []) {
   const number = ++page.asking;
-  const form = await ask("draft", { entries, roles });
+  for (const entry of entries) unsent.set(fieldName(entry), entry);
+  const sent = [...unsent];
+  const form = await ask("draft", { entries: sent.map(([, entry]) => entry), roles });
+  for (const [name, entry] of sent) if (unsent.get(name) === entry) unsent.delete(name);
   if (number === page.asking) await show(form);
 }
 
@@ -88,7 +94,7 @@ function fieldOf(field, of) {
   const title = of ? SHORT[key] ?? words : words;
   const fault = make("p", { id: `fault-${++page.fields}` });
   const input = make("input", {
-    placeholder: plain(example), autocomplete: "off", "data-key": key, "data-where": where, title: `${where}: ${key}`,
+    placeholder: plain(example), autocomplete: "off", maxlength: 300, "data-key": key, "data-where": where, title: `${where}: ${key}`,
     "aria-describedby": fault.id, ...(listOf(field) ? { list: listOf(field) } : {}), ...(required ? { "aria-required": "true" } : {}),
   });
   input.addEventListener("change", () => {
@@ -119,7 +125,7 @@ function rowOf({ name, frames, fields, why }) {
   const tick = make("input", { type: "checkbox", "data-frames": JSON.stringify(frames) });
   const title = name || frames[0];
   const list = frames.length > 1 ? `${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}` : frames[0];
-  const words = make("span", {}, [title, make("small", {}, why ? why : list)]);
+  const words = make("span", {}, [title, make("small", {}, why ? why.split(": ")[0] : list)]);
   return make("div", { class: "entry" }, [
     make("label", { class: "frame", "data-frame": frames[0] }, [tick, words]), ...fields.map((field) => fieldOf(field, title))]);
 }
@@ -176,7 +182,7 @@ async function show(form) {
   const byName = new Map(every.map((field) => [fieldName(field), field]));
   for (const input of inputs()) {
     const field = byName.get(`${input.dataset.where} ${input.dataset.key}`);
-    if (input !== document.activeElement || isNew) input.value = field.value;
+    if (input !== document.activeElement || isNew) input.value = unsent.get(fieldName(field))?.value ?? field.value;
     input.setAttribute("aria-invalid", String(Boolean(field.fault)));
     document.getElementById(input.getAttribute("aria-describedby")).textContent = field.fault ?? "";
     const count = alikeOf(input).length, button = input.closest(".field").querySelector("button");
@@ -235,6 +241,7 @@ $("roles").addEventListener("submit", (event) => {
 const look = () => {
   page.folder = $("folder").value;
   page.shape = "";
+  unsent.clear();
   $("form").hidden = true;
   return attempt(() => send());
 };
@@ -248,7 +255,7 @@ $("next").addEventListener("click", () => {
 
 $("write").addEventListener("click", () => attempt(async () => {
   const { form, folder } = page;
-  const { path } = await ask("write");
+  const { path } = await ask("write", { entries: [...unsent.values()] });
   const name = encodeURIComponent(folder), has = (key) => form.text.includes(`\n${key} = `);
   const mark = make("a", { href: `points.html?capture=${name}` }, "mark corners in its photograph");
   const open = make("a", { href: `./?capture=${name}` }, "open it in the workbench");
