@@ -11,9 +11,11 @@ from typing import Any
 import matplotlib
 import numpy as np
 from cboxlab.calibration.instrument import Mask, band_centres, cell_means
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
 from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, srgb_matrix
+from .flip import FLIP_LACKING, flip_map
 from .light import filter_curves, light_parts, pixel_spectra
 
 __all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]
@@ -114,6 +116,19 @@ def _signals(c: Comparison, order: NDArray[np.int64], names: Sequence[str]) -> d
     return signals
 
 
+def _flip(c: Comparison, block: int) -> dict[str, Any] | None:
+    """FLIP of the picture as it is shown, encoded; None without its evaluator."""
+    left_out = _any(c.maps["mask"].values.astype(np.uint8), block).any(axis=0)
+    pictures = [
+        np.where(left_out[..., None], np.nan, np.moveaxis(_means(c.maps[name].values, block), 0, -1) @ c.xyz_per_dn.T)
+        for name in ("measured", "rendered")
+    ]
+    try:
+        return encoded(flip_map(*pictures, c.white), _LIGHT_STEP)
+    except InputError:
+        return None
+
+
 def _every(values: NDArray, block: int) -> NDArray[np.int16]:
     """Labels (y, x) at the middle of every block."""
     height, width = (block * (n // block) for n in values.shape)
@@ -208,6 +223,8 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
             for d in (COLOUR_DIFFERENCES[name] for name in c.colour)
             if d.script is not None
         ],
+        "flip": _flip(c, block),
+        "flip_lacking": FLIP_LACKING,
         "colours": {"diverging": stops("RdBu_r"), "sequential": stops("cividis")},
         "light": None,
         "spectrum": None,

@@ -34,6 +34,7 @@
  *   xyz_per_dn          3 rows of one number per band; xyz_unit   its unit; white  {x, y, luminance}
  *   srgb                3 x 3, XYZ over the white's luminance to linear sRGB, adapted to the white
  *   colour_differences  [{id, label, title, unit, script}], script a name in COLOUR_DIFFERENCES of colour.js
+ *   flip                null or (y, x) FLIP, 0 to 1; flip_lacking  what is said where it is null
  *   colours             {diverging, sequential}: hexadecimal stops
  *   light               null or {names, share: (k, y, x)}
  *   spectrum            null or {wavelength_nm, basis: (k, w), coefficients: (k, y, x), rank, unit}
@@ -76,7 +77,9 @@ class CBoxViewer {
 
   async _take(data) {
     const picture = this.picture;
-    for (const name of ["measured", "rendered", "sigma", "mask", "surface"])
+    if (this._controls && data.rendered && !data.flip)
+      [picture.flip, picture.flip_lacking] = [null, "FLIP: of another rendering; see its report"];
+    for (const name of ["measured", "rendered", "sigma", "mask", "surface", "flip"])
       if (data[name]) picture[name] = await decoded(data[name]);
     if (data.light) picture.light = { ...data.light, share: await decoded(data.light.share) };
     if (data.filters) picture.filters = { ...data.filters, curves: await decoded(data.filters.curves) };
@@ -96,7 +99,7 @@ class CBoxViewer {
     await this._take(data);
     for (const key of [...this._painted.keys()])
       if (!key.startsWith("measured ") || data.measured) this._painted.delete(key);
-    if (data.maps) this._fillLists();
+    if (data.maps || data.rendered) this._fillLists();
     this._refresh();
   }
 
@@ -290,7 +293,8 @@ class CBoxViewer {
   _fillLists() {
     for (const name of ["a", "b", "c"]) {
       const select = this._controls.querySelector(`[data-cbv=${name}]`);
-      select.replaceChildren(...layersOf(this.picture).map((layer) => html("option", { value: layer.id }, layer.name)));
+      select.replaceChildren(...layersOf(this.picture).map((layer) =>
+        html("option", { value: layer.id, ...(layer.lacks ? { disabled: "" } : {}) }, layer.lacks || layer.name)));
     }
   }
 
