@@ -25,6 +25,7 @@ from .autosave import discard_unsaved
 from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
 from .first_capture import first_draft, first_thumbnails, write_first
 from .jobs import Jobs
+from .labelling import Labelling
 from .picker import Picker
 from .places import list_inputs
 from .wire import catalogue_record, earlier_view, pattern_view, study_record, view
@@ -68,6 +69,9 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "first.js": ("text/javascript", _page_file("first.js")),
     "points.html": ("text/html", _page_file("points.html")),
     "points.js": ("text/javascript", _page_file("points.js")),
+    "labels.html": ("text/html", _page_file("labels.html")),
+    "labels.js": ("text/javascript", _page_file("labels.js")),
+    "photograph.js": ("text/javascript", _page_file("photograph.js")),
     "text.js": ("text/javascript", lambda: viewer_part("text.js")),
     "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),
     "studio.css": ("text/css", _page_file("studio.css")),
@@ -120,7 +124,7 @@ class _Handlers:
 
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
-        self._picker = Picker(bench.root)
+        self._picker, self._labelling = Picker(bench.root), Labelling(bench.root)
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
         #: Last answers by name, for pages that ask during a computation.
@@ -226,6 +230,23 @@ class _Handlers:
             "picture": lambda: picker.picture(capture),
             "locate": lambda: picker.locate(capture, marks, flag_of(body, "by_edges")),
             "write": lambda: picker.write(capture, marks),
+        }
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
+
+    async def labels(self, request: Request) -> Response:
+        """Photograph and labels of a capture, pixels of drawn shapes, or the files of them."""
+        name, body, labelling = request.path_params["name"], await json_body(request), self._labelling
+        capture, shapes, names = text_of(body, "capture"), body.get("shapes", []), body.get("names", [])
+        if not isinstance(shapes, list) or not isinstance(names, list):
+            raise InputError("shapes", repr(shapes)[:80], "lists of shapes and names")
+        base = flag_of(body, "base")
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "picture": lambda: labelling.picture(capture),
+            "chart": lambda: labelling.chart(capture),
+            "count": lambda: labelling.count(capture, shapes, base),
+            "write": lambda: labelling.write(capture, shapes, names, base, flag_of(body, "replace")),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
@@ -363,6 +384,7 @@ def build_app(
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),
         Route("/api/first/{name:str}", handlers.first, methods=["POST"]),
         Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
+        Route("/api/labels/{name:str}", handlers.labels, methods=["POST"]),
         Route("/api/job/{name:str}", handlers.job, methods=["POST"]),
     ]
 
