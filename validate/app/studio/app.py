@@ -22,6 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
 from .autosave import discard_unsaved
+from .boards import Boards
 from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
 from .first_capture import first_draft, first_thumbnails, write_first
 from .jobs import Jobs
@@ -69,6 +70,8 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "first.js": ("text/javascript", _page_file("first.js")),
     "points.html": ("text/html", _page_file("points.html")),
     "points.js": ("text/javascript", _page_file("points.js")),
+    "boards.html": ("text/html", _page_file("boards.html")),
+    "boards.js": ("text/javascript", _page_file("boards.js")),
     "labels.html": ("text/html", _page_file("labels.html")),
     "labels.js": ("text/javascript", _page_file("labels.js")),
     "photograph.js": ("text/javascript", _page_file("photograph.js")),
@@ -124,7 +127,7 @@ class _Handlers:
 
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
-        self._picker, self._labelling = Picker(bench.root), Labelling(bench.root)
+        self._picker, self._labelling, self._boards = Picker(bench.root), Labelling(bench.root), Boards(bench.root)
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
         #: Last answers by name, for pages that ask during a computation.
@@ -247,6 +250,22 @@ class _Handlers:
             "chart": lambda: labelling.chart(capture),
             "count": lambda: labelling.count(capture, shapes, base),
             "write": lambda: labelling.write(capture, shapes, names, base, flag_of(body, "replace")),
+        }
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
+
+    async def boards(self, request: Request) -> Response:
+        """Boards found in a capture's target frames, one frame, the lens without some, or capture.toml without them."""
+        name, body, boards = request.path_params["name"], await json_body(request), self._boards
+        capture, dropped = text_of(body, "capture"), body.get("dropped", [])
+        if not isinstance(dropped, list) or not all(isinstance(each, str) for each in dropped):
+            raise InputError("dropped", repr(dropped)[:80], "a list of frames")
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "views": lambda: boards.views(capture),
+            "frame": lambda: boards.frame(capture, text_of(body, "frame")),
+            "fit": lambda: boards.fit(capture, dropped),
+            "write": lambda: boards.write(capture, dropped),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
@@ -385,6 +404,7 @@ def build_app(
         Route("/api/first/{name:str}", handlers.first, methods=["POST"]),
         Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
         Route("/api/labels/{name:str}", handlers.labels, methods=["POST"]),
+        Route("/api/boards/{name:str}", handlers.boards, methods=["POST"]),
         Route("/api/job/{name:str}", handlers.job, methods=["POST"]),
     ]
 
