@@ -29,7 +29,7 @@ from .jobs import Jobs
 from .labelling import Labelling
 from .picker import Picker
 from .places import list_inputs
-from .wire import catalogue_record, earlier_view, pattern_view, study_record, view
+from .wire import catalogue_record, earlier_view, flip_record, pattern_view, study_record, view
 from .workbench import EarlierStateError, Workbench
 
 __all__ = ["ANY_ADDRESS", "IDLE_S", "build_app"]
@@ -164,6 +164,10 @@ class _Handlers:
         """Study and predicted pictures."""
         content = await self._latest("view", lambda: view(self.bench))
         return Response(content, media_type="application/octet-stream", headers=_HEADERS)
+
+    async def flip(self, request: Request) -> Response:
+        """FLIP of the photograph and the predicted picture."""
+        return JSONResponse(await self.jobs.quick(lambda: flip_record(self.bench)), headers=_HEADERS)
 
     async def pattern(self, request: Request) -> Response:
         """Patterns of an effect that is not added."""
@@ -393,6 +397,7 @@ def build_app(
         Route("/api/state", handlers.state),
         Route("/api/picture", handlers.picture),
         Route("/api/view", handlers.view),
+        Route("/api/flip", handlers.flip),
         Route("/api/effects", handlers.effects),
         Route("/api/places", handlers.inputs),
         Route("/api/events", handlers.events),

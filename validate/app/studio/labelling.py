@@ -158,7 +158,7 @@ class Labelling:
         capture, shapes, base
             As of ``count``.
         names
-            Records with ``label``, ``name`` and ``column``, one for each label of the image.
+            Records with ``label``, ``name`` and ``column``, one for each label that is drawn.
         replace
             Whether existing files may be replaced.
 
@@ -171,7 +171,7 @@ class Labelling:
         Raises
         ------
         InputError
-            As of ``count``, and for labels without a name or without a pixel.
+            As of ``count``, for drawn labels without a name, and if no pixel has a label.
         """
         photograph = self._of(capture)
         image = self._drawn(photograph, shapes, base)
@@ -179,7 +179,8 @@ class Labelling:
         used = {int(n) for n in np.unique(image) if n}
         if not used:
             raise InputError("labels", "no pixel with a label", "at least one shape")
-        if nameless := sorted(used - {row.label for row in rows}):
+        drawn = {shape.label for shape in _shapes(shapes) if shape.label in used}
+        if nameless := sorted(drawn - {row.label for row in rows}):
             raise InputError("labels", f"no name for {', '.join(map(str, nameless))}", "a name for each label")
         table = load_capture(photograph.folder).manifest.labels
         image_name = table.image if table is not None and table.image is not None else _IMAGE

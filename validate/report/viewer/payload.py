@@ -18,7 +18,7 @@ from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, srgb_matrix
 from .flip import FLIP_LACKING, flip_map
 from .light import filter_curves, light_parts, pixel_spectra
 
-__all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]
+__all__ = ["changed_data", "encoded", "flip_data", "picture_data", "viewer_data"]
 
 #: Most numbers of an array that is stored in 32 bits; larger arrays have 16 bits, so that a report stays small.
 _MAX_EXACT_NUMBERS = 1 << 19
@@ -116,8 +116,23 @@ def _signals(c: Comparison, order: NDArray[np.int64], names: Sequence[str]) -> d
     return signals
 
 
-def _flip(c: Comparison, block: int) -> dict[str, Any] | None:
-    """FLIP of the picture as it is shown, encoded; None without its evaluator."""
+def flip_data(c: Comparison, rendered: ArrayLike | None = None) -> dict[str, Any] | None:
+    """FLIP of a comparison's pictures at the size in which they are shown.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    rendered
+        (band, y, x) another rendering, DN; None for the comparison's.
+
+    Returns
+    -------
+    dict | None
+        Encoded (y, x) map; None without the evaluator.
+    """
+    c = _of_cells(c if rendered is None else replace(c, maps=c.maps.assign(rendered=(("band", "y", "x"), rendered))))
+    block = _block(c)
     left_out = _any(c.maps["mask"].values.astype(np.uint8), block).any(axis=0)
     pictures = [
         np.where(left_out[..., None], np.nan, np.moveaxis(_means(c.maps[name].values, block), 0, -1) @ c.xyz_per_dn.T)
@@ -223,7 +238,7 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
             for d in (COLOUR_DIFFERENCES[name] for name in c.colour)
             if d.script is not None
         ],
-        "flip": _flip(c, block),
+        "flip": flip_data(c),
         "flip_lacking": FLIP_LACKING,
         "colours": {"diverging": stops("RdBu_r"), "sequential": stops("cividis")},
         "light": None,

@@ -116,7 +116,10 @@ function close() {
 }
 
 function list() {
-  const rows = [{ label: 0, name: "no label", column: "" }, ...page.names].map(({ label, name, column }) => {
+  const nameless = [...page.counts.keys()].filter((label) => !page.names.some((row) => row.label === label));
+  const every = [{ label: 0, name: "no label", column: "" }, ...page.names,
+    ...nameless.map((label) => ({ label, name: "without a name, not measured", column: "" }))];
+  const rows = every.map(({ label, name, column }) => {
     const input = make("input", { type: "radio", name: "label", value: label });
     input.checked = label === page.chosen;
     input.addEventListener("change", () => { page.chosen = label; refresh(); });

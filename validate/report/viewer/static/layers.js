@@ -22,7 +22,8 @@ const fixedLayers = (picture) => [
   ...picture.colour_differences.map((difference) => ({
     id: difference.id, name: difference.title, kind: "size", end: "colour", unit: difference.unit, difference,
   })),
-  { id: "flip", name: "FLIP", kind: "size", end: "flip", unit: "", values: picture.flip, lacks: picture.flip ? "" : picture.flip_lacking },
+  { id: "flip", name: "FLIP", kind: "size", end: "flip", unit: "", values: picture.flip, 
+    lacks: picture.flip || picture.flip_later ? "" : picture.flip_lacking },
   { id: "luminance", name: "Luminance difference", kind: "difference", end: "percent", unit: "%" },
   { id: "masks", name: "Pixels left out", kind: "reason" },
 ];
