@@ -260,7 +260,7 @@ class _Handlers:
         return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
 
     async def boards(self, request: Request) -> Response:
-        """Boards found in a capture's target frames, one frame, the lens without some, or capture.toml without them."""
+        """Boards of a capture, one of their frames, the fitted lens, or a changed capture.toml."""
         name, body, boards = request.path_params["name"], await json_body(request), self._boards
         capture, dropped = text_of(body, "capture"), body.get("dropped", [])
         if not isinstance(dropped, list) or not all(isinstance(each, str) for each in dropped):

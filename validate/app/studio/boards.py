@@ -1,4 +1,4 @@
-"""Boards that the program finds in a capture's target frames, for the page that shows and drops them."""
+"""Boards in a capture's target frames, for the page that shows and drops views."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WHITE_PERCENTILE = 99.5
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
+class _Detected:
     """Boards of a capture."""
 
     folder: Path
@@ -50,7 +50,7 @@ class Boards:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._found: _Found | None = None
+        self._detected: _Detected | None = None
 
     def views(self, capture: str) -> dict[str, Any]:
         """Corners or disks found in each target frame.
@@ -70,14 +70,14 @@ class Boards:
         InputError
             If the capture is faulty, outside the root folder, or has no target.
         """
-        found = self._found = self._load(capture)
-        corners = dict(zip(found.views.names, (image.tolist() for _, image in found.views.points), strict=True))
-        height, width = found.capture.shape
+        boards = self._detected = self._load(capture)
+        corners = dict(zip(boards.views.names, (image.tolist() for _, image in boards.views.points), strict=True))
+        height, width = boards.capture.shape
         return {
             "width": width,
             "height": height,
-            "frames": [{"frame": name, "corners": corners.get(name)} for name in found.frames],
-            "notes": found.views.notes,
+            "frames": [{"frame": name, "corners": corners.get(name)} for name in boards.frames],
+            "notes": boards.views.notes,
         }
 
     def frame(self, capture: str, frame: str) -> dict[str, Any]:
@@ -100,9 +100,9 @@ class Boards:
         InputError
             If no target names the frame.
         """
-        found = self._of(capture)
-        _require_frames(found, [frame])
-        values = np.asarray(found.capture.stored_frame(frame), float)
+        boards = self._of(capture)
+        _require_frames(boards, [frame])
+        values = np.asarray(boards.capture.stored_frame(frame), float)
         low, white = np.percentile(values, [0, _WHITE_PERCENTILE])
         return {"photograph": encoded((values - low) / max(white - low, 1e-9))}
 
@@ -127,12 +127,12 @@ class Boards:
         InputError
             For frames that no target names.
         """
-        found = self._of(capture)
-        _require_frames(found, dropped)
-        used = [index for index, name in enumerate(found.views.names) if name not in dropped]
-        names = [found.views.names[index] for index in used]
-        points = [found.views.points[index] for index in used]
-        height, width = found.capture.shape
+        boards = self._of(capture)
+        _require_frames(boards, dropped)
+        used = [index for index, name in enumerate(boards.views.names) if name not in dropped]
+        names = [boards.views.names[index] for index in used]
+        points = [boards.views.points[index] for index in used]
+        height, width = boards.capture.shape
         try:
             fit = fit_camera_targets(points, width_px=width, height_px=height, source="the boards in use", names=names)
         except InputError as error:
@@ -174,32 +174,32 @@ class Boards:
         InputError
             For frames that no target names, if a target had no frame left, and where the lines cannot be found.
         """
-        found = self._of(capture)
-        _require_frames(found, dropped)
+        boards = self._of(capture)
+        _require_frames(boards, dropped)
         if not dropped:
             raise InputError("dropped", "no frame", "at least one frame to remove")
-        path = found.folder / "capture.toml"
+        path = boards.folder / "capture.toml"
         before = path.read_text(encoding="utf-8")
-        wanted = tomllib.loads(before)
-        for target in wanted["target"]:
+        expected = tomllib.loads(before)
+        for target in expected["target"]:
             target["frames"] = [name for name in target["frames"] if name not in dropped]
             if not target["frames"]:
                 raise InputError(path, "a target without frames", "one frame or more", "Remove its table [[target]].")
         after = _without_frames(before, dropped)
-        if tomllib.loads(after) != wanted:
+        if tomllib.loads(after) != expected:
             names = ", ".join(dropped)
             raise InputError(path, "frames in an unusual form", "lists of frames", f"Remove by hand: {names}")
         with replacing(path) as temporary:
             temporary.write_text(after, encoding="utf-8")
-        self._found = None
+        self._detected = None
         return {"path": str(path)}
 
-    def _of(self, capture: str) -> _Found:
-        if self._found is None or self._found.folder != path_of_name(self._root, capture, "capture"):
-            self._found = self._load(capture)
-        return self._found
+    def _of(self, capture: str) -> _Detected:
+        if self._detected is None or self._detected.folder != path_of_name(self._root, capture, "capture"):
+            self._detected = self._load(capture)
+        return self._detected
 
-    def _load(self, name: str) -> _Found:
+    def _load(self, name: str) -> _Detected:
         folder = path_of_name(self._root, name, "capture")
         with inputs_below(self._root):
             capture = load_capture(folder)
@@ -207,13 +207,13 @@ class Boards:
                 raise InputError(folder / "capture.toml", "no [[target]]", "frames of a board")
             if capture.reduction is not None:
                 raise InputError(folder / "capture.toml", "frames that are reduced", "frames in their full size")
-            return _Found(folder, capture, detect_boards(capture))
+            return _Detected(folder, capture, detect_boards(capture))
 
 
-def _require_frames(found: _Found, frames: Sequence[str]) -> None:
+def _require_frames(boards: _Detected, frames: Sequence[str]) -> None:
     """Raise InputError for a name that no target has."""
     for name in frames:
-        if name not in found.frames:
+        if name not in boards.frames:
             raise InputError("frame", repr(name)[:80], "a frame of a target")
 
 

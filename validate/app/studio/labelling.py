@@ -25,14 +25,20 @@ from .places import path_of_name
 
 __all__ = ["Labelling"]
 
-#: Files in the folder of a capture that states none.
-_IMAGE, _NAMES = "labels.png", "labels.csv"
+#: Label image of a capture that states none.
+_IMAGE = "labels.png"
+
+#: Names of the labels of a capture that states none.
+_NAMES = "labels.csv"
 
 #: Largest label of an 8-bit image.
 _LARGEST_LABEL = 255
 
-#: Most shapes, and most corners of a shape.
-_MOST_SHAPES, _MOST_CORNERS = 500, 200
+#: Most shapes: a request has at most 64 kB.
+_MOST_SHAPES = 500
+
+#: Most corners of a shape.
+_MOST_CORNERS = 200
 
 #: Most letters of a name.
 _MOST_LETTERS = 60
@@ -114,7 +120,7 @@ class Labelling:
         return {"shapes": [{"label": n, "corners": corners.tolist()} for n, corners in enumerate(outlines, 1)]}
 
     def count(self, capture: str, shapes: Sequence[Any], base: bool) -> dict[str, Any]:
-        """Pixels of each label, and those that remain without a rim of 4 px, which calibration leaves out.
+        """Pixels of each label, and those without a rim of 4 px, which calibration uses.
 
         Parameters
         ----------
@@ -135,7 +141,7 @@ class Labelling:
         InputError
             For faulty shapes.
         """
-        image = self._drawn(self._of(capture), shapes, base)
+        image = self._label_image(self._of(capture), shapes, base)
         numbers = [int(n) for n in np.unique(image) if n]
         return {
             "counts": [
@@ -174,13 +180,13 @@ class Labelling:
             As of ``count``, for drawn labels without a name, and if no pixel has a label.
         """
         photograph = self._of(capture)
-        image = self._drawn(photograph, shapes, base)
+        image = self._label_image(photograph, shapes, base)
         rows = _rows(names)
         used = {int(n) for n in np.unique(image) if n}
         if not used:
             raise InputError("labels", "no pixel with a label", "at least one shape")
-        drawn = {shape.label for shape in _shapes(shapes) if shape.label in used}
-        if nameless := sorted(drawn - {row.label for row in rows}):
+        of_shapes = {shape.label for shape in _shapes(shapes) if shape.label in used}
+        if nameless := sorted(of_shapes - {row.label for row in rows}):
             raise InputError("labels", f"no name for {', '.join(map(str, nameless))}", "a name for each label")
         table = load_capture(photograph.folder).manifest.labels
         image_name = table.image if table is not None and table.image is not None else _IMAGE
@@ -209,7 +215,7 @@ class Labelling:
             self._photograph = load_photograph(self._root, capture, with_scene=False)
         return self._photograph
 
-    def _drawn(self, photograph: Photograph, records: Sequence[Any], base: bool) -> NDArray[np.uint8]:
+    def _label_image(self, photograph: Photograph, records: Sequence[Any], base: bool) -> NDArray[np.uint8]:
         """(y, x) label of each pixel whose centre is in a shape, or of the capture's own labels."""
         shape = photograph.values.shape
         image: NDArray[np.uint8] = np.zeros(shape, np.uint8)
@@ -219,9 +225,9 @@ class Labelling:
                 image = loaded.labels().copy()
         v, u = np.mgrid[: shape[0], : shape[1]]
         centres = np.stack([u.ravel(), v.ravel()], axis=1)
-        for drawn in _shapes(records):
-            inside = Outline(drawn.corners, closed=False).contains_points(centres).reshape(shape)
-            image[inside] = drawn.label
+        for area in _shapes(records):
+            inside = Outline(area.corners, closed=False).contains_points(centres).reshape(shape)
+            image[inside] = area.label
         return image
 
 

@@ -22,7 +22,7 @@ FLIP_LACKING = "FLIP needs its evaluator: pip install 'cboxlab[flip]'"
 def flip_map(measured_xyz: ArrayLike, rendered_xyz: ArrayLike, white: White) -> NDArray[np.float64]:
     """FLIP of two pictures, the photograph as reference.
 
-    Both are shown as sRGB of 8 bits, the white as white. A pixel that is left out has the same colour in both.
+    Both are pictures_8bit as sRGB of 8 bits, the white as white. A pixel that is left out has the same colour in both.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def flip_map(measured_xyz: ArrayLike, rendered_xyz: ArrayLike, white: White) -> 
         raise InputError("FLIP", "no package flip-evaluator", "its evaluator", FLIP_LACKING) from None
     pictures = [np.asarray(xyz, float) for xyz in (measured_xyz, rendered_xyz)]
     left_out = ~np.isfinite(np.concatenate(pictures, axis=-1)).all(axis=-1)
-    shown = [srgb_preview(np.where(left_out[..., None], np.nan, xyz), white) for xyz in pictures]
-    reference, test = (np.ascontiguousarray(picture / np.float32(255), np.float32) for picture in shown)
+    pictures_8bit = [srgb_preview(np.where(left_out[..., None], np.nan, xyz), white) for xyz in pictures]
+    reference, test = (np.ascontiguousarray(picture / np.float32(255), np.float32) for picture in pictures_8bit)
     values, _, _ = flip_evaluator.evaluate(reference, test, "LDR", applyMagma=False, computeMeanError=False)
     flat = np.asarray(values, np.float64).reshape(*left_out.shape, -1)[..., 0]
     return np.where(left_out, np.nan, flat)

@@ -133,13 +133,14 @@ def flip_data(c: Comparison, rendered: ArrayLike | None = None) -> dict[str, Any
     """
     c = _of_cells(c if rendered is None else replace(c, maps=c.maps.assign(rendered=(("band", "y", "x"), rendered))))
     block = _block(c)
-    left_out = _any(c.maps["mask"].values.astype(np.uint8), block).any(axis=0)
-    pictures = [
-        np.where(left_out[..., None], np.nan, np.moveaxis(_means(c.maps[name].values, block), 0, -1) @ c.xyz_per_dn.T)
-        for name in ("measured", "rendered")
-    ]
+    left_out = np.any(_any(c.maps["mask"].values.astype(np.uint8), block), axis=0, keepdims=True)
+
+    def xyz(name: str) -> NDArray[np.float64]:
+        signals = np.where(left_out, np.nan, _means(c.maps[name].values, block))
+        return np.moveaxis(signals, 0, -1) @ c.xyz_per_dn.T
+
     try:
-        return encoded(flip_map(*pictures, c.white), _LIGHT_STEP)
+        return encoded(flip_map(xyz("measured"), xyz("rendered"), c.white), _LIGHT_STEP)
     except InputError:
         return None
 

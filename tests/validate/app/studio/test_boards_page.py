@@ -39,11 +39,11 @@ def test_a_wrong_view_is_seen_and_removed_in_the_browser(bench):
         assert len(lines) == 5 and "not used: target-2.tif: its points scatter by" in lines[2]
         assert all("35 points, rms 0." in line for line in lines if "target-2" not in line)
         # the corners lie where the camera sees them
-        shown = np.array(page.run("points()"))
+        corners = np.array(page.run("points()"))
         x, y = np.meshgrid(np.arange(7), np.arange(5))
         grid = 20.0 * np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
         truth = camera_before(centre(5, 7), TILTS_DEG[0], 42.0 * 8).project(grid)
-        assert min(np.abs(shown - truth).max(), np.abs(shown - truth[::-1]).max()) < 0.3
+        assert min(np.abs(corners - truth).max(), np.abs(corners - truth[::-1]).max()) < 0.3
         page.run("photograph.canvas.focus()")
         page.key("ArrowRight")
         assert "Point 2 of 35" in page.run("$('saved').textContent")

@@ -55,11 +55,11 @@ def test_labels_are_drawn_and_written_in_the_browser(bench):
             page.run(f"$('name').value = '{name}'; $('column').value = '{column}'; $('new').requestSubmit()")
 
         def click(u, v):
-            left, top, zoom = page.run(
+            x, y, zoom = page.run(
                 "(() => {photograph.canvas.scrollIntoView(); const b = photograph.canvas.getBoundingClientRect();"
                 "return [b.left, b.top, photograph.zoom]})()"
             )
-            page.click(left + (u + 0.5) * zoom, top + (v + 0.5) * zoom)
+            page.click(x + (u + 0.5) * zoom, y + (v + 0.5) * zoom)
 
         def settle():
             page.until("document.body.dataset.busy === 'false'")
@@ -97,9 +97,9 @@ def test_labels_are_drawn_and_written_in_the_browser(bench):
         expected[4:16, 3:22] = 1
         expected[7:9, 10:12] = 0
         loaded = load_capture(capture)
-        drawn = loaded.labels()
-        assert np.array_equal(np.where(drawn == 2, 0, drawn), expected)
-        assert (drawn == 2).sum() == 28 and drawn[24, 17] == 2 and drawn[31, 16] == 0
+        image = loaded.labels()
+        assert np.array_equal(np.where(image == 2, 0, image), expected)
+        assert (image == 2).sum() == 28 and image[24, 17] == 2 and image[31, 16] == 0
         assert [(row.label, row.name, row.column) for row in loaded.label_names()] == [
             (1, "paper", "white_paper"),
             (2, "wall", None),
@@ -114,7 +114,7 @@ def test_labels_are_drawn_and_written_in_the_browser(bench):
         page.until("$('saved').textContent.includes('Written')")
         assert page.questions[-1] == "confirm"
         again = load_capture(capture).labels()
-        assert (again == 1).sum() == (drawn == 1).sum() + 16 and np.array_equal(again == 2, drawn == 2)
+        assert (again == 1).sum() == (image == 1).sum() + 16 and np.array_equal(again == 2, image == 2)
         assert page.errors == []
         for width in (1280, 400):
             page.size(width)
