@@ -8,6 +8,7 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .chain_check import ChainCheck, check_chain
+    from .chart import chart_outlines
     from .chart_sensitivity import chart_sensitivities
     from .colorimetry import FilterWeights, xyz_image
     from .colour_error import ColourError
@@ -23,6 +24,7 @@ __all__ = [
     "FilterWeights",
     "PatchErrors",
     "PatchTable",
+    "chart_outlines",
     "chart_sensitivities",
     "check_chain",
     "measure_patches",

@@ -13,7 +13,7 @@ from ..capture import Capture
 from ..correction import CorrectedBands
 from ..instrument import Mask, interpolated_channel
 
-__all__ = ["find_chart"]
+__all__ = ["chart_outlines", "find_chart"]
 
 #: Wavelengths of the three bands of the picture in which the chart is found, nm: primaries of a display, B, G, R.
 _PRIMARIES_NM = (455.0, 545.0, 610.0)
@@ -68,6 +68,32 @@ def find_chart(capture: Capture, bands: CorrectedBands) -> NDArray[np.uint8]:
     Raises
     ------
     InputError
+        As of ``chart_outlines``.
+    """
+    labels = np.zeros(bands.images["signal"].shape[1:], np.uint8)
+    for index, quad in enumerate(chart_outlines(capture, bands)):
+        cv2.fillConvexPoly(labels, np.rint(quad).astype(np.int32), index + 1)
+    return labels
+
+
+def chart_outlines(capture: Capture, bands: CorrectedBands) -> NDArray[np.float64]:
+    """Outlines of the patches of a ColorChecker in the picture.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    bands
+        The capture's corrected bands.
+
+    Returns
+    -------
+    NDArray
+        (24, 4, 2) corners (u, v) of the patches, px, left to right and top to bottom from dark skin to black.
+
+    Raises
+    ------
+    InputError
         If the picture has no three bands for its colours, or no chart is found in it.
     """
     where = capture.folder / "capture.toml: labels"
@@ -88,11 +114,8 @@ def find_chart(capture: Capture, bands: CorrectedBands) -> NDArray[np.uint8]:
             "Turn the chart to the camera, or write image = 'labels.png' with a label per pixel.",
         )
     corners = _refined(picture, _before_resize(corners.reshape(_PATCHES, 4, 2), scale).mean(axis=1))
-    quads = _projected(corners, _CENTRES[:, None] + _HALF_PATCH * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
-    labels = np.zeros(picture.shape[:2], np.uint8)
-    for index, quad in enumerate(quads):
-        cv2.fillConvexPoly(labels, np.rint(quad).astype(np.int32), index + 1)
-    return labels
+    square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return _projected(corners, _CENTRES[:, None] + _HALF_PATCH * square)
 
 
 def _before_resize(resized_px: NDArray[np.float64], scale: float) -> NDArray[np.float64]:

@@ -21,7 +21,7 @@ from .surveyed_points import SurveyedPoints, capture_points
 from .target_camera import TargetFit, fit_camera_targets
 from .targets import TargetView, detect_target
 
-__all__ = ["calibrate_camera"]
+__all__ = ["BoardViews", "calibrate_camera", "detect_boards"]
 
 #: Width or height of a board's picture above which it is reduced, px: a corner is found to a twentieth of a pixel.
 _LARGEST_BOARD_PX = 2400
@@ -31,7 +31,7 @@ _ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class _Views:
+class BoardViews:
     """Flat targets that were detected."""
 
     #: Points of each view, px of the whole frame.
@@ -60,9 +60,20 @@ def _board_place(target: TargetTable) -> BoardPlace | None:
     return BoardPlace(np.array(target.origin_mm), axes, target.kind != "charuco")
 
 
-def _views(capture: Capture) -> _Views:
-    """Points detected in target frames, px of the whole frame."""
-    views = _Views([], [], [], [])
+def detect_boards(capture: Capture) -> BoardViews:
+    """Points of a capture's flat targets, in its frames.
+
+    Parameters
+    ----------
+    capture
+        Capture with or without `[[target]]` tables.
+
+    Returns
+    -------
+    BoardViews
+        Views in the order of the frames, without those in which no target is found.
+    """
+    views = BoardViews([], [], [], [])
     pattern = None if capture.manifest.mosaic is None else capture.manifest.mosaic.pattern
     faults: dict[str, list[str]] = {}
     for target in capture.manifest.target:
@@ -181,7 +192,7 @@ def _nominal_px(capture: Capture) -> float | None:
 
 
 def _fit_targets(
-    capture: Capture, views: _Views, survey: _Survey | None, model: LensModel
+    capture: Capture, views: BoardViews, survey: _Survey | None, model: LensModel
 ) -> tuple[TargetFit, LensModel, list[str]]:
     """Fit of the targets, with the survey if there is one, and the lens that all points choose."""
 
@@ -246,7 +257,7 @@ def calibrate_camera(capture: Capture) -> tuple[CameraFit | None, TargetFit | No
     model = _stated_model(capture.manifest.lens)
     survey = _survey(capture, model)
     model = model if survey is None else survey.model
-    views = _views(capture)
+    views = detect_boards(capture)
     notes, targets = views.notes, None
     if views.points:
         try:
@@ -295,7 +306,7 @@ def _seen_by(
 
 
 def _without_survey(
-    capture: Capture, views: _Views, targets: TargetFit | None, model: LensModel, notes: list[str]
+    capture: Capture, views: BoardViews, targets: TargetFit | None, model: LensModel, notes: list[str]
 ) -> tuple[CameraFit | None, TargetFit | None, list[str]]:
     """Camera from boards at a stated place, where there are any."""
     in_use = []

@@ -4,6 +4,7 @@ from .flat_faces import FlatFaces
 from .pinhole import Film, film_for, resampling
 from .planar_pixels import PlanarPixels, planar_pixels
 from .primary import border_pixels, facet_coverage, pixel_coverage, pixel_faces
+from .seen_lamps import part_of_lamps
 from .tracer import (
     RAY_OFFSET_MM,
     Hit,
@@ -30,6 +31,7 @@ __all__ = [
     "film_for",
     "intersect",
     "normal_and_material",
+    "part_of_lamps",
     "pixel_coverage",
     "pixel_faces",
     "pixel_rays",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, srgb_matrix, srgb_preview
+    from .colour_difference import COLOUR_DIFFERENCES, HEADLINE, DifferenceStatistics, White, srgb_matrix, srgb_preview
     from .comparison import ChiSquare, Comparison, Expectation, RelativeDifference, SurfaceRow
     from .corners import Corner, LocatedCorners, locate_corners, scene_corners
     from .edge_alignment import refine_geometry
@@ -53,6 +53,7 @@ __all__ = [
     "Rendered",
     "SurfaceRow",
     "Validation",
+    "White",
     "camera_jacobian",
     "compared",
     "failures",

@@ -20,6 +20,7 @@ from functools import partial
 
 import numpy as np
 from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, fit_camera
+from cboxlab.rendering.visibility import part_of_lamps
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
@@ -62,9 +63,6 @@ _RAYS_ACROSS = 9
 
 #: Distance across a pixel of points at which the light of the lamps is computed, as a part of 1: three a pixel.
 _LIGHT_ACROSS = 3
-
-#: Points across half a lamp's quad (a triangle): 50 in all of a quad, so that a half shadow has steps of 2 %.
-_LAMP_POINTS_ACROSS = 5
 
 #: Smallest scatter of the part of the lamps that a face sees, for a shadow on it.
 _LEAST_SHADOW = 0.02
@@ -403,7 +401,7 @@ def _faces_met(
 def _first_met(
     scene: Scene, camera: Camera, middle: NDArray[np.int64], direction: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """(n,) number of the flat face that each ray (n, 3) meets first, 0 for none, and its distance."""
+    """(n,) number of the flat face that each ray meets first, 0 for none, and its distance."""
     nearest, number = np.full(len(direction), np.inf), np.zeros(len(direction), np.int64)
     flat: dict[tuple[float, ...], int] = {}
     for surface in scene.all_surfaces:
@@ -440,7 +438,7 @@ def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArr
 
 
 def _lit_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
-    """Part of the lamps that points of a face see, (n, n) by its number, where a shadow lies on it.
+    """(n, n) part of the lamps that points of a face see, by its number, if a shadow lies on it.
 
     Beyond the rim of the face, as at its nearest point.
     """
@@ -451,47 +449,24 @@ def _lit_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> dict
     number, distance = _first_met(scene, camera, middle, direction)
     met = number > 0
     positions = camera.position_mm + (distance[met] * (1 - _OFF_THE_FACE))[:, None] * direction[met]
-    lit = np.zeros(number.size)
-    lit[met] = _part_of_lamps(scene, positions)
+    light = np.zeros(number.size)
+    light[met] = part_of_lamps(scene, positions)
     rays = (np.arange(size * _RAYS_ACROSS // _LIGHT_ACROSS) + 0.5) * _LIGHT_ACROSS / _RAYS_ACROSS - 0.5
     parts = {}
     for face in np.unique(number[met]):
         of_face = (number == face).reshape(size, size)
-        if np.std(lit.reshape(size, size)[of_face]) > _LEAST_SHADOW:
+        if np.std(light.reshape(size, size)[of_face]) > _LEAST_SHADOW:
             nearest = distance_transform_edt(~of_face, return_distances=False, return_indices=True)
-            extended = lit.reshape(size, size)[tuple(nearest)]
+            extended = light.reshape(size, size)[tuple(nearest)]
             grid = np.meshgrid(rays, rays, indexing="ij")
             parts[int(face)] = np.asarray(map_coordinates(extended, grid, order=1, mode="nearest"), np.float64)
     return parts
 
 
-def _part_of_lamps(scene: Scene, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) part of the lamps' area that each position sees."""
-    steps = (np.arange(_LAMP_POINTS_ACROSS) + 0.5) / _LAMP_POINTS_ACROSS
-    x, y = (axis.ravel()[:, None] for axis in np.meshgrid(np.sqrt(steps), steps))
-    triangles = np.concatenate([lamp.surface.vertices_mm[lamp.surface.faces] for lamp in scene.lamps])
-    lamps = np.concatenate([a + x * (1 - y) * (b - a) + x * y * (c - a) for a, b, c in triangles])
-    hidden = np.zeros((len(positions), len(lamps)), bool)
-    for a, b, c in np.concatenate([surface.vertices_mm[surface.faces] for surface in scene.surfaces]):
-        from_a, to_lamps = positions - a, lamps - a
-        normal = np.cross(c - a, b - a)
-        height, lamp_height = from_a @ normal, to_lamps @ normal
-        if max(height.max(), lamp_height.max()) <= 0 or min(height.min(), lamp_height.min()) >= 0:
-            continue  # all on one side of the face
-        turned = np.cross(from_a, b - a)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # the determinants of ``_first_met``, of every position and every point of the lamps
-            slope = lamp_height - height[:, None]
-            first, second = np.cross(c - a, from_a) @ to_lamps.T / slope, turned @ to_lamps.T / slope
-            distance = (turned @ (c - a))[:, None] / slope
-            hidden |= (first >= 0) & (second >= 0) & (first + second <= 1) & (distance > 0) & (distance < 1)
-    return np.asarray(1 - hidden.mean(axis=1), np.float64)
-
-
-def _blurred(faces: NDArray[np.int64], lit: Mapping[int, NDArray[np.float64]], blur_px: float) -> NDArray[np.float64]:
-    """(k, n, n) shares of faces around each ray, and of their light from the lamps, in a pixel and the lens's blur."""
+def _blurred(faces: NDArray[np.int64], light: Mapping[int, NDArray[np.float64]], blur_px: float) -> NDArray[np.float64]:
+    """(k, n, n) shares of faces around each ray within pixel and blur, and of their lamp light."""
     numbers, counts = np.unique(faces, return_counts=True)
     large = numbers[counts > _SMALLEST_SHARE * faces.size]
     parts = [(faces == k).astype(float) for k in large]
-    parts += [(faces == k) * lit[k] for k in large if k in lit]
+    parts += [(faces == k) * light[k] for k in large if k in light]
     return np.stack([gaussian_filter(uniform_filter(part, _RAYS_ACROSS), blur_px * _RAYS_ACROSS) for part in parts])

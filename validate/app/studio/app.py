@@ -21,12 +21,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
 from .autosave import discard_unsaved
+from .boards import Boards
 from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
 from .first_capture import FirstCaptures
 from .jobs import Jobs
+from .labelling import Labelling
 from .picker import Picker
 from .places import list_inputs
-from .wire import catalogue_record, earlier_view, pattern_view, study_record, view
+from .wire import catalogue_record, earlier_view, flip_record, pattern_view, study_record, view
 from .workbench import EarlierStateError, Workbench
 
 __all__ = ["ANY_ADDRESS", "IDLE_S", "build_app"]
@@ -68,6 +70,11 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "first.css": ("text/css", _page_file("first.css")),
     "points.html": ("text/html", _page_file("points.html")),
     "points.js": ("text/javascript", _page_file("points.js")),
+    "boards.html": ("text/html", _page_file("boards.html")),
+    "boards.js": ("text/javascript", _page_file("boards.js")),
+    "labels.html": ("text/html", _page_file("labels.html")),
+    "labels.js": ("text/javascript", _page_file("labels.js")),
+    "photograph.js": ("text/javascript", _page_file("photograph.js")),
     "text.js": ("text/javascript", lambda: viewer_part("text.js")),
     "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),
     "studio.css": ("text/css", _page_file("studio.css")),
@@ -120,7 +127,7 @@ class _Handlers:
 
     def __init__(self, bench: Workbench, jobs: Jobs, idle_s: float) -> None:
         self.bench, self.jobs, self.idle_s = bench, jobs, idle_s
-        self._picker = Picker(bench.root)
+        self._picker, self._labelling, self._boards = Picker(bench.root), Labelling(bench.root), Boards(bench.root)
         self._firsts = FirstCaptures(bench.root)
         self._later: asyncio.Task[None] | None = None
         self._saved: list[str] = []
@@ -158,6 +165,10 @@ class _Handlers:
         """Study and predicted pictures."""
         content = await self._latest("view", lambda: view(self.bench))
         return Response(content, media_type="application/octet-stream", headers=_HEADERS)
+
+    async def flip(self, request: Request) -> Response:
+        """FLIP of the photograph and the predicted picture."""
+        return JSONResponse(await self.jobs.quick(lambda: flip_record(self.bench)), headers=_HEADERS)
 
     async def pattern(self, request: Request) -> Response:
         """Patterns of an effect that is not added."""
@@ -227,6 +238,39 @@ class _Handlers:
             "picture": lambda: picker.picture(capture),
             "locate": lambda: picker.locate(capture, marks, flag_of(body, "by_edges")),
             "write": lambda: picker.write(capture, marks),
+        }
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
+
+    async def labels(self, request: Request) -> Response:
+        """Photograph and labels of a capture, pixels of drawn shapes, or the files of them."""
+        name, body, labelling = request.path_params["name"], await json_body(request), self._labelling
+        capture, shapes, names = text_of(body, "capture"), body.get("shapes", []), body.get("names", [])
+        if not isinstance(shapes, list) or not isinstance(names, list):
+            raise InputError("shapes", repr(shapes)[:80], "lists of shapes and names")
+        base = flag_of(body, "base")
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "picture": lambda: labelling.picture(capture),
+            "chart": lambda: labelling.chart(capture),
+            "count": lambda: labelling.count(capture, shapes, base),
+            "write": lambda: labelling.write(capture, shapes, names, base, flag_of(body, "replace")),
+        }
+        if name not in steps:
+            raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
+        return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
+
+    async def boards(self, request: Request) -> Response:
+        """Boards of a capture, one of their frames, the fitted lens, or a changed capture.toml."""
+        name, body, boards = request.path_params["name"], await json_body(request), self._boards
+        capture, dropped = text_of(body, "capture"), body.get("dropped", [])
+        if not isinstance(dropped, list) or not all(isinstance(each, str) for each in dropped):
+            raise InputError("dropped", repr(dropped)[:80], "a list of frames")
+        steps: Mapping[str, Callable[[], dict[str, Any]]] = {
+            "views": lambda: boards.views(capture),
+            "frame": lambda: boards.frame(capture, text_of(body, "frame")),
+            "fit": lambda: boards.fit(capture, dropped),
+            "write": lambda: boards.write(capture, dropped),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
@@ -353,6 +397,7 @@ def build_app(
         Route("/api/state", handlers.state),
         Route("/api/picture", handlers.picture),
         Route("/api/view", handlers.view),
+        Route("/api/flip", handlers.flip),
         Route("/api/effects", handlers.effects),
         Route("/api/places", handlers.inputs),
         Route("/api/events", handlers.events),
@@ -363,6 +408,8 @@ def build_app(
         Route("/api/step/{name:str}", handlers.step, methods=["POST"]),
         Route("/api/first/{name:str}", handlers.first, methods=["POST"]),
         Route("/api/points/{name:str}", handlers.points, methods=["POST"]),
+        Route("/api/labels/{name:str}", handlers.labels, methods=["POST"]),
+        Route("/api/boards/{name:str}", handlers.boards, methods=["POST"]),
         Route("/api/job/{name:str}", handlers.job, methods=["POST"]),
     ]
 

@@ -5,25 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.geometry import SurveyedPoints
-from cboxlab.calibration.result import calibrate_capture
 from cboxlab.scenes import Scene
-from cboxlab.scenes.scene_file import PACKAGED
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.input_files import inputs_below
 from numpy.typing import NDArray
 
 from ...compare import Corner, locate_corners, scene_corners
 from ...report.viewer import encoded
+from .photographs import add_table, load_photograph
 from .places import path_of_name
 
 __all__ = ["Picker"]
@@ -171,7 +167,11 @@ class Picker:
         with replacing(path) as temporary:
             temporary.write_text(text.getvalue(), encoding="utf-8")
         lines = f'[geometry]\npoints = "{_FILE}"'
-        return {"path": str(path), "lines": lines, "added": _add_table(picture.folder / "capture.toml", lines)}
+        return {
+            "path": str(path),
+            "lines": lines,
+            "added": add_table(picture.folder / "capture.toml", "geometry", lines),
+        }
 
     def _of(self, capture: str) -> _Picture:
         folder = path_of_name(self._root, capture, "capture")
@@ -180,26 +180,11 @@ class Picker:
         return self._picture
 
     def _load(self, name: str) -> _Picture:
-        folder = path_of_name(self._root, name, "capture")
-        with inputs_below(self._root, PACKAGED):
-            capture = load_capture(folder)
-            if capture.scene is None:
-                raise InputError(folder / "capture.toml", "no scene", "the scene whose corners are marked")
-            if capture.reduction is not None:
-                raise InputError(folder / "capture.toml", "frames that are reduced", "frames in their full size")
-            without_points = capture.manifest.model_copy(update={"geometry": None, "target": ()})
-            calibration = calibrate_capture(replace(capture, manifest=without_points))
-        return _Picture(folder, calibration.photograph, capture.scene, scene_corners(capture.scene))
-
-
-def _add_table(manifest: Path, lines: str) -> bool:
-    """Add a table to a manifest without geometry; returns whether it did."""
-    text = manifest.read_text(encoding="utf-8")
-    if "geometry" in tomllib.loads(text):
-        return False
-    with replacing(manifest) as temporary:
-        temporary.write_text(f"{text.rstrip()}\n\n{lines}\n", encoding="utf-8")
-    return True
+        photograph = load_photograph(self._root, name, with_scene=True)
+        scene = photograph.calibration.capture.scene
+        if scene is None:
+            raise AssertionError(name)
+        return _Picture(photograph.folder, photograph.values, scene, scene_corners(scene))
 
 
 def _points(picture: _Picture, marks: Sequence[Any]) -> SurveyedPoints:

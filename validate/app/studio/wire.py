@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from ...api import DiagnosisResult
 from ...report import explained_share, finding_sentences, ranked_values
+from ...report.viewer import flip_data
 from .workbench import Workbench
 
-__all__ = ["catalogue_record", "earlier_view", "pattern_view", "study_record", "view"]
+__all__ = ["catalogue_record", "earlier_view", "flip_record", "pattern_view", "study_record", "view"]
 
 #: Largest number of ranked effects in the record of a diagnosis.
 _MAX_RANKED = 8
@@ -130,6 +131,25 @@ def earlier_view(bench: Workbench, is_first: bool) -> bytes:
     prediction = bench.earlier(is_first)
     record = {"chi2_per_dof": _number(prediction.chi2.per_dof)}
     return _packed(bench, record, [prediction.signal, prediction.sigma])
+
+
+def flip_record(bench: Workbench) -> dict[str, Any]:
+    """FLIP of the photograph and the predicted picture.
+
+    Parameters
+    ----------
+    bench
+        The workbench.
+
+    Returns
+    -------
+    dict
+        Ready for JSON; ``flip`` is null without a capture or without the evaluator.
+    """
+    if not bench.is_open:
+        return {"flip": None}
+    prediction = bench.prediction
+    return {"flip": flip_data(prediction.base.validation.comparison, prediction.signal)}
 
 
 def view(bench: Workbench) -> bytes:

@@ -11,12 +11,14 @@ from typing import Any
 import matplotlib
 import numpy as np
 from cboxlab.calibration.instrument import Mask, band_centres, cell_means
+from cboxlab.utils.errors import InputError
 from numpy.typing import ArrayLike, NDArray
 
 from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, srgb_matrix
+from .flip import FLIP_LACKING, flip_map
 from .light import filter_curves, light_parts, pixel_spectra
 
-__all__ = ["changed_data", "encoded", "picture_data", "viewer_data"]
+__all__ = ["changed_data", "encoded", "flip_data", "picture_data", "viewer_data"]
 
 #: Most numbers of an array that is stored in 32 bits; larger arrays have 16 bits, so that a report stays small.
 _MAX_EXACT_NUMBERS = 1 << 19
@@ -114,6 +116,35 @@ def _signals(c: Comparison, order: NDArray[np.int64], names: Sequence[str]) -> d
     return signals
 
 
+def flip_data(c: Comparison, rendered: ArrayLike | None = None) -> dict[str, Any] | None:
+    """FLIP of a comparison's pictures at the size in which they are shown.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    rendered
+        (band, y, x) another rendering, DN; None for the comparison's.
+
+    Returns
+    -------
+    dict | None
+        Encoded (y, x) map; None without the evaluator.
+    """
+    c = _of_cells(c if rendered is None else replace(c, maps=c.maps.assign(rendered=(("band", "y", "x"), rendered))))
+    block = _block(c)
+    left_out = np.any(_any(c.maps["mask"].values.astype(np.uint8), block), axis=0, keepdims=True)
+
+    def xyz(name: str) -> NDArray[np.float64]:
+        signals = np.where(left_out, np.nan, _means(c.maps[name].values, block))
+        return np.moveaxis(signals, 0, -1) @ c.xyz_per_dn.T
+
+    try:
+        return encoded(flip_map(xyz("measured"), xyz("rendered"), c.white), _LIGHT_STEP)
+    except InputError:
+        return None
+
+
 def _every(values: NDArray, block: int) -> NDArray[np.int16]:
     """Labels (y, x) at the middle of every block."""
     height, width = (block * (n // block) for n in values.shape)
@@ -208,6 +239,8 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
             for d in (COLOUR_DIFFERENCES[name] for name in c.colour)
             if d.script is not None
         ],
+        "flip": flip_data(c),
+        "flip_lacking": FLIP_LACKING,
         "colours": {"diverging": stops("RdBu_r"), "sequential": stops("cividis")},
         "light": None,
         "spectrum": None,

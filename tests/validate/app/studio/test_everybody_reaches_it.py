@@ -98,7 +98,9 @@ def test_a_capture_is_opened_and_an_effect_found_moved_saved_and_removed_by_keys
     assert bench.study.effects == ()
 
 
-@pytest.mark.parametrize("name", ["", "first.html?folder=frames", "points.html?capture=capture"])
+@pytest.mark.parametrize(
+    "name", ["", "first.html?folder=frames", "points.html?capture=capture", "labels.html?capture=capture"]
+)
 def test_other_pages_are_reached_by_keys_and_read_aloud(bench, tmp_path, name):
     shutil.copytree(bench.root / "capture", tmp_path / "capture")
     (tmp_path / "frames").mkdir()
@@ -106,7 +108,7 @@ def test_other_pages_are_reached_by_keys_and_read_aloud(bench, tmp_path, name):
         shutil.copy(DEMO_CAPTURE / "frames" / frame, tmp_path / "frames" / frame)
     with served(Workbench(tmp_path, None)) as address, open_browser() as page:
         page.open(address + name)
-        page.until("document.querySelectorAll('.field, #found-list li, #corners input').length > 0")
+        page.until("document.querySelectorAll('.field, #found-list li, #corners input, #labels input').length > 0")
         page.until("document.body.dataset.busy !== 'true'")
         assert reached_by_tab(page) == [[], []]
         assert nameless(page) == []

@@ -60,7 +60,7 @@ def test_corners_are_clicked_and_written_in_the_browser(bench):
             page.run(f"document.querySelector('input[value={name}]').click()")
             box = page.run(
                 "(() => {const c = document.getElementById('photograph'); c.scrollIntoView();"
-                "const b = c.getBoundingClientRect(); return [b.left, b.top, page.zoom]})()"
+                "const b = c.getBoundingClientRect(); return [b.left, b.top, photograph.zoom]})()"
             )
             u, v = POSITIONS[name]
             page.click(box[0] + (u + 0.5) * box[2], box[1] + (v + 0.5) * box[2])

@@ -81,3 +81,21 @@ def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(pa
     )
     page.until(inside)
     assert float(page.run("document.getElementById('glance-chi2').textContent")) == chi2(page)
+
+
+def test_flip_follows_the_slider(page):
+    """FLIP is asked for where it is shown, and is that of the present prediction."""
+    pytest.importorskip("flip_evaluator")
+    page.run("page.viewer.set({mode: 'side', c: 'flip'})")
+    page.until("page.viewer.picture.flip !== null")
+    before = page.run("[...page.viewer.picture.flip].filter(Number.isFinite).reduce((a, b) => a + b, 0)")
+    add(page, "veiling-glare")
+    page.run(
+        "(() => {const n = document.querySelector('.parameter input[type=text]'); n.value = '0.05';"
+        "n.dispatchEvent(new Event('change'))})()"
+    )
+    page.until("page.record.effects[0].values.fraction === 0.05 && page.requests === 0 && !page.asking")
+    page.until("page.viewer.picture.flip !== null")
+    after = page.run("[...page.viewer.picture.flip].filter(Number.isFinite).reduce((a, b) => a + b, 0)")
+    assert after > 1.2 * before
+    page.run("page.viewer.set({c: 'residual'})")

@@ -5,11 +5,9 @@ const $ = (id) => document.getElementById(id);
 
 const page = {
   picture: null, // width, height, corners
-  values: null, // the photograph, row by row
   marks: new Map(), // by id of a corner: {u, v, by_edges, error_px, residual_px}
   expected: {}, // by id: where the camera sees a corner
   chosen: null, // id
-  zoom: 4,
   asking: 0, // number of the newest question; older answers are dropped
 };
 
@@ -40,12 +38,10 @@ const show = () => attempt(async () => {
   page.marks.clear();
   page.expected = {};
   page.picture = await ask("picture", { points: [] });
-  page.values = await decoded(page.picture.photograph);
   page.chosen = page.picture.corners[0].id;
-  page.zoom = Math.max(1, Math.round(640 / page.picture.width));
   $("work").hidden = false;
   list();
-  draw();
+  photograph.show(page.picture.width, page.picture.height, await decoded(page.picture.photograph));
 });
 
 /** A residual to 0.01 px with its sign, and zero without one. */
@@ -68,9 +64,8 @@ async function locate(by_edges) {
 }
 
 function mark(u, v) {
-  const { width, height } = page.picture;
-  const within = (value, size) => Math.min(Math.max(value, -0.5), size - 0.51);
-  page.marks.set(page.chosen, { u: within(u, width), v: within(v, height), by_edges: false, error_px: null, residual_px: [null, null], why: "" });
+  [u, v] = photograph.inside([u, v]);
+  page.marks.set(page.chosen, { u, v, by_edges: false, error_px: null, residual_px: [null, null], why: "" });
   draw();
   attempt(() => locate(false));
 }
@@ -125,72 +120,29 @@ function drawPlan() {
   $("plan").replaceChildren(svg, make("figcaption", { class: "soft" }, `${label}.`));
 }
 
-function draw() {
-  const { width, height } = page.picture;
-  const canvas = $("photograph");
-  const context = canvas.getContext("2d");
-  const image = new ImageData(width, height);
-  const gain = 2 ** Number($("gain").value);
-  page.values.forEach((value, i) => {
-    const shade = 255 * Math.min(Math.max(gain * value, 0), 1) ** (1 / 2.2);
-    image.data.set([shade, shade, shade, 255], 4 * i);
-  });
-  const small = new OffscreenCanvas(width, height);
-  small.getContext("2d").putImageData(image, 0, 0);
-  [canvas.width, canvas.height] = [width * page.zoom, height * page.zoom];
-  context.imageSmoothingEnabled = false;
-  context.drawImage(small, 0, 0, canvas.width, canvas.height);
-  const cross = (u, v, colour, size) => {
-    const [x, y] = [(u + 0.5) * page.zoom, (v + 0.5) * page.zoom];
-    for (const [line, stroke] of [[3, "#000"], [1, colour]]) {
-      context.lineWidth = line;
-      context.strokeStyle = stroke;
-      context.beginPath();
-      context.moveTo(x - size, y);
-      context.lineTo(x + size, y);
-      context.moveTo(x, y - size);
-      context.lineTo(x, y + size);
-      context.stroke();
-    }
-  };
+function drawOver(context, at) {
   for (const [id, [u, v]] of Object.entries(page.expected)) {
     if (page.marks.has(id)) continue;
-    cross(u, v, "#56b4e9", 3);
-    if (id !== page.chosen) continue;
-    for (const [line, stroke] of [[4, "#000"], [2, "#56b4e9"]]) {
-      context.lineWidth = line;
-      context.strokeStyle = stroke;
-      context.beginPath();
-      context.arc((u + 0.5) * page.zoom, (v + 0.5) * page.zoom, 10, 0, 2 * Math.PI);
-      context.stroke();
-    }
+    cross(context, at(u, v), "#56b4e9", 3);
+    if (id === page.chosen) stroked(context, "#56b4e9", (c) => c.arc(...at(u, v), 10, 0, 2 * Math.PI), 2);
   }
-  for (const [id, { u, v }] of page.marks) cross(u, v, id === page.chosen ? "#fff" : "#e69f00", 8);
-  $("zoom").textContent = "× " + page.zoom;
+  for (const [id, { u, v }] of page.marks) cross(context, at(u, v), id === page.chosen ? "#fff" : "#e69f00", 8);
 }
 
-function zoom(factor) {
-  page.zoom = Math.min(Math.max(Math.round(page.zoom * factor), 1), Math.floor(4096 / page.picture.width));
-  draw();
-}
+const photograph = new Photograph($("picture"),
+  "Photograph. Arrow keys move the chosen corner by 0.5 px, with Shift by 0.1 px.", drawOver);
+const draw = () => photograph.draw();
 
-$("photograph").addEventListener("click", (event) => {
-  const box = $("photograph").getBoundingClientRect();
-  mark((event.clientX - box.left) / page.zoom - 0.5, (event.clientY - box.top) / page.zoom - 0.5);
-});
-$("photograph").addEventListener("keydown", (event) => {
-  const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-  if (!arrow) return;
+photograph.canvas.addEventListener("click", (event) => mark(...photograph.at(event)));
+photograph.canvas.addEventListener("keydown", (event) => {
+  const step = arrowStep(event, 0.5, 0.1);
+  if (!step) return;
   event.preventDefault();
-  const by = event.shiftKey ? 0.1 : 0.5;
-  const [u, v] = page.expected[page.chosen] || [(page.picture.width - 1) / 2, (page.picture.height - 1) / 2];
+  const [u, v] = page.expected[page.chosen] || [(photograph.width - 1) / 2, (photograph.height - 1) / 2];
   const from = page.marks.get(page.chosen) || { u, v };
-  mark(from.u + by * arrow[0], from.v + by * arrow[1]);
+  mark(from.u + step[0], from.v + step[1]);
 });
 $("which").addEventListener("submit", (event) => { event.preventDefault(); show(); });
-$("in").addEventListener("click", () => zoom(2));
-$("out").addEventListener("click", () => zoom(0.5));
-$("gain").addEventListener("input", draw);
 $("refine").addEventListener("click", () => attempt(() => locate(true)));
 $("remove").addEventListener("click", () => {
   page.marks.delete(page.chosen);

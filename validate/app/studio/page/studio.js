@@ -335,6 +335,11 @@ function showJob(job) {
   if (Boolean(before) !== Boolean(page.job)) enable(!page.job);
 }
 
+/** FLIP of the present rendering; null while pictures before a change are shown. */
+async function currentFlip() {
+  return page.earlier && page.viewer.picture.rendered === page.earlier.rendered ? null : (await (await request("flip")).json()).flip;
+}
+
 /** Load the study and the picture of the capture in view again. */
 async function reload() {
   const state = await (await request("state")).json();
@@ -353,7 +358,7 @@ async function reload() {
   page.shape = `${picture.width} ${picture.height}`;
   const place = make("div", { id: "viewer" });
   $("picture").replaceChildren(place);
-  page.viewer = new CBoxViewer(place, picture, { ...view, link: true });
+  page.viewer = new CBoxViewer(place, picture, { ...view, link: true, flip: currentFlip });
   await page.viewer.ready;
   await receive(await request("view"));
 }

@@ -2,10 +2,10 @@
 
 /** Named ends of the scales; they are the same for every capture. `null`: the largest value in the picture. */
 const SCALES = {
-  standard: { name: "standard: 5 σ, ΔE 5, 10 %", sigma: 5, colour: 5, percent: 10 },
-  fine: { name: "fine: 1 σ, ΔE 1, 2 %", sigma: 1, colour: 1, percent: 2 },
-  coarse: { name: "coarse: 25 σ, ΔE 25, 50 %", sigma: 25, colour: 25, percent: 50 },
-  own: { name: "largest value of this picture", sigma: null, colour: null, percent: null },
+  standard: { name: "standard: 5 σ, ΔE 5, 10 %, FLIP 0.2", sigma: 5, colour: 5, percent: 10, flip: 0.2 },
+  fine: { name: "fine: 1 σ, ΔE 1, 2 %, FLIP 0.04", sigma: 1, colour: 1, percent: 2, flip: 0.04 },
+  coarse: { name: "coarse: 25 σ, ΔE 25, 50 %, FLIP 1", sigma: 25, colour: 25, percent: 50, flip: 1 },
+  own: { name: "largest value of this picture", sigma: null, colour: null, percent: null, flip: null },
 };
 
 /** Colours of mask reasons, distinct in all common colour vision deficiencies. */
@@ -22,6 +22,8 @@ const fixedLayers = (picture) => [
   ...picture.colour_differences.map((difference) => ({
     id: difference.id, name: difference.title, kind: "size", end: "colour", unit: difference.unit, difference,
   })),
+  { id: "flip", name: "FLIP", kind: "size", end: "flip", unit: "", values: picture.flip, 
+    lacks: picture.flip || picture.flip_later ? "" : picture.flip_lacking },
   { id: "luminance", name: "Luminance difference", kind: "difference", end: "percent", unit: "%" },
   { id: "masks", name: "Pixels left out", kind: "reason" },
 ];
@@ -121,6 +123,7 @@ function layerValues(picture, layer, band) {
     return out;
   }
   if (layer.values) return layer.values;
+  if (layer.id === "flip") return out.fill(NaN);
   for (let i = 0; i < count; i++) {
     if (layer.kind === "reason") {
       for (let b = 0; b < picture.bands.length; b++)

@@ -21,7 +21,8 @@
  *   "cbox-view"   detail: viewer.state after a change by the user or by set()
  *
  * options: the state to begin with, e.g. {mode: "slider", a: "measured", b: "rendered", c: "residual"}; and link: true
- * for a page whose address holds the view in its fragment.
+ * for a page whose address holds the view in its fragment; and flip: async function that gives FLIP of the rendering shown,
+ * encoded, or null. It is called when FLIP is shown after an update without it.
  * Layers: measured, rendered, residual (in sigma), absolute, relative, luminance, masks, and the ids in data.colour_differences and data.maps.
  * band: number of a band; -1 all bands (pictures as sRGB); -2, -3, -4 for X, Y, Z.
  *
@@ -34,6 +35,7 @@
  *   xyz_per_dn          3 rows of one number per band; xyz_unit   its unit; white  {x, y, luminance}
  *   srgb                3 x 3, XYZ over the white's luminance to linear sRGB, adapted to the white
  *   colour_differences  [{id, label, title, unit, script}], script a name in COLOUR_DIFFERENCES of colour.js
+ *   flip                null or (y, x) FLIP, 0 to 1; flip_lacking  what is said where it is null
  *   colours             {diverging, sequential}: hexadecimal stops
  *   light               null or {names, share: (k, y, x)}
  *   spectrum            null or {wavelength_nm, basis: (k, w), coefficients: (k, y, x), rank, unit}
@@ -48,7 +50,8 @@ class CBoxViewer {
       mode: "slider", a: "measured", b: "rendered", c: "residual", band: -1, exposure: 0, scale: "standard",
       zoom: 1, x: data.width / 2, y: data.height / 2, split: 50, showing: "a", pixel: null, tool: "pixel", region: null,
     };
-    const { link, ...first } = options;
+    const { link, flip, ...first } = options;
+    this._askFlip = data.flip ? flip : undefined;
     this._link = Boolean(link);
     Object.assign(this._state, first);
     this._painted = new Map();
@@ -65,7 +68,7 @@ class CBoxViewer {
 
   async _open(data) {
     const tables = { diverging: colourTable(data.colours.diverging), sequential: colourTable(data.colours.sequential) };
-    this.picture = { ...data, tables };
+    this.picture = { ...data, tables, flip_later: Boolean(this._askFlip) };
     await this._take(data);
     if (this._link) Object.assign(this._state, linkedState(location.hash, this.picture));
     this._clamp();
@@ -76,7 +79,11 @@ class CBoxViewer {
 
   async _take(data) {
     const picture = this.picture;
-    for (const name of ["measured", "rendered", "sigma", "mask", "surface"])
+    if (this._controls && data.rendered && !data.flip) {
+      [picture.flip, picture.flip_lacking] = [null, "FLIP: of another rendering; see its report"];
+      this._flipAsked = false;
+    }
+    for (const name of ["measured", "rendered", "sigma", "mask", "surface", "flip"])
       if (data[name]) picture[name] = await decoded(data[name]);
     if (data.light) picture.light = { ...data.light, share: await decoded(data.light.share) };
     if (data.filters) picture.filters = { ...data.filters, curves: await decoded(data.filters.curves) };
@@ -96,7 +103,7 @@ class CBoxViewer {
     await this._take(data);
     for (const key of [...this._painted.keys()])
       if (!key.startsWith("measured ") || data.measured) this._painted.delete(key);
-    if (data.maps) this._fillLists();
+    if (data.maps || data.rendered) this._fillLists();
     this._refresh();
   }
 
@@ -290,7 +297,8 @@ class CBoxViewer {
   _fillLists() {
     for (const name of ["a", "b", "c"]) {
       const select = this._controls.querySelector(`[data-cbv=${name}]`);
-      select.replaceChildren(...layersOf(this.picture).map((layer) => html("option", { value: layer.id }, layer.name)));
+      select.replaceChildren(...layersOf(this.picture).map((layer) =>
+        html("option", { value: layer.id, ...(layer.lacks ? { disabled: "" } : {}) }, layer.lacks || layer.name)));
     }
   }
 
@@ -312,6 +320,7 @@ class CBoxViewer {
     this._split.hidden = s.mode !== "slider";
     this._flip.hidden = s.mode !== "flip";
     this._flip.textContent = `Flip: showing ${s.showing.toUpperCase()}, ${this._layer(s[s.showing]).name}`;
+    this._completeFlip().catch((error) => { this._status.textContent = error.message; });
     this._makePanes();
     this._body.dataset.side = Boolean(s.pixel || s.region);
     this._draw();
@@ -320,6 +329,18 @@ class CBoxViewer {
     this._regionPanel.hidden = !s.region;
     this._regionContent.replaceChildren(...(s.region ? regionPanel(this.picture, s.region, s.band) : []));
     this._panel.replaceChildren(...(record ? pixelPanel(this.picture, record) : []));
+  }
+
+  /** Ask for FLIP where it is shown and not known yet. */
+  async _completeFlip() {
+    if (this.picture.flip || this._flipAsked || !this._askFlip || !this._panes().flat().includes("flip")) return;
+    this._flipAsked = true;
+    const rendered = this.picture.rendered;
+    const flip = await decoded(await this._askFlip());
+    if (!flip || rendered !== this.picture.rendered) return;
+    this.picture.flip = flip;
+    for (const key of [...this._painted.keys()]) if (key.startsWith("flip ")) this._painted.delete(key);
+    this._refresh();
   }
 
   _makePanes() {
