@@ -323,7 +323,9 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     noise, strata = comparison.noise, comparison.strata
     excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
     parts = strata.surfaces | {"the lamp": strata.lamp}
-    return spot_of(sums.difference, sums.level, excess * sums.variance, strata.used, noise.clustering, parts, band)
+    # variances of few batches, or of few neighbours at a border, may be far too small in single pixels
+    variance = excess * np.maximum(sums.variance, smooth_variance(sums.level, sums.variance, noise.degrees))
+    return spot_of(sums.difference, sums.level, variance, strata.used, noise.clustering, parts, band)
 
 
 def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[PooledMean, ...]:
