@@ -103,9 +103,10 @@ def _motions(difference: Difference, steps: float, window_px: int, width_px: flo
     if blocks is None or _by_steps(fine, steps):
         return []
     _, _, weights = blocks
+    smooth = [gaussian_filter(p, width_px, mode="nearest") if width_px else p for p in fine]
     y, x = (axis - axis.max() / 2 for axis in np.indices(fine[0].shape))
     y, x = 2 * y / fine[0].shape[1], 2 * x / fine[0].shape[1]
-    slopes = [np.gradient(gaussian_filter(p, width_px, mode="nearest") if width_px else p) for p in fine]
+    sharp, slopes = ([np.gradient(p) for p in pictures] for pictures in (fine, smooth))
     findings = []
     for name, (down, right) in {
         "moved down": (1.0, 0.0),
@@ -113,9 +114,9 @@ def _motions(difference: Difference, steps: float, window_px: int, width_px: flo
         "turned clockwise": (x, -y),
         "magnified": (y, x),
     }.items():
-        along = [down * slope[0] + right * slope[1] for slope in slopes]
+        along, sharply = ([down * slope[0] + right * slope[1] for slope in sides] for sides in (slopes, sharp))
         terms = block_sums(fine[0] * along[1] - fine[1] * along[0])
-        squares = np.maximum(block_sums(2 * along[0] * along[1]), 0.0)
+        squares = np.maximum(block_sums(sharply[0] * along[1] + sharply[1] * along[0]), 0.0)
         size, sigma, degrees, share = _common(terms, squares, weights, _alike(difference))
         probability = min(1.0, _MOTIONS * share)
         findings.append(_finding(name, difference, size, sigma, degrees, probability, "px"))
