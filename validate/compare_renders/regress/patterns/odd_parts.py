@@ -46,10 +46,6 @@ _MEDIAN_OF_SQUARE = 0.455
 _MIN_INDEPENDENT = 5.0
 #: Scatters of the surroundings at which a pixel counts: those of an object exceed them.
 _SQUARE_SIGMAS = 4.0
-#: Light of the brighter side over the light around, from which a pixel is a firefly.
-_FIREFLY = 3.0
-#: Pixels a side of the window that gives that light: wider than a firefly behind a pixel filter.
-_FIREFLY_PX = 9
 #: Degrees of freedom of the steps inside a square over its independent pixels, and fewest of them.
 _OF_STEPS = 0.75
 _LEAST_DEGREES = 3.0
@@ -255,8 +251,8 @@ def small_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     """Square that differs most from its surroundings: an object that is missing or repainted.
 
     Squares of some sizes are laid over the difference at all positions, edges included, since the scene cancels in it.
-    The difference counts relative to the mean of both sides. No firefly exceeds twice that, and an object on a texture
-    is one step. The mean of a square is compared with the larger of two scatters: that of neighbours inside it, which
+    The difference counts relative to the mean of both sides. A firefly counts as at most some scatters,
+    and an object on a texture is one step. The mean of a square is compared with the larger of two scatters: that of neighbours inside it, which
     an object leaves alone, and that of the surroundings. Both are of the whole pictures: an object of few pixels looks
     like an outlier elsewhere. A denoiser leaves several noisy spots, and a finding has to be clearer than these.
 
@@ -281,9 +277,8 @@ def small_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     off = np.where(used, relative - median_filter(relative, _AROUND_PX, mode="nearest"), 0.0)
     around = median_filter(off**2, _AROUND_PX, mode="nearest") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300)
-    firefly = np.maximum(baseline, candidate) > _FIREFLY * median_filter(half, _FIREFLY_PX, mode="nearest")
     limit = _SQUARE_SIGMAS * np.sqrt(around)
-    off = np.where(firefly, 0.0, np.clip(off, -limit, limit))
+    off = np.clip(off, -limit, limit)
     steps = [0.5 * np.diff(off, axis=axis) ** 2 for axis in (0, 1)]
     by_steps = float(np.mean([np.median(step) for step in steps])) / _MEDIAN_OF_SQUARE
     filtered = max(1.0, float(np.median(around[used])) / max(by_steps, 1e-300))
