@@ -251,10 +251,11 @@ def small_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     """Square that differs most from its surroundings: an object that is missing or repainted.
 
     Squares of some sizes are laid over the difference at all positions, edges included, since the scene cancels in it.
-    The difference counts relative to the mean of both sides. A firefly counts as at most some scatters,
-    and an object on a texture is one step. The mean of a square is compared with the larger of two scatters: that of neighbours inside it, which
-    an object leaves alone, and that of the surroundings. Both are of the whole pictures: an object of few pixels looks
-    like an outlier elsewhere. A denoiser leaves several noisy spots, and a finding has to be clearer than these.
+    The difference counts relative to the mean of both sides, where an object on a texture is one step. A pixel counts
+    as at most some scatters, so that fireflies fill no square. The mean of a square is compared with the larger of two
+    scatters: that of neighbours inside it, which an object leaves alone, and that of the surroundings. The pictures are
+    whole: an object of few pixels looks like an outlier elsewhere. A denoiser leaves several noisy spots, and a finding
+    has to be clearer than these.
 
     Parameters
     ----------
@@ -274,11 +275,11 @@ def small_part(difference: Difference, baseline: NDArray[np.float64], candidate:
         return None
     half = 0.5 * (baseline + candidate)
     relative = (candidate - baseline) / np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
-    off = np.where(used, relative - median_filter(relative, _AROUND_PX, mode="nearest"), 0.0)
-    around = median_filter(off**2, _AROUND_PX, mode="nearest") / _MEDIAN_OF_SQUARE
+    off = relative - median_filter(relative, _AROUND_PX, mode="reflect")
+    around = median_filter(off**2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300)
     limit = _SQUARE_SIGMAS * np.sqrt(around)
-    off = np.clip(off, -limit, limit)
+    off = np.where(used, np.clip(off, -limit, limit), 0.0)
     steps = [0.5 * np.diff(off, axis=axis) ** 2 for axis in (0, 1)]
     by_steps = float(np.mean([np.median(step) for step in steps])) / _MEDIAN_OF_SQUARE
     filtered = max(1.0, float(np.median(around[used])) / max(by_steps, 1e-300))
