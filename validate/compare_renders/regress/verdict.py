@@ -316,14 +316,19 @@ def regress_sides(
 
 
 def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
-    """Spot of the difference, in the sum over bands or in the band that decides."""
-    pooling, first, names = comparison.pooling, outcome.deciding[0], comparison.common.baseline.bands
-    band = first.name if first.kind == "band" else ""
-    sums = pooling.band(names.index(band)) if band else pooling.summed
-    noise, strata = comparison.noise, comparison.strata
+    """Spot of the difference in the sum over bands, or in a band that decides if it is clearer there."""
+    pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
+    names = comparison.common.baseline.bands
+    bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
     excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
     parts = strata.surfaces | {"the lamp": strata.lamp}
-    return spot_of(sums.difference, sums.level, excess * sums.variance, strata.used, noise.clustering, parts, band)
+    spots = []
+    for band in ("", *bands):
+        sums = pooling.band(names.index(band)) if band else pooling.summed
+        # variances of few batches, or of few neighbours at a border, may be far too small in single pixels
+        variance = excess * np.maximum(sums.variance, smooth_variance(sums.level, sums.variance, noise.degrees))
+        spots.append(spot_of(sums.difference, sums.level, variance, strata.used, noise.clustering, parts, band))
+    return min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
 
 
 def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[PooledMean, ...]:

@@ -11,10 +11,11 @@ from cboxlab.validation.compare_renders.regress.patterns import (
     other_contrast,
     reused_numbers,
     slow_change,
+    small_part,
 )
 from cboxlab.validation.compare_renders.regress.patterns.difference import common_size, self_normalised
 from helpers.programs.other_suite import run_suite
-from scipy.ndimage import gaussian_filter, median_filter, shift, uniform_filter
+from scipy.ndimage import gaussian_filter, map_coordinates, median_filter, shift, uniform_filter
 
 SIZE = 48
 Y, X = (axis[..., None] for axis in np.meshgrid(*2 * [np.linspace(-1, 1, SIZE)], indexing="ij"))
@@ -103,6 +104,31 @@ def test_the_displacement_is_stated_in_pixels():
     assert row.difference == pytest.approx(0.3, rel=0.35)
 
 
+@pytest.mark.parametrize(
+    ("name", "size", "motion"),
+    [
+        ("turned clockwise", 0.4, lambda y, x: (y - 0.4 * x / 23.5, x + 0.4 * y / 23.5)),
+        ("magnified", 0.4, lambda y, x: (y - 0.4 * y / 23.5, x - 0.4 * x / 23.5)),
+    ],
+    ids=["turned", "magnified"],
+)
+def test_a_turned_or_magnified_picture_is_seen_without_known_noise(name, size, motion):
+    """By 0.4 px at the sides, in noise of 10 %; equal pictures of that noise are not moved."""
+    y, x = np.indices((SIZE, SIZE)) - (SIZE - 1) / 2
+    sharp = SHARP[..., 0]
+    down, right = motion(y, x)
+    moved = map_coordinates(sharp, [axis + (SIZE - 1) / 2 for axis in (down, right)], order=1, mode="nearest")
+    rng = np.random.default_rng(0)
+    inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
+    for picture, is_moved in ((moved, True), (sharp, False)):
+        noisy = [p * (1 + 0.1 * rng.standard_normal(p.shape)) for p in (sharp, picture)]
+        finding = moved_slightly(Difference(noisy[0], noisy[1] - noisy[0], None, inside, {}))
+        assert (finding.probability < 1e-5) == is_moved
+        if is_moved:
+            assert finding.name == name
+            assert finding.size == pytest.approx(size, rel=0.5)
+
+
 @pytest.mark.parametrize("pair", [("independent", "wide"), ("counts", "filtered"), ("median", "independent")])
 def test_other_noise_on_each_side_is_no_slow_change_and_no_displacement(pair):
     """Noise that one side alone went through a filter with is a change of contrast at most."""
@@ -130,11 +156,14 @@ def test_a_denoiser_of_one_side_is_seen_by_the_structure_it_takes(filtered):
     assert not equal.of_kind("contrast")[0].different
 
 
-@pytest.mark.parametrize(("noise", "height", "blur"), [("independent", 4, 0.0), ("filtered", 8, 0.5)])
-def test_a_missing_object_of_few_pixels_is_seen_in_its_place(noise, height, blur):
-    """A darker object of 24 pixels, or of 48 behind a pixel filter."""
+@pytest.mark.parametrize(
+    ("noise", "height", "blur", "paint"),
+    [("independent", 4, 0.0, 0.5), ("independent", 6, 0.0, 0.8), ("filtered", 8, 0.5, 0.5)],
+    ids=["24 px, half", "36 px, 20 %", "48 px, behind a filter"],
+)
+def test_a_missing_object_of_few_pixels_is_seen_in_its_place(noise, height, blur, paint):
     dark_part = np.ones((SIZE, SIZE, 1))
-    dark_part[20 : 20 + height, 30:36] = 0.5
+    dark_part[20 : 20 + height, 30:36] = paint
     blurred = gaussian_filter(dark_part, (blur, blur, 0)) if blur else dark_part
     result = outcome(LIGHT * dark_part, lambda p: p / blurred, noise, 8)
     (row,) = result.of_kind("part")
@@ -177,6 +206,20 @@ def test_random_numbers_reused_in_tiles_are_seen_where_one_side_alone_does_so():
     assert repeats.name.startswith("reused random numbers: noise of the candidate repeats")
     assert finding(rng.standard_normal(light.shape), rng.standard_normal(light.shape)).probability > 1e-3
     assert finding(repeated_noise(rng), repeated_noise(rng)).probability > 1e-3
+
+
+@pytest.mark.parametrize("bright", [0.0, 1e4], ids=["none", "fireflies"])
+def test_a_firefly_behind_a_pixel_filter_is_no_object(bright):
+    """A splat of some pixels on one side, far brighter than its surroundings."""
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        sides = [gaussian_filter(LIGHT[..., 0] * (1 + 0.08 * rng.standard_normal((SIZE, SIZE))), 0.5) for _ in range(2)]
+        splat = np.zeros((SIZE, SIZE))
+        splat[tuple(rng.integers(8, 40, 2))] = bright
+        sides[1] += gaussian_filter(splat, 0.5)
+        inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
+        difference = Difference(sides[0], sides[1] - sides[0], None, inside, {}, clustering=np.pi)
+        assert small_part(difference, *sides).probability > 1e-3
 
 
 #: Spoilt pictures by the name of a test of an imaginary renderer; equal ones first.

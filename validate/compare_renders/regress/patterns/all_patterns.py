@@ -66,7 +66,7 @@ def all_patterns(
         ("contrast", other_contrast(difference, steps)),
         ("displacement", moved_slightly(difference, steps)),
         ("reused", reused_numbers(difference)),
-        ("part", small_part(difference)),
+        ("part", small_part(difference, baseline, candidate)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)

@@ -19,8 +19,11 @@ __all__ = ["block_sums", "fine_light", "moved_slightly", "other_contrast"]
 #: Pixels a side of the windows whose means are subtracted for the contrast: narrow filters change the finest structure
 #: alone, denoisers leave it and change wider structure.
 _CONTRAST_PX = (3, 5, 7)
-#: The same for the place: wider structure has less noise.
-_PLACE_PX = 5
+#: The same for the place, and widths of the Gaussians that smooth slopes, px: wide ones have far less noise, and narrow
+#: ones see textures of single pixels.
+_PLACE_PX = ((5, 0.0), (9, 1.2))
+#: Tests of the place: four motions at each width.
+_MOTIONS = 4 * len(_PLACE_PX)
 #: Width of the filter that gives the local level of the light, px: a product of a pixel's noise with it is small.
 _LEVEL_PX = 2.5
 #: Pixels a side of the blocks whose sums are independent: wider than a pixel filter.
@@ -74,7 +77,7 @@ def _contrast(difference: Difference, steps: float, window_px: int) -> list[Find
 
 
 def moved_slightly(difference: Difference, steps: float = 0.0) -> Finding | None:
-    """Fine structure moved by a part of a pixel or by some, along x or y.
+    """Fine structure moved by a part of a pixel or by some: along x or y, turned, or magnified.
 
     Parameters
     ----------
@@ -86,22 +89,38 @@ def moved_slightly(difference: Difference, steps: float = 0.0) -> Finding | None
     Returns
     -------
     Finding or None
-        The size is the displacement in px, to first order. None for small pictures.
+        The size is the displacement in px, to first order; of a turned or magnified picture that at half a width from
+        its middle. None for small pictures.
     """
-    fine = fine_light(difference, _PLACE_PX)
+    findings = [f for window, width in _PLACE_PX for f in _motions(difference, steps, window, width)]
+    return min(findings, key=lambda finding: finding.probability, default=None)
+
+
+def _motions(difference: Difference, steps: float, window_px: int, width_px: float) -> list[Finding]:
+    """Tests of all motions by slopes of one width; none for small pictures."""
+    fine = fine_light(difference, window_px)
     blocks = _blocks(fine)
     if blocks is None or _by_steps(fine, steps):
-        return None
+        return []
     _, _, weights = blocks
+    smooth = [gaussian_filter(p, width_px, mode="nearest") if width_px else p for p in fine]
+    y, x = (axis - axis.max() / 2 for axis in np.indices(fine[0].shape))
+    y, x = 2 * y / fine[0].shape[1], 2 * x / fine[0].shape[1]
+    sharp, slopes = ([np.gradient(p) for p in pictures] for pictures in (fine, smooth))
     findings = []
-    for axis, name in enumerate(("down", "to the right")):
-        slopes = [np.gradient(picture, axis=axis) for picture in fine]
-        terms = block_sums(fine[0] * slopes[1] - fine[1] * slopes[0])
-        squares = np.maximum(block_sums(2 * slopes[0] * slopes[1]), 0.0)
+    for name, (down, right) in {
+        "moved down": (1.0, 0.0),
+        "moved to the right": (0.0, 1.0),
+        "turned clockwise": (x, -y),
+        "magnified": (y, x),
+    }.items():
+        along, sharply = ([down * slope[0] + right * slope[1] for slope in sides] for sides in (slopes, sharp))
+        terms = block_sums(fine[0] * along[1] - fine[1] * along[0])
+        squares = np.maximum(block_sums(sharply[0] * along[1] + sharply[1] * along[0]), 0.0)
         size, sigma, degrees, share = _common(terms, squares, weights, _alike(difference))
-        probability = min(1.0, 2 * share)
-        findings.append(_finding(f"moved {name}", difference, size, sigma, degrees, probability, "px"))
-    return min(findings, key=lambda finding: finding.probability)
+        probability = min(1.0, _MOTIONS * share)
+        findings.append(_finding(name, difference, size, sigma, degrees, probability, "px"))
+    return findings
 
 
 def _common(

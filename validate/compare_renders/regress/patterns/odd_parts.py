@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.utils.distributions import student_quantile, student_tail
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, percentile_filter
+from scipy.ndimage import median_filter, uniform_filter
 
 from .difference import Difference, Finding, self_normalised, sigma_of
 
@@ -36,22 +36,21 @@ _STRIP_PX = 3
 _LENGTH_PX = 4
 #: Fewest steps of a test.
 _MIN_STEPS = 16
-#: Edges of the squares, px: objects of some pixels to a fifth of a small picture. Quartiles of fewer pixels are chance.
-_EDGES_PX = (5, 7, 10)
+#: Edges of the squares, px, odd: objects of some pixels to a fifth of a small picture.
+_EDGES_PX = (3, 5, 7, 11)
 #: Pixels a side of the surroundings: wider than the largest square.
 _AROUND_PX = 17
-#: Pixels a side of the median that gives the local level.
-_LEVEL_PX = 5
 #: Median of the square of a normal number.
 _MEDIAN_OF_SQUARE = 0.455
-#: Distance of the quartiles of normal numbers, in standard deviations.
-_QUARTILES = 1.349
-#: Variance of the median of normal numbers over that of their mean.
-_OF_MEDIAN = 1.571
 #: Fewest independent pixels of a square.
 _MIN_INDEPENDENT = 5.0
+#: Scatters of the surroundings at which a pixel counts: those of an object exceed them.
+_SQUARE_SIGMAS = 4.0
+#: Degrees of freedom of the steps inside a square over its independent pixels, and fewest of them.
+_OF_STEPS = 0.75
+_LEAST_DEGREES = 3.0
 #: Most degrees of freedom: noise of renderings is not normal.
-_SQUARE_DEGREES = 15.0
+_SQUARE_DEGREES = 20.0
 #: Least light of a pixel over the median one: filters spread a lamp's noise over dark surroundings.
 _LEAST_LEVEL = 0.1
 #: Least scatter of the surroundings over the typical one: where a denoiser left little noise, its errors are no part.
@@ -248,45 +247,66 @@ def _steps(
     return (ends**2 - middles**2)[both], ends[both]
 
 
-def small_part(difference: Difference) -> Finding | None:
+def small_part(difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
     """Square that differs most from its surroundings: an object that is missing or repainted.
 
-    Squares of some sizes are laid over the difference at all places, edges included, since the scene cancels in it.
-    The median of each is compared with the larger of two scatters, inside the square and around it. Single bright
-    samples and the corners of a square that an object does not fill do not change a median. A denoiser leaves several
-    noisy spots, and a finding has to be clearer than these.
+    Squares of some sizes are laid over the difference at all positions, edges included, since the scene cancels in it.
+    The difference counts relative to the mean of both sides, where an object on a texture is one step. A pixel counts
+    as at most some scatters, so that fireflies fill no square. The mean of a square is compared with the larger of two
+    scatters: that of neighbours inside it, which an object leaves alone, and that of the surroundings. The pictures are
+    whole: an object of few pixels looks like an outlier elsewhere. A denoiser leaves several noisy spots, and a finding
+    has to be clearer than these.
 
     Parameters
     ----------
     difference
         The difference.
+    baseline, candidate
+        (y, x) pictures with their outliers, summed over wavelengths.
 
     Returns
     -------
     Finding or None
-        The size is the square's median difference over the local light. None for small pictures, and for noise that
-        reaches over more than a few pixels.
+        The size is the square's mean difference over the mean light of both sides there. None for small pictures, and
+        for noise that reaches over more than a few pixels.
     """
     used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
     if min(used.shape) < _LEAST_PX or not used.any() or not difference.of_pixel_filter:
         return None
-    level = median_filter(difference.level + 0.5 * difference.total, _LEVEL_PX, mode="nearest")
-    relative = difference.total / np.maximum(level, _LEAST_LEVEL * float(np.median(level[used])) + 1e-300)
-    off = np.where(used, relative - median_filter(relative, _AROUND_PX, mode="nearest"), 0.0)
-    around = median_filter(off**2, _AROUND_PX, mode="nearest") / _MEDIAN_OF_SQUARE
+    half = 0.5 * (baseline + candidate)
+    relative = (candidate - baseline) / np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
+    off = relative - median_filter(relative, _AROUND_PX, mode="reflect")
+    around = median_filter(off**2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300)
+    limit = _SQUARE_SIGMAS * np.sqrt(around)
+    off = np.where(used, np.clip(off, -limit, limit), 0.0)
+    steps = [0.5 * np.diff(off, axis=axis) ** 2 for axis in (0, 1)]
+    by_steps = float(np.mean([np.median(step) for step in steps])) / _MEDIAN_OF_SQUARE
+    filtered = max(1.0, float(np.median(around[used])) / max(by_steps, 1e-300))
     looks = sum(float(used.sum()) / (edge / 2) ** 2 for edge in _EDGES_PX)
     findings = []
     for edge in _EDGES_PX:
         independent = edge**2 / difference.clustering
-        if independent >= _MIN_INDEPENDENT:
-            findings.append(_clearest(off, around, used, edge, independent, looks))
+        if independent >= _MIN_INDEPENDENT and min(used.shape) > edge:
+            inside = filtered * _steps_inside(steps, edge)
+            findings.append(_clearest(off, (inside, around), used, edge, independent, looks))
     return min(findings, key=lambda finding: finding.probability, default=None)
+
+
+def _steps_inside(steps: Sequence[NDArray[np.float64]], edge: int) -> NDArray[np.float64]:
+    """(y, x) mean of the steps between neighbours inside a square around each pixel."""
+    down, across = steps
+    down = np.pad(down, ((0, 1), (0, 0)), mode="edge")
+    across = np.pad(across, ((0, 0), (0, 1)), mode="edge")
+    return np.asarray(
+        0.5 * uniform_filter(down, (edge - 1, edge), mode="nearest")
+        + 0.5 * uniform_filter(across, (edge, edge - 1), mode="nearest")
+    )
 
 
 def _clearest(
     off: NDArray[np.float64],
-    around: NDArray[np.float64],
+    scatters: tuple[NDArray[np.float64], NDArray[np.float64]],
     used: NDArray[np.bool_],
     edge: int,
     independent: float,
@@ -294,19 +314,22 @@ def _clearest(
 ) -> Finding:
     """Clearest square of one size.
 
-    off : (y, x) relative difference less that of the surroundings. around : (y, x) its variance there. independent :
-    number of independent pixels of a square. looks : squares of all sizes at places that do not overlap much.
+    off : (y, x) relative difference less that of the surroundings. scatters : (y, x) its variance inside the square and
+    around it. independent : number of independent pixels of a square. looks : squares of all sizes at positions that do
+    not overlap much.
     """
-    low, middle, high = (percentile_filter(off, part, edge, mode="nearest") for part in (25, 50, 75))
-    inside = ((high - low) / _QUARTILES) ** 2
-    sigmas = np.abs(middle) / np.sqrt(_OF_MEDIAN * np.maximum(inside, around) / independent)
-    degrees = np.where(inside > around, min(independent - 1, _SQUARE_DEGREES), _SQUARE_DEGREES)
-    shares = 2 * looks * student_tail(sigmas, degrees)
-    position = np.unravel_index(int(np.where(used, shares, np.inf).argmin()), shares.shape)
-    others = _elsewhere(np.where(used, sigmas, 0.0), position, 2 * edge)
+    inside, around = scatters
+    mean = uniform_filter(off, edge, mode="nearest")
+    sigmas = np.abs(mean) / np.sqrt(np.maximum(inside, around) / independent)
+    few = float(np.clip(_OF_STEPS * independent, _LEAST_DEGREES, _SQUARE_DEGREES))
+    shares = 2 * looks * student_tail(sigmas, np.where(inside > around, few, _SQUARE_DEGREES))
+    whole, border = np.zeros_like(used), edge // 2
+    whole[border:-border, border:-border] = used[border:-border, border:-border]
+    position = np.unravel_index(int(np.where(whole, shares, np.inf).argmin()), shares.shape)
+    others = _elsewhere(np.where(whole, sigmas, 0.0), position, 2 * edge)
     clear = float(sigmas[position]) > _CLEARER * others
     probability = min(1.0, float(shares[position])) if clear else 1.0
-    size, (y, x) = float(middle[position]), (int(n) for n in position)
+    size, (y, x) = float(mean[position]), (int(n) for n in position)
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
     return Finding(name, edge**2, size, sigma_of(size, probability, _SQUARE_DEGREES), _SQUARE_DEGREES, probability)
 
