@@ -51,9 +51,9 @@ def _check_sensor(
 ) -> tuple[list[Suspicion], bool]:
     """Suspicions by counts and mosaic; True where flats and references can be compared.
 
-    A mistake that explains others is named alone: frames that were resampled have no statistics of a sensor, light in
-    the darks looks like noise, behind a wrong pattern channels have the levels of others, and no dark level holds where
-    the bias drifts.
+    A mistake that explains others is named alone. Frames that were resampled have no statistics of a sensor, light in
+    the darks looks like noise, behind a wrong pattern channels have the levels of others. No dark level holds where the
+    bias drifts.
     """
     if capture.is_merged:
         return [], True

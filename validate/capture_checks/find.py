@@ -57,7 +57,7 @@ def find_scene_suspicions(calibration: Calibration) -> tuple[Suspicion, ...]:
         *check_survey(capture, view),
         *check_lamp(capture, bands, radiometry, calibration.channels, view),
         *check_channel_tables(capture, bands, radiometry, calibration.channels, view),
-        *check_registration(capture, bands),
+        *check_registration(capture, bands, view),
     )
     return tuple(dict.fromkeys(suspicions))
 
