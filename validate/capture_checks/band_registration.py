@@ -75,7 +75,8 @@ def check_registration(capture: Capture, bands: CorrectedBands, view: SceneView 
     """
     if len({band.frames for band in capture.manifest.band}) < 2 or min(capture.shape) < SMALLEST_PICTURE_PX:
         return
-    shifts, moved = None, []
+    shifts: NDArray[np.float64] | None = None
+    moved: list[Suspicion] = []
     if len(capture.band_ids) >= FEWEST_BANDS:
         shifts, moved = _of_bands(capture, bands)
     if moved:

@@ -107,10 +107,18 @@ def _fitted(
         return np.asarray(gaussian_filter(image * usable, smoothing_px) / np.maximum(density, 1e-6))
 
     compared = inside & (density > SMALLEST_DENSITY * usable.mean())
-    down, across = np.gradient(rendered)
-    v, u = ((axis - axis.mean()) / (max(rendered.shape) / 2) for axis in np.indices(rendered.shape))
+    down, across = (np.asarray(slope, np.float64) for slope in np.gradient(rendered))
+    v, u = (np.asarray((axis - axis.mean()) / (max(rendered.shape) / 2)) for axis in np.indices(rendered.shape))
     white = float(np.percentile(rendered[inside], 95)) if inside.any() else 1.0
-    maps = (rendered, rendered * u, rendered * v, across, down, across * u + down * v, np.full(rendered.shape, white))
+    maps: tuple[NDArray[np.float64], ...] = (
+        rendered,
+        rendered * u,
+        rendered * v,
+        across,
+        down,
+        across * u + down * v,
+        np.full(rendered.shape, white),
+    )
     weight = 1 / (smooth(rendered) + DARK_SHARE * white)
     design = np.stack([(smooth(image) * weight)[compared] for image in maps], axis=1)
     target = (smooth(measured) * weight)[compared]
