@@ -49,14 +49,14 @@ EXPOSURE_FACTOR = 1.3
 CHARGE_SCATTER = 0.02
 
 
-#: Probability with which the scatter of steady frames passes for a drift.
-DRIFT_FALSE_ALARM = 1e-6
+#: Probability with which trembling levels pass for a drift; the noise of steady ones does not change them enough.
+DRIFT_FALSE_ALARM = 5e-4
 
 #: Smallest drift over the dark frames that is named, DN: less moves no dark level by more than its rounding.
 SMALLEST_DRIFT_DN = 0.2
 
-#: Fewest degrees of freedom of the scatter of the frames about the drift.
-FEWEST_DRIFT_DEGREES = 3
+#: Fewest degrees of freedom of the scatter of the frames about the drift: three tables of two frames.
+FEWEST_DRIFT_DEGREES = 2
 
 
 @dataclass(frozen=True, eq=False)

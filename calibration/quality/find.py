@@ -34,7 +34,6 @@ def _check_counts(
     yield from check_counts(capture, stacks, dark, noise)
     yield from check_black_levels(capture, stacks, dark, noise)
     yield from check_darks(stacks, noise, capture.saturation_dn)
-    yield from check_bias_drift(stacks, capture.manifest.camera.readout_s)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     yield from check_fingerprint(stacks, dark)
@@ -52,13 +51,17 @@ def _check_sensor(
 ) -> tuple[list[Suspicion], bool]:
     """Suspicions by counts and mosaic; True where flats and references can be compared.
 
-    A mistake that explains others is named alone: frames that were resampled have no statistics of a sensor, light in
-    the darks looks like noise, and behind a wrong pattern channels have the levels of others.
+    A mistake that explains others is named alone. Frames that were resampled have no statistics of a sensor, light in
+    the darks looks like noise, behind a wrong pattern channels have the levels of others. No dark level holds where the
+    bias drifts.
     """
     if capture.is_merged:
         return [], True
     resampled, tables = check_independence(capture, stacks, dark, noise)
     as_read = [stack for stack in stacks if stack.key not in tables]
+    drift = [*check_bias_drift(as_read, capture.manifest.camera.readout_s)]
+    if drift:
+        return [*resampled, *drift], False
     lit_darks = [*check_light_in_darks(as_read, dark)] or [*check_level_of_darks(capture, as_read, dark, noise)]
     suspicions = [*resampled, *lit_darks, *_check_counts(capture, as_read, dark, noise)]
     if not lit_darks:

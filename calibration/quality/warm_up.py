@@ -14,8 +14,8 @@ from .suspicion import Suspicion
 
 __all__ = ["check_warm_up"]
 
-#: Probability with which steady, drifting or trembling lamps pass for one that warms up.
-FALSE_ALARM = 1e-6
+#: Probability with which drifting or trembling lamps pass for one that warms up; steady ones do not change enough.
+FALSE_ALARM = 5e-4
 
 #: Smallest change of the lamp over the series that is named, relative.
 SMALLEST_CHANGE = 0.005
@@ -23,8 +23,8 @@ SMALLEST_CHANGE = 0.005
 #: Time constants that are tried, min: from less than a series takes to where it looks like a straight drift.
 TIME_CONSTANTS_MIN = np.geomspace(0.2, 20.0, 60)
 
-#: Fewest degrees of freedom of the repeats about an exponential: five bands of two repeats, or one band of six.
-FEWEST_DEGREES = 3
+#: Fewest degrees of freedom of the repeats about an exponential: four bands of two repeats, or one band of five.
+FEWEST_DEGREES = 2
 
 
 def check_warm_up(

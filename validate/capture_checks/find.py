@@ -57,7 +57,7 @@ def find_scene_suspicions(calibration: Calibration) -> tuple[Suspicion, ...]:
         *check_survey(capture, view),
         *check_lamp(capture, bands, radiometry, calibration.channels, view),
         *check_channel_tables(capture, bands, radiometry, calibration.channels, view),
-        *check_registration(capture, bands),
+        *check_registration(capture, bands, view),
     )
     return tuple(dict.fromkeys(suspicions))
 
@@ -73,8 +73,10 @@ def _each_mistake_once(
     """Suspicions without those that another one explains.
 
     Frames that were exchanged explain all that is strange about them. What is known of frames explains why their light
-    does not suit the scene.
+    does not suit the scene. Without a right dark level no light suits it.
     """
+    if any(s.where == "dark.frames" for s in of_calibration):
+        of_scene = tuple(s for s in of_scene if s.where.startswith("geometry"))
     exchanged = tuple(s for s in of_scene if s.where.endswith(".frames") and len(_frames_of(capture, s)) > 1)
     wrong = {frames for s in exchanged for frames in _frames_of(capture, s)}
     remaining = [s for s in of_calibration if not (frames := _frames_of(capture, s)) or not frames <= wrong]

@@ -43,5 +43,11 @@ def test_steady_and_trembling_biases_are_sound():
     assert len(alarms) == 200 and not any(alarms)
 
 
+def test_three_exposures_of_two_frames_show_a_large_drift():
+    """As many as a series of few bands has; a drift is certain where its size exceeds its scatter 30 times."""
+    alarms = [len(list(check_bias_drift(darks(seed, 60.0, tables=3, repeats=2), READOUT_S))) for seed in range(10)]
+    assert sum(alarms) >= 8
+
+
 def test_two_frames_say_nothing_of_a_drift():
     assert not list(check_bias_drift(darks(1, 15.0, tables=1, repeats=2), READOUT_S))
