@@ -341,7 +341,7 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
             gain = verdicts[name].gain if name in verdicts else by_size
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
             lead = judged.leads[name]
-            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, lead.lead, lead.frames)
+            signs = Signs(gain, effect.count, heldout, lead.lead, lead.frames)
             imitations[name] = imitation_probability(signs)
     return imitations
 

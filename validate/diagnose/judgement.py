@@ -193,12 +193,7 @@ class BaseFlaws:
     @property
     def imitated(self) -> bool:
         """Whether an effect may imitate the flaws: single pixels deviate otherwise."""
-        return self.imitable_chi2 > 0
-
-    @property
-    def imitable_chi2(self) -> float:
-        """Chi2 per sample of the flaws that an effect may imitate, all but single pixels."""
-        return sum(flaw.chi2_per_dof for flaw in self.reported if not flaw.of_single_pixels)
+        return any(not flaw.of_single_pixels for flaw in self.reported)
 
 
 def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
