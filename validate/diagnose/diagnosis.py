@@ -338,11 +338,9 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
         imitations[name] = LEAST_PROBABILITY
         if not effect.candidate.by_priors:
             by_size = (effect.chi2_without - effect.candidate.chi2) / effect.count
-            gain = verdicts[name].gain if name in verdicts else by_size
+            gain, lead = verdicts[name].gain if name in verdicts else by_size, judged.leads[name]
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            lead = judged.leads[name]
-            signs = Signs(gain, judged.flaws.imitable_chi2, effect.count, heldout, lead.lead, lead.frames)
-            imitations[name] = imitation_probability(signs)
+            imitations[name] = imitation_probability(Signs(gain, effect.count, heldout, lead.lead, lead.frames))
     return imitations
 
 
@@ -391,27 +389,24 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     by_size = search = selection(validation, first, signatures, progress)
     effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
     flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors_in(search.linearised)
-    capture = validation.prepared.calibration.capture
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
-    doubtful = flaws.imitated and any(not verdict.holds for verdict in verdicts)
-    again = None
-    if doubtful or something_remains(search.linearised.model, residual, rendered):
-        # effects alone are no answer: further ones, and all numbers, with the base's flaws in the covariance
-        del fitted_flaws  # the next one is as large
-        again = selected_with_flaws(validation, search.linearised if effects else first, effects, signatures)
-    elif effects and flaws.imitated:
-        again = settled_with_flaws(search.linearised, effects, fitted_flaws, verdicts, signatures)
-        del fitted_flaws
-    if again is not None:
+    doubtful = flaws.imitated and not all(verdict.holds for verdict in verdicts)
+    doubtful |= something_remains(search.linearised.model, residual, rendered)
+    if doubtful or (effects and flaws.imitated):
+        # effects alone are no answer: all numbers, rivals, and further ones with the base's flaws in the covariance
+        if doubtful:
+            del fitted_flaws  # the next one is as large
+            again = selected_with_flaws(validation, search.linearised if effects else first, effects, signatures)
+        else:
+            again = settled_with_flaws(search.linearised, effects, fitted_flaws, verdicts, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
-        search, errors = replace(by_size, linearised=again.linearised), again.flaws.errors_in(again.linearised)
-        judged = _Judged(
-            by_size, search, again.selected, again.assessed, again.flaws.base_flaws, verdicts, cost, imitated
-        )
+        flaws, errors = again.flaws.base_flaws, again.flaws.errors_in(again.linearised)
+        search = replace(by_size, linearised=again.linearised)
+        judged = _Judged(by_size, search, again.selected, again.assessed, flaws, verdicts, cost, imitated)
         del again  # its columns take much of the memory
-        return _likelier_than_imitations(judged, errors, signatures, capture)
+        return _likelier_than_imitations(judged, errors, signatures, validation.prepared.calibration.capture)
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors
@@ -423,7 +418,7 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
                 rivals = with_alternatives(search.judging(search.linearised), effects, signatures)
                 search = replace(search, selected=effects, assessed=rivals)
     judged = _Judged(by_size, search, search.selected, search.assessed, flaws, verdicts, 1.0, imitated)
-    return _likelier_than_imitations(judged, errors, signatures, capture)
+    return _likelier_than_imitations(judged, errors, signatures, validation.prepared.calibration.capture)
 
 
 def _least(gains: Sequence[float]) -> float:

@@ -44,7 +44,6 @@ __all__ = [
     "selected_with_flaws",
     "settled_with_flaws",
     "verdict_of",
-    "verdicts_with_flaws",
 ]
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
@@ -193,12 +192,7 @@ class BaseFlaws:
     @property
     def imitated(self) -> bool:
         """Whether an effect may imitate the flaws: single pixels deviate otherwise."""
-        return self.imitable_chi2 > 0
-
-    @property
-    def imitable_chi2(self) -> float:
-        """Chi2 per sample of the flaws that an effect may imitate, all but single pixels."""
-        return sum(flaw.chi2_per_dof for flaw in self.reported if not flaw.of_single_pixels)
+        return any(not flaw.of_single_pixels for flaw in self.reported)
 
 
 def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawModel[LinearModel]:
@@ -272,7 +266,9 @@ def confirmed_with_flaws(
     """
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
-        flaws, verdicts = verdicts_with_flaws(linearised, confirmed)
+        residual = residual_with(linearised, confirmed)
+        flaws = flaws_of(linearised, residual)
+        verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
@@ -281,30 +277,6 @@ def confirmed_with_flaws(
         rejected.append(verdicts[worst])
         del confirmed[worst]
         confirmed = refitted_together(linearised, confirmed) if confirmed else []
-
-
-def verdicts_with_flaws(
-    linearised: LinearisedFit, selected: Sequence[Candidate]
-) -> tuple[FlawsWithEffects, list[Verdict]]:
-    """Judgement of each of several effects.
-
-    Parameters
-    ----------
-    linearised
-        The capture's linearised fit, without errors in its covariance.
-    selected
-        Effects fitted together.
-
-    Returns
-    -------
-    flaws : FlawsWithEffects
-        Flaws of the base that remain with them.
-    verdicts : list of Verdict
-        In the order of the effects.
-    """
-    residual = residual_with(linearised, selected)
-    flaws = flaws_of(linearised, residual)
-    return flaws, [_verdict(linearised, selected, index, flaws, residual) for index in range(len(selected))]
 
 
 def _verdict(

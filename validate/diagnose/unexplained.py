@@ -8,13 +8,8 @@ from typing import Any
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
-from cboxlab.rendering.chain import after_stage
-from cboxlab.rendering.device import mi
 from cboxlab.rendering.effects import catalogue
-from cboxlab.rendering.perturbation import Coat, PatchTransport, Reflection, changed_reflection, patch_light
-from cboxlab.rendering.radiosity import LampSampler, solve_exchange
 from cboxlab.scenes.camera import PARAMETER_NAMES
-from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
@@ -38,7 +33,7 @@ from .explain import (
     lead_of_forms,
     lead_of_frames,
 )
-from .field_fit import ChargeExchange, ResidualData, Transport
+from .field_fit import ChargeExchange, ResidualData, light_exchange
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
@@ -61,15 +56,6 @@ _FALSE_ALARM = 0.005
 #: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
 #: columns, as those of a ceiling, look like rows or columns and have none there.
 _MIN_INTERIOR_AMPLITUDE = 0.5
-
-#: Step of the single wavelengths at which a filter may pass light, nm: paints change little over half of it.
-_LINE_STEP_NM = 20.0
-
-#: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky.
-_COAT_ROUGHNESS = (0.03, 0.12, 0.35)
-
-#: Rays of a pixel for each coat.
-_COAT_SAMPLES = 64
 
 #: Minimum share explained by a sharp form, over that of another form of its family, to be reported in its place.
 _MIN_SHARE_OF_SHARP_FORM = 0.75
@@ -421,7 +407,7 @@ def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], c
         flat_exposure_s=np.array([_flat_exposure(capture, band) for band in capture.band_ids]),
         repeats=levels,
         repeat_sigma=sigma,
-        transport=_transport(linearised),
+        transport=light_exchange(linearised.predictor),
         cell=capture.cell,
         charge=None if capture.cell is None else _charge_exchange(linearised),
     )
@@ -489,104 +475,3 @@ def _filled(values: NDArray[Any], used: NDArray[np.bool_]) -> NDArray[np.float64
     picture = np.zeros(used.shape)
     picture[used] = values
     return picture
-
-
-def _transport(linearised: LinearisedFit) -> Transport:
-    """Light transport of the picture on patches, for the families that act on surfaces."""
-    predictor = linearised.predictor
-    traced = predictor.transport
-    exchange, patches = traced.light.exchange, traced.light.patches
-    nm, scene = predictor.effective_nm, after_stage(predictor.scene, predictor.included, "scene")
-    reflectance = scene.reflectances(nm)
-    line_nm = WAVELENGTH_NM[np.isclose(WAVELENGTH_NM % _LINE_STEP_NM, 0)]
-    at_lines = (WAVELENGTH_NM == line_nm[:, None]).astype(float)
-    lines = patch_light(traced, scene, line_nm, WAVELENGTH_NM, at_lines, scene.lamp_radiance(WAVELENGTH_NM))
-    shares = predictor.lamp_shares
-    first = exchange.direct @ shares
-    radiance = solve_exchange(exchange, reflectance[patches.material], first).astype(np.float32)
-    direct = traced.direct @ shares
-    arriving = direct + traced.gather @ radiance
-    lamps = [lamp.centre for lamp in traced.light.lamps]
-    return Transport(
-        pixel=traced.pixel,
-        coverage=traced.coverage,
-        surface=traced.surface,
-        material=traced.material,
-        position=traced.position,
-        gather=traced.gather,
-        patch_surface=patches.surface,
-        patch_material=patches.material,
-        patch_position=patches.centre,
-        form_factors=exchange.form_factors,
-        reflectance=reflectance,
-        arriving=arriving,
-        direct=direct,
-        view=_cosine(traced.position, traced.normal, [traced.camera.position_mm], np.ones((len(direct), 1))),
-        incidence=_cosine(traced.position, traced.normal, lamps, traced.direct),
-        patch_arriving=first + exchange.form_factors @ radiance,
-        patch_direct=first,
-        patch_incidence=_cosine(patches.centre, patches.normal, lamps, exchange.direct),
-        emission=_emission(traced.position, traced.light.lamps, traced.direct),
-        patch_emission=_emission(patches.centre, traced.light.lamps, exchange.direct),
-        picture=traced.pixels(reflectance[traced.material] * arriving),
-        line_nm=line_nm,
-        lines=lines.picture(),
-        roughness=_COAT_ROUGHNESS,
-        coats=np.array(
-            [_coated(traced, radiance, reflectance, shares, alpha) for alpha in _COAT_ROUGHNESS], np.float32
-        ),
-    )
-
-
-def _cosine(
-    position: NDArray[Any], normal: NDArray[Any], points: Sequence[NDArray[Any]], weight: NDArray[Any]
-) -> NDArray[np.float64]:
-    """(n,) mean cosine, 0 to 1, between normals (n, 3) and the directions to points.
-
-    weight : (n, point) of the mean; where all are 0, the points count alike.
-    """
-    direction = np.array(points)[:, None] - position
-    cosines = np.abs(np.einsum("kni,ni->kn", direction, normal)) / np.maximum(np.linalg.norm(direction, axis=2), 1e-9)
-    weights = weight.T + np.float32(1e-9)
-    return np.sum(weights * cosines, axis=0) / weights.sum(axis=0)
-
-
-def _emission(position: NDArray[Any], lamps: Sequence[LampSampler], weight: NDArray[Any]) -> NDArray[np.float64]:
-    """(n,) mean cosine, 0 to 1, between the lamps' normals and directions from them.
-
-    The directions lead to positions (n, 3). weight : (n, lamp) of the mean; where all are 0, the lamps count alike.
-    """
-    cosines = []
-    for lamp in lamps:
-        direction = position - lamp.centre
-        normal = np.array([lamp.normal.x[0], lamp.normal.y[0], lamp.normal.z[0]])
-        cosines.append(np.abs(direction @ normal) / np.maximum(np.linalg.norm(direction, axis=1), 1e-9))
-    weights = weight.T + np.float32(1e-9)
-    return np.asarray(np.sum(weights * np.array(cosines), axis=0) / weights.sum(axis=0))
-
-
-def _coated(
-    traced: PatchTransport,
-    radiance: NDArray[Any],
-    reflectance: NDArray[Any],
-    shares: NDArray[Any],
-    alpha: float,
-) -> NDArray[np.float64]:
-    """(band, y, x) radiance over the lamps' that a coat on all surfaces mirrors to the camera."""
-    coat = Reflection(lambda incoming, outgoing: mi.Float(1), Coat(1.0, alpha))
-    materials = np.unique(traced.material)
-    each = [
-        changed_reflection(
-            traced.light,
-            traced.camera,
-            radiance,
-            reflectance,
-            shares,
-            coat,
-            material=int(material),
-            seen_in=traced.pixels_of(material),
-            samples=(_COAT_SAMPLES, 0),
-        )
-        for material in materials
-    ]
-    return np.sum(each, axis=0)

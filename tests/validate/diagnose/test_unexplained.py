@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from cboxlab.rendering.effects import catalogue
 from cboxlab.validation.diagnose.evidence import explained_part
+from cboxlab.validation.diagnose.field_fit.light_exchange import _cosine
 from cboxlab.validation.diagnose.linear_model import LinearModel
-from cboxlab.validation.diagnose.unexplained import _cosine, _repeats, family_beats_effects
+from cboxlab.validation.diagnose.unexplained import _repeats, family_beats_effects
 
 #: A residual of chi2 4000, which effects leave.
 LEFT = np.array([np.sqrt(4000.0), 0.0, 0.0])

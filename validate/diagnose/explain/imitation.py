@@ -1,7 +1,7 @@
 """Probability, learnt from simulations, of an effect that imitates another cause.
 
 A logistic regression on what the tests of an effect show. Its weights are data, see `learnt_weights`: made by
-`benchmarks/diagnosis/learn_imitations.py --rounds 2 --write`.
+`benchmarks/diagnosis/learn_imitations.py --laboratories 6 --captures 9 --write`.
 """
 
 from __future__ import annotations
@@ -22,12 +22,9 @@ __all__ = ["FEATURES", "LEAST_PROBABILITY", "LIKELY", "Signs", "imitation_probab
 #: Names of the features, with which the table states the weights.
 FEATURES = (
     "constant",
-    "log of what flaws of the base explain over what the effect explains",
     "log of 1 + what is missing of its gain in samples held out, over what noise and shapes miss",
+    "signed log of 1 + the lead of the best form of an unlisted cause, over odds of 100 to 1",
 )
-
-#: Chi2 per sample that a sound base leaves to flaws: the smallest flaw that is reported.
-_SOUND = 0.01
 
 #: Smallest gain that counts, chi2 per sample.
 _LEAST_GAIN = 1e-3
@@ -39,8 +36,7 @@ _MISSED_BY_SHAPES = 0.02
 #: twice the variance each, whose difference squared is lost.
 _MISSED_BY_NOISE = 4.0
 
-#: Lead from which a form of an unlisted cause is likelier than an effect. Below odds of 100 to 1 the capture does not
-#: distinguish them, and the effect is the usual cause: of 25 true ones in simulations 1 is lost so, 3 at even odds.
+#: Lead of odds of 100 to 1: below it the capture does not distinguish a form from the effect.
 _DISTINGUISHED = 9.2
 
 #: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
@@ -59,8 +55,6 @@ class Signs:
 
     #: Chi2 per sample that it explains.
     gain: float
-    #: Chi2 per sample of the base's flaws that an effect may imitate, fitted with it.
-    flaws: float
     #: Number of samples.
     count: int
     #: Gain in pixels or bands held out over that where fitted, the smaller; NaN where untested.
@@ -73,16 +67,15 @@ class Signs:
     @property
     def features(self) -> NDArray[np.float64]:
         """(feature,) in the sequence of ``FEATURES``."""
-        gain = max(self.gain, _LEAST_GAIN)
-        ratio = (max(self.flaws, 0.0) + _SOUND) / gain
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
-        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (gain * self.count)
-        return np.array([1.0, np.log(ratio), np.log1p(missing / allowed)])
+        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (max(self.gain, _LEAST_GAIN) * self.count)
+        lead = np.sign(self.lead) * np.log1p(np.abs(self.lead) / _DISTINGUISHED)
+        return np.array([1.0, np.log1p(missing / allowed), lead])
 
     @property
-    def by_forms(self) -> float:
-        """Least probability of an imitation, by forms and by events in single frames."""
-        return float(expit(np.fmax(self.lead - _DISTINGUISHED, self.frames) / 2))
+    def by_frames(self) -> float:
+        """Least probability of an imitation, by events in single frames."""
+        return float(expit(self.frames / 2))
 
 
 @lru_cache(maxsize=1)
@@ -101,8 +94,7 @@ def learnt_weights() -> Mapping[str, Any]:
 def imitation_probability(signs: Signs) -> float:
     """Probability that an effect imitates an unlisted cause.
 
-    It is at least that of a form whose evidence the capture distinguishes from the effect's, and that of an event in a
-    single frame at even odds: frames are compared without a model.
+    It is at least that of an event in a single frame at even odds: frames are compared without a model.
 
     Parameters
     ----------
@@ -116,4 +108,4 @@ def imitation_probability(signs: Signs) -> float:
     """
     weights = learnt_weights()["weights"]
     utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), signs.by_forms, LEAST_PROBABILITY)
+    return max(float(expit(utility)), signs.by_frames, LEAST_PROBABILITY)

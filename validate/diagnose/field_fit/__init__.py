@@ -15,6 +15,7 @@ from .field import (
     solve_coefficients,
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
+from .light_exchange import light_exchange
 from .residual_data import ChargeExchange, ResidualData, Transport
 from .spot_appearance import (
     PENALTY_IMPOSSIBLE,
@@ -61,6 +62,7 @@ __all__ = [
     "hot_spot",
     "hot_spot_of_one_band",
     "lamp_dn",
+    "light_exchange",
     "next_to_common_field",
     "normal_equations",
     "pixel_fit",

@@ -7,7 +7,8 @@ import pytest
 from cboxlab.rendering.perturbation import build_patch_transport
 from cboxlab.rendering.radiosity import build_patched_scene
 from cboxlab.scenes import cornell_box, cornell_camera
-from cboxlab.validation.diagnose.unexplained import _coated, _transport
+from cboxlab.validation.diagnose.field_fit import light_exchange
+from cboxlab.validation.diagnose.field_fit.light_exchange import _coated
 
 
 def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
@@ -42,7 +43,7 @@ def test_the_floor_sees_camera_and_lamp_under_the_angles_of_its_height():
         included=(),
         lamp_shares=np.ones((1, 2)),
     )
-    t = _transport(SimpleNamespace(predictor=predictor))
+    t = light_exchange(predictor)
     floor = [surface.name for surface in scene.surfaces].index("floor")
     on_floor, patches, (lamp,) = t.surface == floor, t.patch_surface == floor, traced.light.lamps
 
