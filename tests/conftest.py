@@ -4,6 +4,7 @@ import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 # before NumPy: matrix products' waiting threads would take the cores from ray tracing
@@ -11,6 +12,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from helpers.captures.large_patches import large_patches as with_large_patches
 from helpers.places import ROOT, SHARED
 from hypothesis import HealthCheck, settings
 
@@ -72,6 +74,13 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 def pytest_collection_finish() -> None:
     """Modules and tests stay to the end: the collector need not visit them again and again."""
     gc.freeze()
+
+
+@pytest.fixture(scope="module")
+def large_patches() -> Iterator[None]:
+    """The light of tests that compare pictures of one integrator with each other, or none."""
+    with with_large_patches():
+        yield
 
 
 @pytest.fixture(scope="session")

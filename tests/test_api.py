@@ -20,6 +20,8 @@ from helpers.places import ROOT
 PAGE = ROOT / "docs" / "api.md"
 EFFECTS = ("veiling-glare", "ghost", "lamp-drift")
 
+pytestmark = pytest.mark.usefixtures("large_patches")
+
 
 @pytest.fixture(scope="module")
 def names(tmp_path_factory):

@@ -39,6 +39,14 @@ def test_index_names_every_benchmark():
     assert len({path.stem for path in FILES}) == len(FILES)
 
 
+def test_every_fault_can_be_planted():
+    """Its text stands once in its file: else the benchmark ends there."""
+    faults = importlib.import_module("planted_faults").FAULTS
+    counts = {fault.name: (ROOT / fault.file).read_text(encoding="utf-8").count(fault.text) for fault in faults}
+    assert len(counts) == len(faults) > 20
+    assert set(counts.values()) == {1}, counts
+
+
 def test_effects_outside_the_catalogue_act_in_every_box():
     """A paint of another colour, a cube on the floor: whatever stands in the room."""
     boxes, causes = (importlib.import_module(name) for name in ("blind_places", "outside_effects"))

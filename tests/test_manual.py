@@ -24,6 +24,8 @@ from typer.main import get_command
 
 DOCS = ROOT / "docs"
 
+pytestmark = pytest.mark.usefixtures("large_patches")
+
 #: Options and commands whose value is a path that is written.
 WRITTEN = ("--out", "--json", "--to")
 

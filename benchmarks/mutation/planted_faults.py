@@ -131,7 +131,7 @@ FAULTS = (
     Fault(
         "ddof",
         "degrees of freedom of a pixel's repeats",
-        "calibration/correction/noise.py",
+        "calibration/correction/noise_line.py",
         "counts.var(axis=0, ddof=1)[good]",
         "counts.var(axis=0)[good]",
         ("calibration/correction", "calibration/result/test_calibrate.py"),
@@ -244,7 +244,7 @@ FAULTS = (
         "chi2-freedom",
         "fitted parameters not taken off the degrees of freedom",
         "validate/compare/comparison.py",
-        "values.size * (1.0 - parameters_each)",
+        "values.size * self.freedom",
         "values.size",
         ("validate/compare/test_compare.py", "validate/compare"),
     ),

@@ -35,6 +35,7 @@ from cboxlab.validation.diagnose.linearised_fit import linearised_fit
 from cboxlab.validation.diagnose.stepwise import refitted
 from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
+from helpers.captures.large_patches import large_patches
 from helpers.pages.browser import open_browser
 from scipy import stats
 
@@ -189,7 +190,8 @@ def distance(camera: Camera, true: Camera) -> float:
 def test_a_cache_changes_no_bit_of_a_validation(result, tmp_path):
     """The same input, without a cache, with one that is empty, and with one that holds every picture."""
     model = Model(render=RenderSettings(noise=4.0))
-    runs = [validate_prepared(replace(result.prepared, cache=cache), model) for cache in (None, tmp_path, tmp_path)]
+    with large_patches():
+        runs = [validate_prepared(replace(result.prepared, cache=cache), model) for cache in (None, tmp_path, tmp_path)]
     times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     first = runs[0]
     assert len(times) >= 3

@@ -13,6 +13,8 @@ from cboxlab.validation.report import correlation_section
 from cboxlab.validation.study import HARDLY_DISTINGUISHED, Correlations, fitted_correlations, predict
 from helpers.captures.glare_capture import glare_capture
 
+pytestmark = pytest.mark.usefixtures("large_patches")
+
 
 def test_correlations_are_those_of_the_complete_information(tmp_path):
     study = cboxlab.Study.open(glare_capture(tmp_path / "capture", 16), noise=3.0, cache=tmp_path / "cache")

@@ -17,6 +17,8 @@ from cboxlab.validation.compare import fit_cache, refitted_picture
 from cboxlab.validation.predict import picture_cache
 from helpers.captures.glare_capture import GLARE, glare_capture
 
+pytestmark = pytest.mark.usefixtures("large_patches")
+
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):

@@ -18,6 +18,8 @@ from helpers.programs.manual_commands import described
 from PIL import Image
 from scipy.ndimage import binary_erosion
 
+pytestmark = pytest.mark.usefixtures("large_patches")
+
 
 @pytest.fixture(scope="module")
 def cubes(tmp_path_factory):

@@ -4,6 +4,7 @@ import pytest
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.app.studio import Workbench, build_app
 from helpers.captures.glare_capture import glare_capture
+from helpers.captures.large_patches import large_patches
 from helpers.pages.browser import open_browser
 from helpers.pages.server import served
 from helpers.pages.studio import HERE
@@ -13,10 +14,18 @@ from starlette.testclient import TestClient
 @pytest.fixture(scope="session")
 def opened_bench(tmp_path_factory):
     root = tmp_path_factory.mktemp("studio")
-    glare_capture(root / "capture")
-    workbench = Workbench(root, root / ".cache", noise=3.0, seed=1)
-    workbench.open("capture", None, NO_PROGRESS)
+    with large_patches():
+        glare_capture(root / "capture")
+        workbench = Workbench(root, root / ".cache", noise=3.0, seed=1)
+        workbench.open("capture", None, NO_PROGRESS)
     return workbench
+
+
+@pytest.fixture(autouse=True, scope="module")
+def light_of_all_tests():
+    """As when the workbench was opened."""
+    with large_patches():
+        yield
 
 
 @pytest.fixture

@@ -12,13 +12,16 @@ import time
 import urllib.request
 
 import pytest
+from helpers.captures.large_patches import PATCHES
 from helpers.pages.studio import add, press
 
 #: A server on a capture, as `cbox studio` starts it, at a port that stays the same.
 SERVER = """
 import sys
 from pathlib import Path
+from cboxlab.rendering.radiosity import patched_scene
 from cboxlab.validation.app.studio import Workbench, serve
+patched_scene.PATCHES_PER_DIAGONAL = int(sys.argv[4])  # as of `bench`, whose pictures are in the cache
 root, capture, port = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 bench = Workbench(root, root / ".cache", noise=3.0, seed=1)
 begin = (lambda progress: bench.open(capture, None, progress)) if capture else None
@@ -111,7 +114,8 @@ def test_a_killed_server_loses_no_work(browser, bench):
     root, port = bench.root, free_port()
     shutil.rmtree(root / ".cbox-unsaved", ignore_errors=True)
     command = [sys.executable, "-c", SERVER, str(root)]
-    process = subprocess.Popen([*command, "capture", str(port)], stdout=subprocess.DEVNULL)
+    where = str(port), str(PATCHES)
+    process = subprocess.Popen([*command, "capture", *where], stdout=subprocess.DEVNULL)
     try:
         while not (state := answer_of(port, "state"))["open"] or state["job"]:
             time.sleep(0.1)
@@ -125,7 +129,7 @@ def test_a_killed_server_loses_no_work(browser, bench):
         os.kill(process.pid, signal.SIGKILL)
         process.wait(20)
         browser.until("document.getElementById('mistake').textContent.includes('Start `cbox studio` again')")
-        process = subprocess.Popen([*command, "", str(port)], stdout=subprocess.DEVNULL)
+        process = subprocess.Popen([*command, "", *where], stdout=subprocess.DEVNULL)
         browser.until("!document.getElementById('unsaved').hidden && !page.record.open")
         assert "capture, " in browser.run("document.getElementById('unsaved-list').innerText")
         browser.run("document.querySelector('#unsaved-list button').click()")
