@@ -379,7 +379,7 @@ def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> ND
     first = middle - _MARGIN_PX - 0.5
     # by rays at the pixels' corners: pixels in which an edge may be; only there are all rays traced
     across = np.arange(-1, pixels + 2)
-    coarse = _faces_met(scene, camera, middle, *np.meshgrid(first[0] + across, first[1] + across))
+    coarse = _first_met(scene, camera, middle, *np.meshgrid(first[0] + across, first[1] + across))[0]
     is_mixed = maximum_filter(coarse, 4, origin=-1) != minimum_filter(coarse, 4, origin=-1)
     rays = (np.arange(_RAYS_ACROSS) + 0.5) / _RAYS_ACROSS
     row, column = np.nonzero(is_mixed[:pixels, :pixels])
@@ -387,21 +387,15 @@ def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> ND
     u = first[0] + column[:, None, None] + rays
     v = first[1] + row[:, None, None] + rays[:, None]
     blocks = number.reshape(pixels, _RAYS_ACROSS, pixels, _RAYS_ACROSS).swapaxes(1, 2)
-    blocks[row, column] = _faces_met(scene, camera, middle, *np.broadcast_arrays(u, v))
+    blocks[row, column] = _first_met(scene, camera, middle, *np.broadcast_arrays(u, v))[0]
     return number
 
 
-def _faces_met(
-    scene: Scene, camera: Camera, middle: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Number of the flat face that each ray (u, v) near a pixel meets first; 0 for none."""
-    return _first_met(scene, camera, middle, camera.directions(u.ravel(), v.ravel()))[0].reshape(u.shape)
-
-
 def _first_met(
-    scene: Scene, camera: Camera, middle: NDArray[np.int64], direction: NDArray[np.float64]
+    scene: Scene, camera: Camera, middle: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """(n,) number of the flat face that each ray meets first, 0 for none, and its distance."""
+    """Number of the flat face that each ray (u, v) meets first, 0 for none, and (n, 3) where."""
+    direction = camera.directions(u.ravel(), v.ravel())
     nearest, number = np.full(len(direction), np.inf), np.zeros(len(direction), np.int64)
     flat: dict[tuple[float, ...], int] = {}
     for surface in scene.all_surfaces:
@@ -425,7 +419,8 @@ def _first_met(
             nearer = hit & (distance < nearest)
             nearest[nearer] = distance[nearer]
             number[nearer] = flat.setdefault(key, len(flat) + 1)
-    return number, nearest
+    travelled = np.where(number > 0, nearest, 0.0) * (1 - _OFF_THE_FACE)
+    return number.reshape(u.shape), camera.position_mm + travelled[:, None] * direction
 
 
 def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArray[np.int64]) -> bool:
@@ -445,19 +440,16 @@ def _lit_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> dict
     size = (2 * _MARGIN_PX + 1) * _LIGHT_ACROSS
     at = (np.arange(size) + 0.5) / _LIGHT_ACROSS - _MARGIN_PX - 0.5
     u, v = np.meshgrid(middle[0] + at, middle[1] + at)
-    direction = camera.directions(u.ravel(), v.ravel())
-    number, distance = _first_met(scene, camera, middle, direction)
-    met = number > 0
-    positions = camera.position_mm + (distance[met] * (1 - _OFF_THE_FACE))[:, None] * direction[met]
-    light = np.zeros(number.size)
-    light[met] = part_of_lamps(scene, positions)
+    number, positions = _first_met(scene, camera, middle, u, v)
+    light = np.zeros(number.shape)
+    light[number > 0] = part_of_lamps(scene, positions[number.ravel() > 0])
     rays = (np.arange(size * _RAYS_ACROSS // _LIGHT_ACROSS) + 0.5) * _LIGHT_ACROSS / _RAYS_ACROSS - 0.5
     parts = {}
-    for face in np.unique(number[met]):
-        of_face = (number == face).reshape(size, size)
-        if np.std(light.reshape(size, size)[of_face]) > _LEAST_SHADOW:
+    for face in np.unique(number[number > 0]):
+        of_face = number == face
+        if np.std(light[of_face]) > _LEAST_SHADOW:
             nearest = distance_transform_edt(~of_face, return_distances=False, return_indices=True)
-            extended = light.reshape(size, size)[tuple(nearest)]
+            extended = light[tuple(nearest)]
             grid = np.meshgrid(rays, rays, indexing="ij")
             parts[int(face)] = np.asarray(map_coordinates(extended, grid, order=1, mode="nearest"), np.float64)
     return parts

@@ -9,15 +9,16 @@ import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.geometry import SurveyedPoints
 from cboxlab.calibration.result import calibrate_capture
-from cboxlab.rendering.visibility import build_tracer, facet_coverage
+from cboxlab.rendering.visibility import build_tracer, facet_coverage, part_of_lamps
 from cboxlab.scenes import cornell_camera, load_scene
 from cboxlab.validation.compare import locate_corners, scene_corners
+from cboxlab.validation.compare.edge_offsets import are_visible
 from cboxlab.validation.synthetic import perturbed_camera
 from scipy.ndimage import gaussian_filter
 
 DEMO = Path(cboxlab.validation.__file__).parent / "data" / "demo-capture"
-#: Upper corners of the blocks, the box's corners in view, three feet of blocks, and a corner behind a block.
-IDS = ("c02", "c03", "c04", "c06", "c07", "c08", "c09", "c10", "c12", "c14", "c16", "c18", "c20", "c21", "c22", "c24")
+#: Corners of the box, one near the picture's border, upper corners and two feet of blocks, and one behind a block.
+IDS = ("c02", "c03", "c06", "c07", "c09", "c12", "c18", "c20", "c21", "c22", "c24")
 #: A foot whose shadow is not that of the lamp alone, and a corner behind a block.
 REFUSED = {"c23": "do not determine it", "c20": "hidden"}
 #: The camera with which the capture was made; its survey differs from it by up to 0.12 px.
@@ -90,3 +91,16 @@ def test_too_few_corners_stay_as_clicked(calibration):
     corners = locate_corners(calibration.photograph, calibration.capture.scene, clicked)
     assert corners.fit is None and "4 usable points" in corners.reason and not corners.by_edges.any()
     assert np.array_equal(corners.points.image_px, clicked.image_px)
+
+
+def test_the_part_of_the_lamp_that_a_position_sees_is_that_of_many_rays():
+    """Against 4000 rays to random points of the lamp, which have 0.008; 50 points in even order have 0.08 at most."""
+    scene, rng = load_scene("cornell-box"), np.random.default_rng(3)
+    positions = np.column_stack([rng.uniform(20, 530, 40), np.full(40, 0.01), rng.uniform(20, 530, 40)])
+    parts = part_of_lamps(scene, positions)
+    low, high = scene.lamp.surface.vertices_mm.min(axis=0), scene.lamp.surface.vertices_mm.max(axis=0)
+    ends = rng.uniform(low, high, (4000, 3))
+    rays = [np.mean(are_visible(scene, replace(cornell_camera(8), position_mm=at), ends)) for at in positions]
+    np.testing.assert_allclose(parts, rays, atol=0.08)
+    assert abs(np.mean(parts - rays)) < 0.02
+    assert np.sum((parts > 0.1) & (parts < 0.9)) >= 3 and parts.min() == 0 and parts.max() == 1

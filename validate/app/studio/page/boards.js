@@ -4,7 +4,7 @@
 const $ = (id) => document.getElementById(id);
 
 /** Length of a drawn residual over the residual. */
-const STRETCH = 20;
+const STRETCH = 100;
 
 const page = {
   frames: [], // {frame, corners}, corners null where no board is found
