@@ -251,7 +251,7 @@ def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest
 
 def _with_entries(text: str, first: FirstManifest, entries: Sequence[ManifestEntry]) -> tuple[str, list[InputError]]:
     """Text of a manifest with values added to its tables, and the faults of other values."""
-    refused = []
+    refused: list[InputError] = []
     examples = {(key.where, key.key): key.example.partition(" = ")[2] for key in first.missing if key.example}
     blocks = text.removesuffix(_FURTHER).rstrip("\n").split("\n\n")
     for entry in entries:

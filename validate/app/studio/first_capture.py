@@ -190,7 +190,7 @@ def _tables(text: str) -> Iterator[tuple[str, dict[str, Any]]]:
 def _fields(first: FirstManifest, text: str) -> list[dict[str, Any]]:
     """Missing keys as fields of the form; those of bands for each photograph. Notes have none."""
     bands = tomllib.loads(text).get("band", [])
-    fields = {}
+    fields: dict[tuple[str, str], dict[str, Any]] = {}
     for key in first.missing:
         wheres = [key.where]
         if key.where == "every [[band]]" and key.key in _OF_EACH_BAND:
@@ -217,7 +217,8 @@ def _form(
     """Record of the form: rows of frames, other fields, and faults that belong to no field."""
     values = {(entry.where, entry.key): entry.value for entry in entries.values}
     every = {name: {**field, "value": values.get(name, "")} for field in fields for name in [_name(field)]}
-    rows, row_wheres = [], set()
+    rows: list[dict[str, Any]] = []
+    row_wheres: set[str] = set()
     for kind, table in _tables(text):
         where = f"[[{kind}]] of {table['frames'][0]}"
         of_row = [] if where in row_wheres else [name for name in every if name[0] == where]
@@ -279,7 +280,7 @@ def _keys(where: str, key: str, text: str) -> Iterator[str]:
 def _offered(folder: Path) -> dict[str, list[str]]:
     """Names to choose from: scenes, tables, and columns of tables."""
     tables = sorted(path for path in (*folder.glob("*.csv"), *folder.glob("spectra/*.csv")) if path.is_file())
-    columns = []
+    columns: list[str] = []
     for path in tables[:_MAX_OFFERED]:
         try:
             header = read_rows(path, "a table in CSV")[:1]

@@ -52,7 +52,7 @@ def test_the_workbench_is_reached_by_keys_and_read_aloud(page):
     assert looks(page) == []
 
 
-def test_a_capture_is_opened_and_an_effect_found_moved_saved_and_removed_by_keys(page, bench):
+def test_a_capture_is_opened_and_an_effect_found_moved_saved_and_removed_by_keys(page, bench, monkeypatch):
     """Letters, Tab and Enter alone, as somebody without a mouse."""
 
     def go_to(condition):
@@ -63,13 +63,15 @@ def test_a_capture_is_opened_and_an_effect_found_moved_saved_and_removed_by_keys
         raise AssertionError(f"never reached: {condition}")
 
     page.run("document.activeElement.blur()")
-    before = bench.revision
+    captures = []
+    monkeypatch.setattr(bench, "open", lambda capture, model, progress: captures.append((capture, model)))
     go_to("e.id === 'show-open'")
     page.key("Enter")
     page.until("!document.getElementById('found').hidden")
     go_to("e.getAttribute('aria-label') === 'Open capture'")
     page.key("Enter")
-    page.until(f"page.revision > {before} && page.job === null && page.loading === 0 && page.requests === 0")
+    page.until("document.getElementById('open').hidden && !page.job && page.loading === 0 && page.requests === 0")
+    assert captures == [("capture", None)]
     page.run("document.activeElement.blur()")
     go_to("e.id === 'search'")
     for letter in "veiling":

@@ -40,11 +40,13 @@ def enter(page, key, value, where=""):
     ready(page)
 
 
-def test_frames_become_a_capture(tmp_path):
+def test_frames_become_a_capture(tmp_path, monkeypatch):
     root = tmp_path / "root"
+    bench, captures = Workbench(root, None), []
+    monkeypatch.setattr(bench, "open", lambda capture, model, progress: captures.append(capture))
     for name in ("frames", "plain"):
         frames_in(root / name)
-    with served(Workbench(root, None)) as address, open_browser() as page:
+    with served(bench) as address, open_browser() as page:
         page.open(f"{address}first.html?folder=frames")
         ready(page)
         groups = page.run("[...document.querySelectorAll('#rows .group')].map((e) => e.getAttribute('aria-label'))")
@@ -90,9 +92,14 @@ def test_frames_become_a_capture(tmp_path):
         page.run("document.getElementById('write').click()")
         page.until("document.getElementById('saved').innerText.includes('Written')")
         assert (root / "frames" / "capture.toml").read_text() == text
+        page.run("globalThis.link = [...document.querySelectorAll('#saved a')].at(-1), 0")
         page.run("document.getElementById('write').click()")  # nothing is replaced
         page.until("document.getElementById('mistake').innerText.includes('exists already')")
         assert (root / "frames" / "capture.toml").read_text() == text
+        page.run("link.click()")  # the workbench opens it
+        page.until("typeof events === 'object' && sessionStorage.getItem('open') === null && page.requests === 0")
+        page.until("!page.job")
+        assert captures == ["frames"]
         # without entries the file is that of the command
         page.open(f"{address}first.html?folder=plain")
         ready(page)
