@@ -323,10 +323,10 @@ def _clearest(
     sigmas = np.abs(mean) / np.sqrt(np.maximum(inside, around) / independent)
     few = float(np.clip(_OF_STEPS * independent, _LEAST_DEGREES, _SQUARE_DEGREES))
     shares = 2 * looks * student_tail(sigmas, np.where(inside > around, few, _SQUARE_DEGREES))
-    whole, border = np.zeros_like(used), edge // 2
-    whole[border:-border, border:-border] = used[border:-border, border:-border]
-    position = np.unravel_index(int(np.where(whole, shares, np.inf).argmin()), shares.shape)
-    others = _elsewhere(np.where(whole, sigmas, 0.0), position, 2 * edge)
+    inner, border = np.zeros_like(used), edge // 2
+    inner[border:-border, border:-border] = used[border:-border, border:-border]
+    position = np.unravel_index(int(np.where(inner, shares, np.inf).argmin()), shares.shape)
+    others = _elsewhere(np.where(inner, sigmas, 0.0), position, 2 * edge)
     clear = float(sigmas[position]) > _CLEARER * others
     probability = min(1.0, float(shares[position])) if clear else 1.0
     size, (y, x) = float(mean[position]), (int(n) for n in position)
