@@ -46,8 +46,9 @@ _MEDIAN_OF_SQUARE = 0.455
 _MIN_INDEPENDENT = 5.0
 #: Scatters of the surroundings at which a pixel counts: those of an object exceed them.
 _SQUARE_SIGMAS = 4.0
-#: Degrees of freedom of the steps inside a square over its independent pixels, and fewest of them.
+#: Degrees of freedom of the steps inside a square over its independent pixels: neighbours share pixels.
 _OF_STEPS = 0.75
+#: Fewest degrees of freedom of a square: those of the smallest one behind a filter.
 _LEAST_DEGREES = 3.0
 #: Most degrees of freedom: noise of renderings is not normal.
 _SQUARE_DEGREES = 20.0
