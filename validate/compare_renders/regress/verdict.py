@@ -321,7 +321,7 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     names = comparison.common.baseline.bands
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
     excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
-    parts = strata.surfaces | {"the lamp": strata.lamp}
+    parts = {**strata.surfaces, "the lamp": strata.lamp}
     spots = []
     for band in ("", *bands):
         sums = pooling.band(names.index(band)) if band else pooling.summed
