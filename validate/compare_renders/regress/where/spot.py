@@ -78,11 +78,11 @@ class Spot(FrozenMappings):
     def sentence(self) -> str:
         """Spot in words."""
         if not self.clear:
-            size, sigmas = self.all_light
+            change, sigmas = self.all_light
             if abs(sigmas) < _EVENLY_SIGMAS:
                 return "Where: no place stands out; the difference is spread over the picture's structure."
-            more = "brighter" if size > 0 else "darker"
-            return f"Where: evenly over the picture, {_written(abs(100 * size))} % {more}; no place stands out."
+            evenly = "brighter" if change > 0 else "darker"
+            return f"Where: evenly over the picture, {_written(abs(100 * change))} % {evenly}; no place stands out."
         (x, y), (left, top, right, bottom) = self.peak, self.bounds
         more = "brighter" if self.difference > 0 else "darker"
         size = f"{_written(abs(100 * self.difference))} % {more}" + (f" in band {self.band}" if self.band else "")
