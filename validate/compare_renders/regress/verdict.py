@@ -316,7 +316,7 @@ def regress_sides(
 
 
 def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
-    """Spot of the difference in the sum over bands, or in a band that decides if it is clearer there."""
+    """Spot of the difference: in the sum over bands, or in one that shows it more clearly."""
     pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
     names = comparison.common.baseline.bands
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]

@@ -58,6 +58,15 @@ def test_a_change_of_all_light_has_no_corner():
     assert "of the picture, 5 % darker; most" in result.sentence
 
 
+def test_a_faint_change_of_all_light_is_even():
+    """By 0.7 %: 6 standard errors of all light, of no place."""
+    result = spot(np.full_like(LIGHT, 0.007))
+    assert not result.clear
+    assert result.all_light[0] == pytest.approx(0.007, abs=0.003)
+    assert result.sentence.startswith("Where: evenly over the picture, 0.")
+    assert "brighter" in result.sentence
+
+
 @pytest.mark.parametrize("filtered", [False, True], ids=["independent", "filtered"])
 def test_noise_alone_has_a_place_as_seldom_as_stated(filtered):
     """At most 9 of 100 below a probability of 0.03, and not none below a half."""

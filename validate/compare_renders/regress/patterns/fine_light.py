@@ -8,6 +8,8 @@ exchanged sides. Noise, filters and denoisers of both sides thus leave the means
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
@@ -107,13 +109,14 @@ def _motions(difference: Difference, steps: float, window_px: int, width_px: flo
     y, x = (axis - axis.max() / 2 for axis in np.indices(fine[0].shape))
     y, x = 2 * y / fine[0].shape[1], 2 * x / fine[0].shape[1]
     sharp, slopes = ([np.gradient(p) for p in pictures] for pictures in (fine, smooth))
-    findings = []
-    for name, (down, right) in {
+    motions: dict[str, tuple[Any, Any]] = {
         "moved down": (1.0, 0.0),
         "moved to the right": (0.0, 1.0),
         "turned clockwise": (x, -y),
         "magnified": (y, x),
-    }.items():
+    }
+    findings = []
+    for name, (down, right) in motions.items():
         along, sharply = ([down * slope[0] + right * slope[1] for slope in sides] for sides in (slopes, sharp))
         terms = block_sums(fine[0] * along[1] - fine[1] * along[0])
         squares = np.maximum(block_sums(sharply[0] * along[1] + sharply[1] * along[0]), 0.0)

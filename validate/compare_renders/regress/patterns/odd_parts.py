@@ -46,8 +46,9 @@ _MEDIAN_OF_SQUARE = 0.455
 _MIN_INDEPENDENT = 5.0
 #: Scatters of the surroundings at which a pixel counts: those of an object exceed them.
 _SQUARE_SIGMAS = 4.0
-#: Degrees of freedom of the steps inside a square over its independent pixels, and fewest of them.
+#: Degrees of freedom of the steps inside a square over its independent pixels: neighbours share pixels.
 _OF_STEPS = 0.75
+#: Fewest degrees of freedom of a square: those of the smallest one behind a filter.
 _LEAST_DEGREES = 3.0
 #: Most degrees of freedom: noise of renderings is not normal.
 _SQUARE_DEGREES = 20.0
@@ -323,10 +324,10 @@ def _clearest(
     sigmas = np.abs(mean) / np.sqrt(np.maximum(inside, around) / independent)
     few = float(np.clip(_OF_STEPS * independent, _LEAST_DEGREES, _SQUARE_DEGREES))
     shares = 2 * looks * student_tail(sigmas, np.where(inside > around, few, _SQUARE_DEGREES))
-    whole, border = np.zeros_like(used), edge // 2
-    whole[border:-border, border:-border] = used[border:-border, border:-border]
-    position = np.unravel_index(int(np.where(whole, shares, np.inf).argmin()), shares.shape)
-    others = _elsewhere(np.where(whole, sigmas, 0.0), position, 2 * edge)
+    inner, border = np.zeros_like(used), edge // 2
+    inner[border:-border, border:-border] = used[border:-border, border:-border]
+    position = np.unravel_index(int(np.where(inner, shares, np.inf).argmin()), shares.shape)
+    others = _elsewhere(np.where(inner, sigmas, 0.0), position, 2 * edge)
     clear = float(sigmas[position]) > _CLEARER * others
     probability = min(1.0, float(shares[position])) if clear else 1.0
     size, (y, x) = float(mean[position]), (int(n) for n in position)

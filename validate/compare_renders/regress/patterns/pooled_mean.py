@@ -13,7 +13,7 @@ __all__ = ["CANCELLING", "POWER", "SHARES", "STRUCTURE", "PooledMean", "pool_of_
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
     "whole": 0.09,
-    "even": 0.219,
+    "even": 0.179,
     "surface": 0.17,
     "band": 0.09,
     "stratum": 0.05,
@@ -32,7 +32,7 @@ SHARES = {
     "place": 0.01,
     "slow": 0.05,
     "contrast": 0.03,
-    "displacement": 0.02,
+    "displacement": 0.06,
     "reused": 0.01,
     "part": 0.02,
     "layer": 0.001,

@@ -30,6 +30,8 @@ _MOST_DEGREES = 1e3
 _CLEAR = 1e-3
 #: Standard errors from which a pixel of the map differs.
 _SIGMAS = 3.0
+#: Standard errors of all light from which a difference without a place is an even one.
+_EVENLY_SIGMAS = 4.0
 #: Part of the peak down to which its surroundings belong to the place.
 _OF_PEAK = 0.5
 #: Part of the picture from which a place is most of it.
@@ -64,6 +66,8 @@ class Spot(FrozenMappings):
     surface: str = ""
     #: Band that the map shows; empty for the sum over all.
     band: str = ""
+    #: Difference of all light over that of the baseline, and the same over its standard error.
+    all_light: tuple[float, float] = (0.0, 0.0)
 
     @property
     def clear(self) -> bool:
@@ -74,7 +78,11 @@ class Spot(FrozenMappings):
     def sentence(self) -> str:
         """Spot in words."""
         if not self.clear:
-            return "Where: no place stands out; the difference is spread over the picture's structure."
+            change, sigmas = self.all_light
+            if abs(sigmas) < _EVENLY_SIGMAS:
+                return "Where: no place stands out; the difference is spread over the picture's structure."
+            evenly = "brighter" if change > 0 else "darker"
+            return f"Where: evenly over the picture, {_written(abs(100 * change))} % {evenly}; no place stands out."
         (x, y), (left, top, right, bottom) = self.peak, self.bounds
         more = "brighter" if self.difference > 0 else "darker"
         size = f"{_written(abs(100 * self.difference))} % {more}" + (f" in band {self.band}" if self.band else "")
@@ -174,6 +182,8 @@ def spot_of(
     around = _around(sigmas, (y, x))
     rows, columns = find_objects(around.astype(int))[0]
     light = float(level[around].sum())
+    total, noise = float(difference[used].sum()), float(np.sqrt(variance[used].sum() * clustering))
+    all_light = total / max(float(level[used].sum()), 1e-300), total / max(noise, 1e-300)
     names = {name: float(mask[around].mean()) for name, mask in (surfaces or {}).items()}
     surface = max(names, key=lambda name: names[name], default="")
     return Spot(
@@ -187,6 +197,7 @@ def spot_of(
         float(around.sum()) / float(used.sum()),
         surface if names.get(surface, 0.0) >= _COVERS else "",
         band,
+        all_light,
     )
 
 
