@@ -96,7 +96,7 @@ def find_chart(capture: Capture, bands: CorrectedBands) -> NDArray[np.uint8]:
 
 
 def _before_resize(resized_px: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-    """Positions in a picture, px, from those in the same one resized by OpenCV: u' + 1/2 = scale (u + 1/2)."""
+    """Positions before OpenCV's resize by a scale, px: u' + 1/2 = scale (u + 1/2)."""
     return (resized_px + 0.5) / scale - 0.5
 
 
