@@ -234,9 +234,7 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     return build_flaw_model(linearised.model, columns, signal, residual)
 
 
-def _arriving_indirectly(
-    signal: NDArray[np.float64], reflectance: NDArray[np.float64], direct_share: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _arriving_indirectly(signal: NDArray, reflectance: NDArray, direct_share: NDArray) -> NDArray[np.float64]:
     """Signal of light from other surfaces as of white ones; 0 where nothing is reflected."""
     part = np.clip(1 - direct_share, 0.0, 1.0)
     return np.where(reflectance > 0, part * signal / np.maximum(reflectance, _DARK), 0.0)
