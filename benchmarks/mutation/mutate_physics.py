@@ -8,9 +8,9 @@ A mutant changes one sign, factor, power, axis, transpose, unit, half pixel, qua
 degree of freedom, or takes energy for quanta. Modules take turns, so that each has its share. A module's tests are
 its own file of tests, then those of its package, others that name it or what it defines, and those of packages that
 use it. They have a minute of processor time (``--limit``); a mutant whose tests take longer counts as escaped.
-``--own`` takes modules with a file of tests of their own, and runs that alone. A test that fails without the mutant,
-too, finds nothing. Code is exchanged in this process, which saves new ones; one that
-hangs in a kernel is stopped by hand, and counts as escaped.
+``--own`` takes modules with a file of tests that has their name, and runs it alone. A test that fails without the
+mutant, too, finds nothing. Code is exchanged in this process, which saves new ones; one that hangs in a kernel is
+stopped by hand, and counts as escaped.
 
 Every result is a line of the file, the last of a mutant counts, and a stopped run goes on from there; mutants whose
 lines are taken out are looked at again. Prints what escapes; exit code 1 if more than one in twenty does. Changes
@@ -238,13 +238,14 @@ def own_tests(file: str) -> Path:
     return Path("tests", file).with_name(f"test_{Path(file).stem.lstrip('_')}.py")
 
 
-def sample(count: int, seed: int, only: str, own: bool) -> list[Mutant]:
+def sample(count: int, seed: int, only: str, alone: bool) -> list[Mutant]:
     """At most ``count`` mutants, the modules in turn, kinds of a module in turn; the same for the same seed.
 
-    A module's mutants do not depend on other modules' sources. own : of modules with a file of tests of their own.
+    A module's mutants do not depend on other modules' sources. alone : of modules with
+    a file of tests that has their name.
     """
     files = [path.relative_to(ROOT).as_posix() for package in PHYSICS for path in sorted((ROOT / package).glob("*.py"))]
-    files = [file for file in files if not own or (ROOT / own_tests(file)).exists()]
+    files = [file for file in files if not alone or (ROOT / own_tests(file)).exists()]
     random.Random(seed).shuffle(files)
     queues = []
     for file in files:
@@ -297,10 +298,10 @@ def tests_of(file: str) -> tuple[tuple[str, ...], ...]:
     return tuple(stage for stage in stages if stage)
 
 
-def verdict_of(mutant: Mutant, limit_s: float, own: bool, unsound: dict[str, bool]) -> str:
+def verdict_of(mutant: Mutant, limit_s: float, alone: bool, unsound: dict[str, bool]) -> str:
     """``found by TEST``, ``ESCAPED`` or ``no answer in time``.
 
-    limit_s : of processor time. own : with the module's own tests alone. unsound : of tests that failed before,
+    limit_s : of processor time. alone : with the module's own tests only. unsound : of tests that failed before,
     whether they fail without a mutant, too; grows.
     """
     source = (ROOT / mutant.file).read_text(encoding="utf-8")
@@ -309,7 +310,7 @@ def verdict_of(mutant: Mutant, limit_s: float, own: bool, unsound: dict[str, boo
     module = f"cboxlab.{ROOMS[room]}.{rest.replace('/', '.')}"
     left = limit_s
     try:
-        for stage in tests_of(mutant.file)[: 1 if own else None]:
+        for stage in tests_of(mutant.file)[: 1 if alone else None]:
             failure: str | None = ""
             while failure is not None:
                 skipped = [test for test, fails in unsound.items() if fails]

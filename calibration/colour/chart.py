@@ -119,7 +119,7 @@ def chart_outlines(capture: Capture, bands: CorrectedBands) -> NDArray[np.float6
 
 
 def _before_resize(resized_px: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
-    """Positions in a picture, px, from those in the same one resized by OpenCV: u' + 1/2 = scale (u + 1/2)."""
+    """Positions before OpenCV's resize by a scale, px: u' + 1/2 = scale (u + 1/2)."""
     return (resized_px + 0.5) / scale - 0.5
 
 

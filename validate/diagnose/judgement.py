@@ -223,21 +223,16 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
         linearised.model.used,
         predictor.warp,
         transport,
-        _arriving_indirectly(signal, reflectance, direct, total),
+        _arriving_indirectly(signal, reflectance, direct / np.maximum(total, 1e-30)),
         reflectance,
         predictor.patch_light_of(scene, included),
     )
     return build_flaw_model(linearised.model, columns, signal, residual)
 
 
-def _arriving_indirectly(
-    signal: NDArray[np.float64],
-    reflectance: NDArray[np.float64],
-    direct: NDArray[np.float64],
-    total: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Signal of light from other surfaces, as a white surface in their place had it; 0 where nothing is reflected."""
-    part = np.clip(1 - direct / np.maximum(total, 1e-30), 0.0, 1.0)
+def _arriving_indirectly(signal: NDArray, reflectance: NDArray, direct_share: NDArray) -> NDArray[np.float64]:
+    """Signal of light from other surfaces as of white ones; 0 where nothing is reflected."""
+    part = np.clip(1 - direct_share, 0.0, 1.0)
     return np.where(reflectance > 0, part * signal / np.maximum(reflectance, _DARK), 0.0)
 
 

@@ -72,11 +72,11 @@ def test_each_patch_is_labelled_where_it_is(turns):
 @pytest.mark.parametrize(("size", "mode"), [(32, cv2.INTER_AREA), (256, cv2.INTER_LINEAR)])
 def test_places_in_a_resized_picture_are_those_before(size, mode):
     """Of the centre of a bell's light, in a picture of 128 px made smaller and larger."""
-    x, place = np.arange(128.0), 71.3
-    bell = np.exp(-0.5 * ((x - place) / 9) ** 2) * np.ones((128, 1))
+    x, middle = np.arange(128.0), 71.3
+    bell = np.exp(-0.5 * ((x - middle) / 9) ** 2) * np.ones((128, 1))
     resized = cv2.resize(bell, (size, size), interpolation=mode)[0]
-    found = np.array([np.average(np.arange(size), weights=resized)])
-    assert _before_resize(found, size / 128)[0] == pytest.approx(place, abs=0.02)
+    centroid = np.array([np.average(np.arange(size), weights=resized)])
+    assert _before_resize(centroid, size / 128)[0] == pytest.approx(middle, abs=0.02)
 
 
 @pytest.mark.parametrize("order", [("blue", "green", "red"), ("red", "blue", "green")])

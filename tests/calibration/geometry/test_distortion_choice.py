@@ -126,7 +126,7 @@ def test_few_points_choose_nothing():
 
 
 def test_as_many_numbers_as_coordinates_choose_nothing():
-    """Twelve points give 24 coordinates. Four views have 24 numbers of their own, the lens has more."""
+    """Twelve points give 24 coordinates. Four views have 24 numbers, and the lens has more."""
     points, fit = survey([0.0] * 5, count=12)
     views = [(points.points_mm[some], points.image_px[some]) for some in np.arange(12).reshape(4, 3)]
     assert choose_distortion([fit.camera] * 4, views, [1.0] * 4, ONE_TERM) is None

@@ -101,6 +101,17 @@ def test_spoilt_pixels_hardly_move_the_camera(photograph):
     assert off < 0.02
 
 
+@pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+def test_a_picture_of_much_noise_leaves_the_camera_at_its_survey(photograph):
+    """The search begins at another camera, a pixel away."""
+    warp, signal, used = photograph
+    pixels = pixels_per_unit(warp.tracer, warp.camera)
+    surveyed = warp.camera.with_parameters(warp.camera.parameters + 0.3 * (-1) ** np.arange(10) / pixels)
+    surveyed = replace(surveyed, covariance=np.diag(pixels**-2.0))
+    fit = fit_nuisances(signal, np.full(signal.shape, 1e16), used, signal, warp, surveyed, 0.02)
+    assert np.abs((fit.camera.parameters - surveyed.parameters) * pixels).max() < 0.01
+
+
 def fitted(photograph, seed, spoilt=0.0):
     """Rms of corners' positions, px, and chi-square of the fit to a picture that another camera took.
 

@@ -184,9 +184,9 @@ def test_parameter_errors_hold_for_errors_that_pixels_share():
     assert np.var(naive) > 4
 
 
-@pytest.mark.parametrize(("null", "found", "other"), [(0.0, 0.9, 0.3), (1.0, 1.9, 1.3), (1.0, 0.9, None)])
-def test_a_second_start_is_at_the_root_of_the_steps_from_the_null(null, found, other):
+@pytest.mark.parametrize(("null", "width", "other"), [(0.0, 0.9, 0.3), (1.0, 1.9, 1.3), (1.0, 0.9, None)])
+def test_a_second_start_is_at_the_root_of_the_steps_from_the_null(null, width, other):
     """Nine steps of 0.1 become three; an amplitude of the other sign has no root."""
-    start = start_of({"width": found}, replace(WIDTH, null=null))
+    start = start_of({"width": width}, replace(WIDTH, null=null))
     expected = [] if other is None else [{"width": pytest.approx(other)}]
     assert fitting._other_starts(start.hypothesis, start) == expected

@@ -56,9 +56,9 @@ def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
 
 def test_indirect_light_is_that_of_a_white_surface():
     """A quarter of 6 DN at a reflectance of 0.5 are 3 DN; a mirror's direct light may exceed its total by noise."""
-    reflectance, direct = np.array([0.5, 0.5, 0.0]), np.array([3.0, 4.2, 0.0])
-    arriving = judgement._arriving_indirectly(np.full(3, 6.0), reflectance, direct, np.array([4.0, 4.0, 0.0]))
-    assert arriving.tolist() == [3.0, 0.0, 0.0]
+    reflectance, direct_share = np.array([0.5, 0.5, 0.0]), np.array([0.75, 1.05, 0.0])
+    arriving = judgement._arriving_indirectly(np.full(3, 6.0), reflectance, direct_share)
+    assert arriving.tolist() == pytest.approx([3.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("certainty", [6.0, 100.0])

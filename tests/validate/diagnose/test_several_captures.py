@@ -148,7 +148,7 @@ def test_what_is_settled_by_all_captures_counts_in_all(shared):
     assert refitted_candidate.candidate.chi2 == pytest.approx(expected, rel=1e-9)
 
 
-def test_each_number_of_its_own_costs_a_capture_what_chance_gains():
+def test_each_separate_number_costs_a_capture_what_chance_gains():
     """Least squares by hand; an effect that gains less than that is left out."""
     rng = np.random.default_rng(6)
     shapes, noise = rng.standard_normal((2, COUNT)), rng.standard_normal(COUNT)
@@ -160,8 +160,8 @@ def test_each_number_of_its_own_costs_a_capture_what_chance_gains():
         problem.change = lambda applied: np.append([*applied.values.values()] @ shapes, np.zeros(NUISANCES))
         residual = problem.model.residual[:COUNT]
         fitted = SimpleNamespace(model=problem.model, problem=lambda others, problem=problem: problem)
-        left = residual - np.linalg.lstsq(shapes.T, residual, rcond=None)[0] @ shapes
-        with_effect = left @ left + 2 * INDISTINGUISHABLE_CHI2
+        rest = residual - np.linalg.lstsq(shapes.T, residual, rcond=None)[0] @ shapes
+        with_effect = rest @ rest + 2 * INDISTINGUISHABLE_CHI2
         expected = min(with_effect, residual @ residual)
         assert (expected == with_effect) == (size > 0)
         assert _separate_chi2(fitted, [], pair) == pytest.approx(expected, rel=1e-9)

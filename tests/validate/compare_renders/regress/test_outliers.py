@@ -57,8 +57,8 @@ def test_what_is_set_aside_is_what_an_outlier_had_beyond_its_neighbours():
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
-def test_an_outlier_of_a_dim_band_is_one_of_its_own_light(unit):
-    """One band has a hundredth of the other's light: half of its own is nothing in the sum of both."""
+def test_an_outlier_of_a_dim_band_is_judged_by_that_bands_light(unit):
+    """One band has a hundredth of the other's light: half of it is nothing in the sum of both."""
     light = unit * np.array([1.0, 0.01])
     difference = np.clip(np.random.default_rng(5).standard_normal((32, 32, 2)), -2, 2) * 0.01 * light
     difference[9, 20, 1] = 0.5 * light[1]

@@ -27,3 +27,19 @@ def test_dirt_brings_no_light_and_a_reflex_takes_none(where):
     assert "missing" in appearance(missing.registration)
     assert not any("dirt on" in cause or "shades" in cause for cause in advice(many).causes)
     assert not any("reflex" in cause or "light from" in cause for cause in advice(missing).causes)
+
+
+@pytest.mark.parametrize(
+    ("shares", "end"),
+    [
+        ((0.3, 0.9, 0.5), "alike in all bands, whatever the signal"),
+        ((0.9, 0.3, 0.5), "in proportion to the signal"),
+        ((0.5, 0.3, 0.501), "in proportion to the exposure time or in proportion to the signal"),
+        ((0.1, 0.19, 0.05), "differently in each band"),
+    ],
+)
+def test_a_residual_grows_with_what_explains_most_of_it(shares, end):
+    """The two largest where they explain as much, and none below a fifth."""
+    signal, count, exposure = shares
+    registration = without_family(by_signal=signal, by_count=count, by_exposure=exposure, missing=1.0).registration
+    assert appearance(registration) == f"counts are missing, {end}"
