@@ -54,7 +54,7 @@ def find_scene_suspicions(calibration: Calibration) -> tuple[Suspicion, ...]:
     suspicions = (
         *check_materials(capture, view),
         *check_orientation(capture, view),
-        *check_survey(capture, view),
+        *check_survey(capture, bands, view),
         *check_lamp(capture, bands, radiometry, calibration.channels, view),
         *check_channel_tables(capture, bands, radiometry, calibration.channels, view),
         *check_registration(capture, bands, view),

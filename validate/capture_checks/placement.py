@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
+from cboxlab.calibration.correction import CorrectedBands
 from cboxlab.calibration.quality import Suspicion
 from cboxlab.calibration.radiometry import register
 from numpy.typing import NDArray
 
+from .scene_shifts import scene_shifts
 from .scene_view import SceneView
 
 __all__ = ["check_orientation", "check_survey"]
@@ -123,13 +125,15 @@ def _correlations(view: SceneView, photographs: NDArray[np.float64]) -> NDArray[
     return np.array(correlations)
 
 
-def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion]:
+def check_survey(capture: Capture, bands: CorrectedBands, view: SceneView | None) -> Iterator[Suspicion]:
     """Check position and size of the photographs against the rendering by the points' camera.
 
     Parameters
     ----------
     capture
-        A capture.
+        A capture. Behind a mosaic the pixels of each channel must confirm a magnification.
+    bands
+        The capture's corrected signals.
     view
         The capture's known scene; None leaves the check out.
 
@@ -147,7 +151,12 @@ def check_survey(capture: Capture, view: SceneView | None) -> Iterator[Suspicion
     fit = register(_mean_rendering(view), _mean_photograph(view))
     if not fit.converged or fit.correlation < SMALLEST_EDGE_CORRELATION:
         return
-    if abs(fit.magnification - 1) > LARGEST_MAGNIFICATION:
+    enlarged = abs(fit.magnification - 1) > LARGEST_MAGNIFICATION
+    if enlarged and capture.cell is not None:
+        # filling the gaps of a small picture moves its edges
+        of_channels = np.nanmedian(scene_shifts(bands, view, capture.cell).enlargement)
+        enlarged = bool(of_channels * np.sign(fit.magnification - 1) > LARGEST_MAGNIFICATION / 2)
+    if enlarged:
         yield Suspicion(
             "the photographs were cropped and enlarged, or the points are those of another focal length",
             "band.frames, geometry.points",

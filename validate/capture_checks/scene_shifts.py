@@ -57,6 +57,9 @@ class SceneShifts:
     #: (band,) standard deviation of a shift by the residual of the fit, px.
     sigma_px: NDArray[np.float64]
 
+    #: (band,) size of the photograph over the rendering's, less 1; NaN for bands without enough pixels.
+    enlargement: NDArray[np.float64]
+
 
 def scene_shifts(bands: CorrectedBands, view: SceneView, cell: tuple[int, int] | None) -> SceneShifts:
     """Shift of every band's photograph against the rendering.
@@ -76,7 +79,7 @@ def scene_shifts(bands: CorrectedBands, view: SceneView, cell: tuple[int, int] |
         Precise for shifts of up to about a pixel of the rendering.
     """
     preview, count = view.preview, len(view.relative)
-    shifts, sigmas = np.full((count, 2), np.nan), np.full(count, np.nan)
+    shifts, sigmas, sizes = np.full((count, 2), np.nan), np.full(count, np.nan), np.full(count, np.nan)
     inside = binary_erosion(preview.on_surface, iterations=BORDER_PX - 1, border_value=1)
     inside[:BORDER_PX] = inside[-BORDER_PX:] = inside[:, :BORDER_PX] = inside[:, -BORDER_PX:] = False
     thinned = cell is not None and preview.step == 1
@@ -89,8 +92,8 @@ def scene_shifts(bands: CorrectedBands, view: SceneView, cell: tuple[int, int] |
             continue
         measured = np.where(usable, view.relative[band], 0.0)
         fit = _fitted(measured, preview.radiance[band], usable.astype(float), inside, smoothing)
-        shifts[band], sigmas[band] = preview.step * fit[0], preview.step * fit[1]
-    return SceneShifts(shifts, sigmas)
+        shifts[band], sigmas[band], sizes[band] = preview.step * fit[0], preview.step * fit[1], fit[2]
+    return SceneShifts(shifts, sigmas, sizes)
 
 
 def _fitted(
@@ -99,8 +102,8 @@ def _fitted(
     usable: NDArray[np.float64],
     inside: NDArray[np.bool_],
     smoothing_px: float,
-) -> tuple[NDArray[np.float64], float]:
-    """Shift (2,) of a photograph (y, x) and its standard deviation, px of the rendering."""
+) -> tuple[NDArray[np.float64], float, float]:
+    """Shift (2,) of a photograph (y, x) with its standard deviation, px, and its enlargement."""
     density = gaussian_filter(usable, smoothing_px)
 
     def smooth(image: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,4 +136,5 @@ def _fitted(
     shared = max(4 * np.pi * smoothing_px**2, 1.0)
     covariance = np.linalg.pinv(weighted.T @ weighted) * float(np.mean((rest * trust) ** 2)) * shared
     scale = float(fit[0]) if fit[0] else np.inf
-    return -fit[3:5] / scale, float(np.sqrt(np.mean(np.diag(covariance)[3:5]))) / abs(scale)
+    sigma = float(np.sqrt(np.mean(np.diag(covariance)[3:5]))) / abs(scale)
+    return -fit[3:5] / scale, sigma, -float(fit[5]) / scale / (max(rendered.shape) / 2)

@@ -82,6 +82,9 @@ def test_bands_without_a_stated_channel_stay_as_they_are_and_further_channels_ar
 def test_a_channel_whose_flat_is_noise_is_faint_where_another_one_of_its_frames_is_not():
     capture = capture_of(("500b", 500, "B"), ("500r", 500, "R"), ("600b", 600, "B"), ("one", None, "G"))
     relative = {"500b": 0.02, "500r": 0.3, "600b": 0.3, "one": 0.3}
-    flats = {name: SimpleNamespace(relative_variance=np.full((2, 2), value**2)) for name, value in relative.items()}
+    flats = {
+        name: SimpleNamespace(mean_dn=100.0, relative_variance=np.full((2, 2), value**2))
+        for name, value in relative.items()
+    }
     channels = {"500b": "B", "500r": "R", "600b": "B", "one": "G"}
     assert _faint_bands(capture, channels, flats, dict.fromkeys(flats)) == {"500r"}

@@ -14,10 +14,11 @@ SIDE, FINE = 48, 8
 COLOURS = np.random.default_rng(1).uniform(0.05, 0.8, (3, 5))
 
 
-def picture(band, moved_px):
-    """(y, x) a wall with four rectangles, one of them turned, moved along the rows; each pixel has the mean of 64."""
+def picture(band, moved_px, size=1.0):
+    """(y, x) a wall with four rectangles, moved along the rows and enlarged; each pixel has the mean of 64."""
     v, u = (np.indices((SIDE * FINE, SIDE * FINE)) + 0.5) / FINE - 0.5
-    u = u - moved_px
+    middle = (SIDE - 1) / 2
+    v, u = middle + (v - middle) / size, middle + (u - moved_px - middle) / size
     surface = np.zeros(u.shape, int)
     for index, (left, top, right, bottom) in enumerate([(5, 6, 17, 22), (24, 4, 40, 15), (7, 28, 19, 41)], 1):
         surface[(u > left) & (u < right) & (v > top) & (v < bottom)] = index
@@ -26,10 +27,10 @@ def picture(band, moved_px):
     return light.reshape(SIDE, FINE, SIDE, FINE).mean(axis=(1, 3))
 
 
-def shifts_of(moved_px, pattern=None, noise=0.01, seed=1):
+def shifts_of(moved_px, pattern=None, size=1.0, noise=0.01, seed=1):
     """Shifts of three bands that were moved by so much; the rendering has one ray a pixel."""
     rng = np.random.default_rng(seed)
-    relative = np.stack([1.01 * picture(band, moved) for band, moved in enumerate(moved_px)])
+    relative = np.stack([1.01 * picture(band, moved, size) for band, moved in enumerate(moved_px)])
     relative = relative + noise * rng.standard_normal(relative.shape)
     v, u = np.indices((SIDE, SIDE))
     mask = np.zeros(relative.shape, np.uint8)
@@ -53,6 +54,12 @@ def test_each_band_has_its_shift_whatever_its_colours(pattern):
     assert np.all(shifts.sigma_px < allowed)
 
 
+@pytest.mark.parametrize("size", [0.97, 1.0, 1.03])
+def test_the_size_of_a_photograph_is_measured_behind_a_mosaic(size):
+    shifts = shifts_of(np.zeros(3), np.array([[0, 1], [1, 2]]), size)
+    np.testing.assert_allclose(shifts.enlargement, size - 1, atol=0.01)
+
+
 def capture(frames):
     bands = [SimpleNamespace(frames=(name,)) for name in frames]
     ids = tuple(f"b{index}" for index in range(len(frames)))
@@ -62,7 +69,7 @@ def capture(frames):
 def step(frames, moved_px, seed=0, scatter=0.05):
     rng = np.random.default_rng(seed)
     shift = np.stack([moved_px, np.zeros(len(frames))], axis=1) + scatter * rng.standard_normal((len(frames), 2))
-    return [*_check_scene_step(capture(frames), SceneShifts(shift, np.full(len(frames), 0.04)))]
+    return [*_check_scene_step(capture(frames), SceneShifts(shift, np.full(len(frames), 0.04), np.zeros(len(frames))))]
 
 
 @pytest.mark.parametrize("after", [1, 3, 6])
