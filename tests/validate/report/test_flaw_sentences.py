@@ -39,7 +39,7 @@ def test_an_effect_that_is_not_named_has_its_true_reason():
     assert second.startswith("This capture cannot distinguish defocus from a blur (a line)")
 
 
-def test_a_paint_within_its_tolerance_is_told_with_the_experiment_that_settles_it():
+def test_a_paint_within_its_tolerance_is_stated_with_the_experiment_that_settles_it():
     verdicts = (Verdict("fluorescence", 0.04, -1.3, 4.0, 0.96, False),)
     for kinds, paints in ((("pixels", "paints", "creases"), True), (("creases", "paints"), False)):
         flaws = tuple(Flaw(kind, 0.1 - 0.01 * k, 0.7, 0.9) for k, kind in enumerate(kinds))
