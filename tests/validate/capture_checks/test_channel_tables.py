@@ -77,4 +77,6 @@ EFFECTS = {
 
 @pytest.mark.parametrize("name", EFFECTS)
 def test_effects_on_all_channels_are_no_wrong_table(name):
-    assert not [s for seed in range(20) for s in suspicions(change=EFFECTS[name], seed=seed)]
+    """Nor where references alone are there."""
+    for paints in (BOX, []):
+        assert not [s for seed in range(10) for s in suspicions(change=EFFECTS[name], paints=paints, seed=seed)]
