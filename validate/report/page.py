@@ -150,7 +150,7 @@ def write_tables(
     title
         Title of the page.
     sentences
-        Sentences, the first one as the heading of the rest. Those that begin with a bullet become a list.
+        Sentences, the first one as the heading of the rest. Those that begin with a bullet become the notes at the end.
     tables
         Tables of text.
     pictures
@@ -158,9 +158,10 @@ def write_tables(
     """
     first, *others = sentences
     notes = [text.removeprefix(_BULLET) for text in others if text.startswith(_BULLET)]
-    head = ReportSection(first, [text for text in others if not text.startswith(_BULLET)], steps=notes)
+    head = ReportSection(first, [text for text in others if not text.startswith(_BULLET)])
     below = [ReportSection(table.title, blocks=(ReportTable(table.columns, table.rows),)) for table in tables]
-    write_sections(path, title, [head, *pictures, *below])
+    last = [ReportSection("Notes", steps=notes)] if notes else []
+    write_sections(path, title, [head, *pictures, *below, *last])
 
 
 def build_report(path: Path, inputs: ReportInputs) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -458,7 +459,7 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         variance, degrees = np.sum(variances, axis=0) / count**2, sum(side.degrees for side in sides)
     else:
         variance, degrees = stack.var(axis=0, ddof=1) / count, float(count - 1)
-    notes = [note for side in sides for note in side.notes if "standard error" not in note]
+    companions = f"{first.source} and {count - 1} more"
     coarse = [side.rounding for side in sides if side.rounding is not None]
     return replace(
         first,
@@ -466,10 +467,23 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         radiance=stack.mean(axis=0),
         variance=variance,
         degrees=degrees,
-        notes=(*notes, f"{first.source} and {count - 1} more: mean of {count} independent cubes"),
+        notes=(*_joined_notes(sides, companions), f"{companions}: mean of {count} independent cubes"),
         rounding=np.sum(coarse, axis=0) / count if coarse else None,
         batches=stack,
     )
+
+
+def _joined_notes(sides: Sequence[Side], companions: str) -> list[str]:
+    """Notes of cubes that are joined, without those on single standard errors; what all state stands once."""
+    every = [
+        (side.source, note.removeprefix(f"{side.source}: "))
+        for side in sides
+        for note in side.notes
+        if "standard error" not in note
+    ]
+    often = Counter(text for _, text in every)
+    notes = [f"{companions if often[text] == len(sides) else source}: {text}" for source, text in every]
+    return list(dict.fromkeys(notes))
 
 
 def _side_of_cube(cube: xr.Dataset, source: str) -> Side:

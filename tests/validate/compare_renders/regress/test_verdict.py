@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from cboxlab.rendering.files import NOTES
 from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import render_image
 from cboxlab.scenes import cornell_box, cornell_camera
@@ -202,6 +203,12 @@ def test_several_cubes_of_one_picture_are_one_input_with_a_variance():
     expected = np.mean([noisy(s).radiance for s in range(3)], axis=0)
     np.testing.assert_allclose(side.radiance, expected)
     assert verdict(side, noisy(9)).same
+
+
+def test_notes_that_all_joined_cubes_share_are_stated_once():
+    cubes = [cube(noisy(s)).assign_attrs({NOTES: text}) for s, text in enumerate(("RGB", "RGB\ncut", "RGB"))]
+    notes = side_of(cubes, ["a", "b", "c"]).notes
+    assert notes == ("a and 2 more: RGB", "b: cut", "a and 2 more: mean of 3 independent cubes")
 
 
 def test_a_cube_without_errors_is_estimated_and_said_so():
