@@ -166,9 +166,10 @@ class Outcome(FrozenMappings):
             return f"{rows['dark'].pixels} {rows['dark'].name}"
         if "wave" in rows and rows["wave"] is not self.deciding[0]:
             del rows["wave"]
-        for kind in ("grid", "wave", "steps", "tile", "line", "reused", "texture"):
+        for kind in ("grid", "wave", "steps", "tile", "line", "reused", "shared", "texture"):
             if kind in rows:
-                return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of the light"
+                whole = "its fine structure's variance" if kind in ("reused", "shared") else "the light"
+                return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of {whole}"
         return None
 
     @property

@@ -10,6 +10,7 @@ from cboxlab.validation.compare_renders.regress.patterns import (
     moved_slightly,
     other_contrast,
     reused_numbers,
+    shared_numbers,
     slow_change,
     small_part,
 )
@@ -206,6 +207,30 @@ def test_random_numbers_reused_in_tiles_are_seen_where_one_side_alone_does_so():
     assert repeats.name.startswith("reused random numbers: noise of the candidate repeats")
     assert finding(rng.standard_normal(light.shape), rng.standard_normal(light.shape)).probability > 1e-3
     assert finding(repeated_noise(rng), repeated_noise(rng)).probability > 1e-3
+
+
+def test_random_numbers_shared_by_blocks_are_seen_where_one_side_alone_does_so():
+    """Blocks of 2 x 2 px; neighbours that a filter makes alike have no borders."""
+    rng, size = np.random.default_rng(7), 72
+    light = np.kron(rng.uniform(0.4, 1.6, (9, 9)), np.ones((8, 8)))
+    inside = np.pad(np.ones((size - 2, size - 2), bool), 1)
+
+    def single():
+        return rng.standard_normal((size, size))
+
+    def shared():
+        return np.kron(rng.standard_normal((size // 2, size // 2)), np.ones((2, 2)))
+
+    def finding(*noise):
+        first, second = (light * (1 + 0.3 * n) for n in noise)
+        return shared_numbers(Difference(first, second - first, None, inside, {}))
+
+    blocks = finding(single(), shared())
+    assert blocks.probability < 1e-6
+    assert blocks.name == "shared random numbers: noise of the candidate is alike in groups of 2 rows"
+    assert "of the baseline" in finding(shared(), single()).name
+    filtered = single(), 2 * gaussian_filter(single(), 0.7)
+    assert all(finding(*noise).probability > 1e-3 for noise in ((single(), single()), (shared(), shared()), filtered))
 
 
 @pytest.mark.parametrize("bright", [0.0, 1e4], ids=["none", "fireflies"])

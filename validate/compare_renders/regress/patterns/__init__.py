@@ -10,7 +10,7 @@ from .moved import moved_texture
 from .odd_parts import odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
-from .reused import reused_numbers
+from .reused import reused_numbers, shared_numbers
 from .slow import slow_change, without_slow
 from .spread import block_changes, block_spread, scatter_of_blocks
 from .texture import FIXED_TEXTURE, fine_structure, textures
@@ -46,6 +46,7 @@ __all__ = [
     "reused_numbers",
     "ripple",
     "scatter_of_blocks",
+    "shared_numbers",
     "slow_change",
     "small_part",
     "textures",

@@ -12,7 +12,7 @@ from .moved import moved_texture
 from .odd_parts import odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
-from .reused import reused_numbers
+from .reused import reused_numbers, shared_numbers
 from .slow import slow_change
 from .texture import textures
 from .wave import ripple
@@ -66,6 +66,7 @@ def all_patterns(
         ("contrast", other_contrast(difference, steps)),
         ("displacement", moved_slightly(difference, steps)),
         ("reused", reused_numbers(difference)),
+        ("shared", shared_numbers(difference)),
         ("part", small_part(difference, baseline, candidate)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]

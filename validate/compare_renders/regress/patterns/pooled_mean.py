@@ -33,13 +33,14 @@ SHARES = {
     "slow": 0.05,
     "contrast": 0.03,
     "displacement": 0.06,
-    "reused": 0.01,
+    "reused": 0.005,
+    "shared": 0.005,
     "part": 0.02,
     "layer": 0.001,
 }
 
 #: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "reused")
+CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "reused", "shared")
 
 #: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure, small parts.
 STRUCTURE = ("slow", "contrast", "displacement", "part")

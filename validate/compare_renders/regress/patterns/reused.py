@@ -1,8 +1,9 @@
-"""Reused random numbers: noise of one side that repeats at a distance.
+"""Reused random numbers: noise of one side that repeats at a distance, or that a block of pixels shares.
 
-A renderer that starts each tile with the same random numbers repeats its noise from tile to tile. Structure of the
-scene that repeats is there on both sides. The products of a side with itself, moved, are therefore compared with those
-of the other side. Exchanged sides change the sign of the comparison alone, so that no noise has to be known.
+A renderer that starts each tile with the same random numbers repeats its noise from tile to tile. One that gives a
+block of pixels the same numbers makes neighbours alike, but for those with a border of blocks between them. Structure
+of the scene is there on both sides. The products of a side with itself, moved, are therefore compared with those of the
+other side. Exchanged sides change the sign of the comparison alone, so that no noise has to be known.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from scipy.ndimage import median_filter
 from .difference import Difference, Finding, self_normalised, sigma_of
 from .fine_light import block_sums, fine_light
 
-__all__ = ["reused_numbers"]
+__all__ = ["reused_numbers", "shared_numbers"]
 
 #: Pixels a side of the window whose mean is subtracted: noise of single pixels remains.
 _WINDOW_PX = 3
@@ -32,6 +33,8 @@ _COMMON = 0.3
 _CLEARLY = 3.0
 #: Pixels a side of the smallest picture.
 _LEAST_SIZE_PX = 24
+#: Pixels a side of the blocks whose pixels may share random numbers: tiles and pixel groups of renderers.
+_SHARED_PX = (2, 3, 4, 5, 6, 8)
 
 
 def reused_numbers(difference: Difference) -> Finding | None:
@@ -47,15 +50,10 @@ def reused_numbers(difference: Difference) -> Finding | None:
     Finding or None
         The size is the part of the fine structure's variance that repeats. None for small pictures.
     """
-    if min(difference.level.shape) < _LEAST_SIZE_PX:
+    sides = _in_own_scale(difference)
+    if sides is None:
         return None
-    sides = fine_light(difference, _WINDOW_PX)
-    # edges are as large as the noise around them then; the scale is the same for exchanged sides
-    scale = np.sqrt(median_filter(sides[0] ** 2 + sides[1] ** 2, _SCALE_PX, mode="nearest"))
-    if not scale.any():
-        return None
-    scale = np.maximum(scale, float(np.median(scale[scale > 0])))
-    first, second = (np.where(difference.smooth, np.clip(side / scale, -_CUT, _CUT), 0.0) for side in sides)
+    first, second = sides
     repeated = _products(second) - _products(first)
     height, width = first.shape
     down, right = (np.minimum(np.arange(n), n - np.arange(n)) for n in repeated.shape)
@@ -78,6 +76,62 @@ def reused_numbers(difference: Difference) -> Finding | None:
         sigma = sigma_of(size, probability, terms.size)
         findings.append(Finding(name, first.size, abs(size), sigma, terms.size - 1.0, probability))
     return min(findings, key=lambda finding: finding.probability, default=None)
+
+
+def shared_numbers(difference: Difference) -> Finding | None:
+    """Clearest blocks whose pixels have the same noise on one side.
+
+    Neighbours inside such blocks are alike, and those across a border are not. A filter or a denoiser of one side makes
+    all neighbours alike and leaves the contrast at 0.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+
+    Returns
+    -------
+    Finding or None
+        The size is the contrast as part of the fine structure's variance. None for small pictures.
+    """
+    sides = _in_own_scale(difference)
+    if sides is None:
+        return None
+    first, second = sides
+    variance = max(float((first**2).sum() + (second**2).sum()) / 2, 1e-300)
+    looks, findings = 2 * sum(_SHARED_PX), []
+    for axis, by in enumerate(((1, 0), (0, 1))):
+        products = [_overlapping(side, by) for side in (first, second)]
+        position = np.arange(first.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
+        for block_px in _SHARED_PX:
+            for border in range(block_px):
+                inside = np.where(position % block_px == border, -1.0, 1.0 / (block_px - 1))
+                before, after = (block_sums(product * inside) for product in products)
+                stronger = max(float(before.sum()), float(after.sum()), key=abs)
+                _, share = self_normalised(after - before)
+                # neighbours across a border are less alike than those inside, not more
+                probability = min(1.0, looks * share) if stronger > 0 else 1.0
+                side = "candidate" if after.sum() > before.sum() else "baseline"
+                size = abs(float((after - before).sum())) / variance
+                lines = ("rows", "columns")[axis]
+                name = f"shared random numbers: noise of the {side} is alike in groups of {block_px} {lines}"
+                sigma = sigma_of(size, probability, after.size)
+                findings.append(Finding(name, first.size, size, sigma, after.size - 1.0, probability))
+    return min(findings, key=lambda finding: finding.probability)
+
+
+def _in_own_scale(difference: Difference) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Fine structure (y, x) of both sides over its local size, cut; None for small and for even pictures."""
+    if min(difference.level.shape) < _LEAST_SIZE_PX:
+        return None
+    sides = fine_light(difference, _WINDOW_PX)
+    # edges are as large as the noise around them then; the scale is the same for exchanged sides
+    scale = np.sqrt(median_filter(sides[0] ** 2 + sides[1] ** 2, _SCALE_PX, mode="nearest"))
+    if not scale.any():
+        return None
+    scale = np.maximum(scale, float(np.median(scale[scale > 0])))
+    first, second = (np.where(difference.smooth, np.clip(side / scale, -_CUT, _CUT), 0.0) for side in sides)
+    return first, second
 
 
 def _products(picture: NDArray[np.float64]) -> NDArray[np.float64]:
