@@ -168,8 +168,8 @@ class Outcome(FrozenMappings):
             del rows["wave"]
         for kind in ("grid", "wave", "steps", "tile", "line", "reused", "shared", "texture"):
             if kind in rows:
-                whole = "its fine structure's variance" if kind in ("reused", "shared") else "the light"
-                return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of {whole}"
+                share_of = "its fine structure's variance" if kind in ("reused", "shared") else "the light"
+                return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of {share_of}"
         return None
 
     @property

@@ -474,7 +474,7 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
 
 
 def _joined_notes(sides: Sequence[Side], companions: str) -> list[str]:
-    """Notes of cubes that are joined, without those on single standard errors; what all state stands once."""
+    """Notes of joined cubes, each shared one once; none on single standard errors."""
     every = [
         (side.source, note.removeprefix(f"{side.source}: "))
         for side in sides

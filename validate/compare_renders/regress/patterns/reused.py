@@ -1,4 +1,4 @@
-"""Reused random numbers: noise of one side that repeats at a distance, or that a block of pixels shares.
+"""Reused random numbers: noise of one side that repeats, or that a block of pixels shares.
 
 A renderer that starts each tile with the same random numbers repeats its noise from tile to tile. One that gives a
 block of pixels the same numbers makes neighbours alike, but for those with a border of blocks between them. Structure
@@ -121,7 +121,7 @@ def shared_numbers(difference: Difference) -> Finding | None:
 
 
 def _in_own_scale(difference: Difference) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Fine structure (y, x) of both sides over its local size, cut; None for small and for even pictures."""
+    """Fine structure (y, x) of both sides over its local size, cut; None without any."""
     if min(difference.level.shape) < _LEAST_SIZE_PX:
         return None
     sides = fine_light(difference, _WINDOW_PX)
