@@ -265,7 +265,7 @@ class Effect:
 
     @property
     def acts_on_things(self) -> bool:
-        """Whether it acts on a paint, a surface or a block: on one thing in the scene."""
+        """Whether a parameter of it names a paint, a surface or a block."""
         return any(p.kind in ("material", "surface", "block") for p in self.parameters)
 
     def to_dict(self) -> dict[str, Any]:
