@@ -223,9 +223,9 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
         linearised.model.used,
         predictor.warp,
         transport,
-        _arriving_indirectly(signal, reflectance, direct / np.maximum(total, 1e-30)),
-        reflectance,
-        predictor.patch_light_of(scene, included),
+        indirect=_arriving_indirectly(signal, reflectance, direct / np.maximum(total, 1e-30)),
+        reflectance=reflectance,
+        light=predictor.patch_light_of(scene, included),
     )
     return build_flaw_model(linearised.model, columns, signal, residual)
 

@@ -83,6 +83,7 @@ def flaw_columns(
     used: NDArray[np.bool_],
     warp: Warp,
     transport: PatchTransport,
+    *,
     indirect: NDArray[np.float64],
     reflectance: NDArray[np.float64],
     light: PatchLight,
