@@ -101,6 +101,8 @@ class Pooling:
     roughness: NDArray[np.float64] | None = None
     #: (y, x, w) standard deviation that pixels have in common, from the steps of files; None for 0.
     shared: NDArray[np.float64] | None = None
+    #: Relative standard deviation of single pixels from the steps of files, their median; 0 for fine steps.
+    rounding: float = 0.0
     #: Whether both sides have the same random numbers, so that errors of estimators cancel.
     paired: bool = False
 
@@ -262,11 +264,12 @@ def cancelling_patterns(
     tuple of PooledMean
         One for each kind of pattern, at its clearest instance.
     """
-    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, _steps(pooling))
+    steps = _steps(pooling), pooling.rounding
+    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, *steps)
 
 
 def _steps(pooling: Pooling) -> float:
-    """Relative standard deviation from the steps of files; 0 for fine steps."""
+    """Relative standard deviation that pixels have in common from the steps of files; 0 for fine steps."""
     return 0.0 if pooling.shared is None else float(pooling.shared.sum()) / max(float(pooling.level.sum()), 1e-300)
 
 

@@ -155,7 +155,19 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Regression
     if a.variance is not None and b.variance is not None and together is None:
         roughness = roughness_of(b.variance, a.variance, strata.body)
     common_part = None if shared is None else np.sqrt(shared)
-    pooling = Pooling(cut, noise, strata, false_alarms, common.interpolation, quieter, roughness, common_part, paired)
+    of_pixels = np.broadcast_to(rounding, cut.level.shape).sum(axis=-1) / np.maximum(sums[0], 1e-300) ** 2
+    pooling = Pooling(
+        cut,
+        noise,
+        strata,
+        false_alarms,
+        common.interpolation,
+        quieter,
+        roughness,
+        common_part,
+        rounding=float(np.sqrt(np.median(of_pixels))),
+        paired=paired,
+    )
     return RegressionData(common, strata, noise, cut, pooling)
 
 

@@ -34,6 +34,7 @@ def all_patterns(
     candidate: NDArray[np.float64],
     false_alarms: float,
     steps: float = 0.0,
+    rounding: float = 0.0,
 ) -> tuple[PooledMean, ...]:
     """Tests of all patterns.
 
@@ -46,7 +47,9 @@ def all_patterns(
     false_alarms
         Rate of false alarms of the verdict.
     steps
-        Relative standard deviation from the steps of files; 0 for fine steps.
+        Relative standard deviation that pixels have in common from the steps of files; 0 for fine steps.
+    rounding
+        The same of single pixels.
 
     Returns
     -------
@@ -63,8 +66,8 @@ def all_patterns(
         ("dark", _dark(difference, baseline, candidate, critical["dark"])),
         ("place", moved_texture(baseline, candidate)),
         ("slow", slow_change(difference)),
-        ("contrast", other_contrast(difference, steps)),
-        ("displacement", moved_slightly(difference, steps)),
+        ("contrast", other_contrast(difference, rounding)),
+        ("displacement", moved_slightly(difference, rounding)),
         ("reused", reused_numbers(difference)),
         ("shared", shared_numbers(difference)),
         ("part", small_part(difference, baseline, candidate)),
