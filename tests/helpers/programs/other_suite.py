@@ -15,12 +15,14 @@ _OPTIONS = ("-q", "-p", "cboxlab.pytest_plugin", "-p", "no:cacheprovider", "-p",
 
 def run_suite(folder: Path, *options: str) -> tuple[int, str]:
     """Exit status and what pytest printed, in this process: a new one takes seconds for its imports."""
-    before = set(sys.modules)
+    names = [path.stem for path in folder.glob("test_*.py")]
+    # another suite may have a module of the same name, and this process one of ours
+    others = {name: sys.modules.pop(name) for name in names if name in sys.modules}
     with chdir(folder), redirect_stdout(StringIO()) as printed:
         code = pytest.main([*_arguments(folder), "--capture=no", "-p", "no:faulthandler", *options])
-    for path in folder.glob("test_*.py"):
-        if path.stem not in before:  # another suite may have a module of the same name
-            sys.modules.pop(path.stem, None)
+    for name in names:
+        sys.modules.pop(name, None)
+    sys.modules.update(others)
     return int(code), printed.getvalue()
 
 
