@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.diagnose.field_fit import NormalEquations, fixed_spectrum, next_to_common_field
+from cboxlab.validation.diagnose.field_fit import NormalEquations, each_band, fixed_spectrum, next_to_common_field
 from cboxlab.validation.diagnose.field_fit.fitted_explanation import scaled
 from numpy.testing import assert_allclose
 from scipy.sparse import csr_matrix
@@ -31,6 +31,17 @@ def test_a_field_of_one_band_with_one_of_all_is_that_of_least_squares():
     assert_allclose(spectrum_fit.coefficients[[0, 2]], 0)
     assert_allclose(spectrum_fit.coefficients[1], both[0][-NUMBERS:], rtol=1e-3)
     assert_allclose(spectrum_fit.gain, both[1] - common[1], rtol=1e-4)
+
+
+def test_a_common_field_that_differs_between_parts_spoils_no_prediction():
+    """Bands moved apart by 1, 0 and -1; all bands by 3 where they are fitted, by -3 in the part held out."""
+    a = np.full((BANDS, 1, 1), 200.0)
+    moved = np.array([1.0, 0.0, -1.0])[:, None]
+    trial_b, held_out_b = 100 * (moved + 3), 100 * (moved - 3)
+    n = NormalEquations(a, trial_b + held_out_b, np.zeros((BANDS, 0, 1)), a / 2, trial_b)
+    fit = each_band(next_to_common_field(n))
+    assert_allclose(fit.coefficients, moved, atol=0.02)
+    assert fit.heldout == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_change_that_nuisances_imitate_may_round_to_less_than_nothing():
