@@ -269,7 +269,7 @@ def cancelling_patterns(
 
 
 def _steps(pooling: Pooling) -> float:
-    """Relative standard deviation that pixels have in common from the steps of files; 0 for fine steps."""
+    """Relative standard deviation that pixels share, from the steps of files; 0 for fine steps."""
     return 0.0 if pooling.shared is None else float(pooling.shared.sum()) / max(float(pooling.level.sum()), 1e-300)
 
 
