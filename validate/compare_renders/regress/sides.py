@@ -473,17 +473,11 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
     )
 
 
-def _joined_notes(sides: Sequence[Side], companions: str) -> list[str]:
+def _joined_notes(sides: Sequence[Side], group: str) -> list[str]:
     """Notes of joined cubes, each shared one once; none on single standard errors."""
-    every = [
-        (side.source, note.removeprefix(f"{side.source}: "))
-        for side in sides
-        for note in side.notes
-        if "standard error" not in note
-    ]
+    every = [(s.source, n.removeprefix(f"{s.source}: ")) for s in sides for n in s.notes if "standard error" not in n]
     often = Counter(text for _, text in every)
-    notes = [f"{companions if often[text] == len(sides) else source}: {text}" for source, text in every]
-    return list(dict.fromkeys(notes))
+    return list(dict.fromkeys(f"{group if often[text] == len(sides) else source}: {text}" for source, text in every))
 
 
 def _side_of_cube(cube: xr.Dataset, source: str) -> Side:

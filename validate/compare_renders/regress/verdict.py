@@ -155,7 +155,6 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Regression
     if a.variance is not None and b.variance is not None and together is None:
         roughness = roughness_of(b.variance, a.variance, strata.body)
     common_part = None if shared is None else np.sqrt(shared)
-    of_pixels = np.broadcast_to(rounding, cut.level.shape).sum(axis=-1) / np.maximum(sums[0], 1e-300) ** 2
     pooling = Pooling(
         cut,
         noise,
@@ -165,10 +164,18 @@ def _compared(common: Common, strata: Strata, false_alarms: float) -> Regression
         quieter,
         roughness,
         common_part,
-        rounding=float(np.sqrt(np.median(of_pixels))),
+        rounding=_relative_steps(rounding, sums[0]),
         paired=paired,
     )
     return RegressionData(common, strata, noise, cut, pooling)
+
+
+def _relative_steps(rounding: NDArray[np.float64] | float, level: NDArray[np.float64]) -> float:
+    """Median relative standard deviation of bright pixels (y, x) from the steps of files."""
+    bright = level > 0
+    if not isinstance(rounding, np.ndarray) or not bright.any():
+        return 0.0
+    return float(np.median(np.sqrt(rounding.sum(axis=-1)[bright]) / level[bright]))
 
 
 def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
