@@ -74,6 +74,7 @@ _PAGE: Mapping[str, tuple[str, Callable[[], str]]] = {
     "boards.js": ("text/javascript", _page_file("boards.js")),
     "labels.html": ("text/html", _page_file("labels.html")),
     "labels.js": ("text/javascript", _page_file("labels.js")),
+    "marking.js": ("text/javascript", _page_file("marking.js")),
     "photograph.js": ("text/javascript", _page_file("photograph.js")),
     "text.js": ("text/javascript", lambda: viewer_part("text.js")),
     "arrays.js": ("text/javascript", lambda: viewer_part("arrays.js")),

@@ -1,8 +1,6 @@
 /* The page that shows the boards found in a capture's frames, and drops views. Positions are px. */
 "use strict";
 
-const $ = (id) => document.getElementById(id);
-
 /** Length of a drawn residual over the residual. */
 const STRETCH = 100;
 
@@ -15,26 +13,7 @@ const page = {
   asking: 0, // number of the newest question; older answers are dropped
 };
 
-async function ask(name, body = {}) {
-  const answer = await fetch("api/boards/" + name, {
-    method: "POST", headers: { "Content-Type": "application/json" },
-    body: JSON.stringify({ capture: $("capture").value, ...body }),
-  });
-  const record = await answer.json();
-  if (!answer.ok) throw new Error(record.error);
-  return record;
-}
-
-async function attempt(step) {
-  $("mistake").textContent = $("saved").textContent = "";
-  document.body.dataset.busy = "true";
-  try {
-    await step();
-  } catch (error) {
-    $("mistake").textContent = error.message;
-  }
-  document.body.dataset.busy = "false";
-}
+const ask = asker("boards");
 
 const show = () => attempt(async () => {
   const { width, height, frames, notes } = await ask("views");
@@ -56,7 +35,7 @@ async function refit() {
   $("fit").textContent = unbroken(fit.rms_px === null ? fit.reason
     : `Residuals: rms ${fit.rms_px.toFixed(3)} px per coordinate; focal length ${focal.toFixed(1)} ± ${sigma.toFixed(1)} px.`);
   list();
-  if (photograph.values) photograph.draw();
+  photograph.draw();
 }
 
 async function choose(frame) {

@@ -154,7 +154,7 @@ function groupOf(title, words, children) {
 /** Title of the group of a table. */
 const titleOf = (where) => (KINDS[where.replace(/[[\]]/g, "")] ?? OTHERS[where] ?? [where])[0];
 
-/** Show a form; fields are made anew only where other ones are missing now. */
+/** Show a form; fields are replaced only where other ones are missing now. */
 async function show(form) {
   page.form = form;
   const unused = form.left_out.filter((item) => item.is_frame).map(({ file, why }) => ({ kind: "none", name: file, frames: [file], fields: [], why }));

@@ -1,8 +1,6 @@
 /* The page on which a person draws labels in the photograph. Positions are px; a pixel's centre is whole. */
 "use strict";
 
-const $ = (id) => document.getElementById(id);
-
 /** Colours of labels by their number, distinct in all common colour vision deficiencies. */
 const COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#0072b2"];
 const colourOf = (label) => (label === 0 ? "#ffffff" : COLOURS[(label - 1) % COLOURS.length]);
@@ -19,26 +17,7 @@ const page = {
   asking: 0, // number of the newest question; older answers are dropped
 };
 
-async function ask(name, body = {}) {
-  const answer = await fetch("api/labels/" + name, {
-    method: "POST", headers: { "Content-Type": "application/json" },
-    body: JSON.stringify({ capture: $("capture").value, ...body }),
-  });
-  const record = await answer.json();
-  if (!answer.ok) throw new Error(record.error);
-  return record;
-}
-
-async function attempt(step) {
-  $("mistake").textContent = $("saved").textContent = "";
-  document.body.dataset.busy = "true";
-  try {
-    await step();
-  } catch (error) {
-    $("mistake").textContent = error.message;
-  }
-  document.body.dataset.busy = "false";
-}
+const ask = asker("labels");
 
 const tool = () => document.querySelector("input[name=tool]:checked").value;
 const drawing = () => ({ shapes: page.shapes, base: page.own !== null });

@@ -49,6 +49,7 @@ class Photograph {
   }
 
   draw() {
+    if (!this.values) return; // the picture is still on its way
     const { width, height, zoom, canvas } = this;
     const gain = 2 ** Number(this.gain.value);
     const image = new ImageData(width, height);

@@ -1,8 +1,6 @@
 /* The page on which corners of the scene are marked in the photograph. Positions are px; a pixel's centre is whole. */
 "use strict";
 
-const $ = (id) => document.getElementById(id);
-
 const page = {
   picture: null, // width, height, corners
   marks: new Map(), // by id of a corner: {u, v, by_edges, error_px, residual_px}
@@ -11,28 +9,8 @@ const page = {
   asking: 0, // number of the newest question; older answers are dropped
 };
 
-async function ask(name, body = {}) {
-  const answer = await fetch("api/points/" + name, {
-    method: "POST", headers: { "Content-Type": "application/json" },
-    body: JSON.stringify({ capture: $("capture").value, points: marks(), ...body }),
-  });
-  const record = await answer.json();
-  if (!answer.ok) throw new Error(record.error);
-  return record;
-}
-
 const marks = () => [...page.marks].map(([id, { u, v }]) => ({ id, u, v }));
-
-async function attempt(step) {
-  $("mistake").textContent = $("saved").textContent = "";
-  document.body.dataset.busy = "true";
-  try {
-    await step();
-  } catch (error) {
-    $("mistake").textContent = error.message;
-  }
-  document.body.dataset.busy = "false";
-}
+const ask = asker("points", () => ({ points: marks() }));
 
 const show = () => attempt(async () => {
   page.marks.clear();
