@@ -161,7 +161,7 @@ def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
 
 
 @pytest.mark.parametrize(
-    ("effect", "away", "named"),
+    ("effect", "away", "counts"),
     [
         ("block-pose", 0.26, False),
         ("block-pose", 0.34, True),
@@ -169,16 +169,16 @@ def test_dispersion_leaves_out_one_neighbourhood_after_the_other():
         ("lamp-offset", 0.45, True),
     ],
 )
-def test_a_pose_within_the_tolerance_of_its_survey_is_no_finding(effect, away, named):
+def test_a_pose_within_the_tolerance_of_its_survey_is_no_finding(effect, away, counts):
     """A block of 0.1 mm and 0.05 degrees: 0.34 mm in both directions are 23 of chi-square, 18.8 come by chance in 3 of
     10,000. A lamp of 0.15 mm: 0.45 mm are 18, and 16.2 come by chance."""
     match = next(h for h in hypotheses(("f400",), cornell_box(), RenderSettings()) if h.effect.id == effect)
     change = np.append(np.tile([0.3, -0.3], 512), np.zeros(11))
     numbers = dict.fromkeys((p.name for p in match.free), 0.0) | {"dx_mm": away, "dz_mm": -away}
     moved = Candidate(match, numbers, {}, 0.0, change)
-    assert (first_significant([moved], change, SQUARE, change, change) is moved) is named
+    assert (first_significant([moved], change, SQUARE, change, change) is moved) is counts
     notes = tolerance_notes([moved], change, SQUARE)
-    assert notes == () if named else effect in notes[0] and f"dx_mm {away}" in notes[0]
+    assert notes == () if counts else effect in notes[0] and f"dx_mm {away}" in notes[0]
 
 
 def test_each_free_number_costs_half_of_what_separates_two_effects():
