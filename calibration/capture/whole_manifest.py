@@ -94,6 +94,18 @@ class Manifest(_Table):
                     filled[table] = [{key: defaults[key], **row} if isinstance(row, dict) else row for row in rows]
         return filled
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_the_mosaics_efficiency(cls, data: Any) -> Any:
+        """The table with the quantum efficiencies of [mosaic] in [camera], where [camera] has none."""
+        mosaic, camera = (data.get("mosaic"), data.get("camera")) if isinstance(data, dict) else (None, None)
+        if not isinstance(mosaic, dict) or not isinstance(camera, dict):
+            return data
+        if "quantum_efficiency" not in mosaic or "quantum_efficiency" in camera:
+            return data
+        pattern = {key: value for key, value in mosaic.items() if key != "quantum_efficiency"}
+        return data | {"mosaic": pattern, "camera": camera | {"quantum_efficiency": mosaic["quantum_efficiency"]}}
+
     @property
     def is_absolute(self) -> bool:
         """Whether the capture claims an absolute scale."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture.manifest import MosaicTable, channel_letters
 from cboxlab.calibration.capture.mosaic import channel_lattice, channel_mask
+from cboxlab.calibration.capture.whole_manifest import Manifest
 from cboxlab.calibration.correction.defects import dead_pixels
 from helpers.files.frame_files import BAYER, XTRANS, shifted
 from pydantic import ValidationError
@@ -92,3 +93,24 @@ def test_dead_pixels_are_compared_with_those_of_their_place():
         response[channel_mask(" ".join(XTRANS), response.shape, channel)] *= factor
     response[30, 31] *= 0.5
     assert np.argwhere(dead_pixels(response, (6, 6))).tolist() == [[30, 31]]
+
+
+CAMERA = {"width_px": 4, "height_px": 4, "pixel_pitch_um": 5.0, "bit_depth": 12}
+BAND = {"id": "red", "channel": "R", "frames": ["red.tif"], "exposure_s": 1.0}
+COLUMNS = ["camera.csv:r", "camera.csv:g", "camera.csv:b"]
+
+
+def manifest(camera=(), mosaic=()):
+    tables = {"camera": CAMERA | dict(camera), "mosaic": {"pattern": "RGGB"} | dict(mosaic)}
+    return Manifest.model_validate({"format": "capture/1", "band": [BAND], **tables})
+
+
+def test_quantum_efficiencies_may_stand_with_the_mosaic():
+    efficiencies = {"quantum_efficiency": COLUMNS}
+    assert manifest(mosaic=efficiencies) == manifest(camera=efficiencies) != manifest()
+
+
+def test_quantum_efficiencies_stand_once():
+    efficiencies = {"quantum_efficiency": COLUMNS}
+    with pytest.raises(ValidationError, match=r"mosaic.quantum_efficiency\n +Extra inputs"):
+        manifest(efficiencies, efficiencies)
