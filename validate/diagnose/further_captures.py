@@ -280,21 +280,24 @@ def separations(
         others = [p.candidate.applied for p in assessed if p is not effect]
         for alternative in effect.indistinguishable:
             distances = []
+            now = distance(prepared, linearised, None, others, effect.candidate, alternative)
+            # what no effect explains makes the distance of this capture unreliable: the further one is enough alone
+            enough = _DISTINGUISHED_CHI2 + (now if now > _DISTINGUISHED_CHI2 else 0.0)
             for capture in captures:
                 chi2 = distance(prepared, linearised, capture, others, effect.candidate, alternative)
                 distances.append((chi2, capture))
-                if chi2 > _DISTINGUISHED_CHI2:
+                if chi2 > enough:
                     break
             best, capture = max(distances, key=lambda item: item[0])
             results.append(
                 Separation(
                     effect=effect.candidate.hypothesis.effect.id,
                     alternative=alternative.hypothesis.effect.id,
-                    now=distance(prepared, linearised, None, others, effect.candidate, alternative),
+                    now=now,
                     description=capture.description,
                     seconds=capture.seconds,
                     chi2=best,
-                    enough=best > _DISTINGUISHED_CHI2,
+                    enough=best > enough,
                 )
             )
     return tuple(results)

@@ -316,9 +316,11 @@ def separation_sentence(s: Separation) -> str:
         else f"No further capture of those considered distinguishes them; the best is {s.description} "
         f"({np.sqrt(max(s.chi2, 0)):.1f} standard deviations expected)."
     )
+    apart = np.sqrt(max(s.now, 0))
+    needed = "and 5 are needed" if apart < 5 else "but what no effect explains may be as large"
     return (
-        f"This capture cannot distinguish {s.effect} from {s.alternative}: they differ by "
-        f"{np.sqrt(max(s.now, 0)):.1f} standard deviations, and 5 are needed. {further}"
+        f"This capture cannot distinguish {s.effect} from {s.alternative}: they differ by {apart:.1f} standard "
+        f"deviations of the noise, {needed}. {further}"
     )
 
 

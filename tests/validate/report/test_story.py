@@ -9,7 +9,7 @@ from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
 from cboxlab.validation.compare import regions_of
 from cboxlab.validation.diagnose import Diagnosis, FurtherCaptureResult, LikelyCause, Limit, Ranked, Separation, Step
-from cboxlab.validation.report.diagnosis import further_sentences, limit_text, size_in_words
+from cboxlab.validation.report.diagnosis import further_sentences, limit_text, separation_sentence, size_in_words
 from cboxlab.validation.report.numerals import chi2_text
 from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import MapRow
@@ -132,9 +132,16 @@ def test_effects_that_cannot_be_separated_have_a_further_capture():
     separation = Separation("veiling-glare", "dark-offset", 4.41, "frames with the lens capped", 120.0, 400.0, True)
     lines = story(_diagnosis(("veiling-glare",), close, (separation,)), NAMED)
     steps = " ".join(lines.next.steps)
-    assert "differ by 2.1 standard deviations, and 5 are needed" in steps
+    assert "differ by 2.1 standard deviations of the noise, and 5 are needed" in steps
     assert "frames with the lens capped (120 s; 20.0 standard deviations expected)" in steps
     assert "no further capture" not in steps
+
+
+def test_a_remainder_may_hide_the_distance_of_two_effects():
+    separation = Separation("veiling-glare", "dark-offset", 110.0, "frames with the lens capped", 120.0, 400.0, True)
+    sentence = separation_sentence(separation)
+    assert "differ by 10.5 standard deviations of the noise, but what no effect explains" in sentence
+    assert "5 are needed" not in sentence
 
 
 @pytest.mark.parametrize(
