@@ -231,7 +231,7 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
     part = share(progress, 0.3, 0.9)
     final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
     progress.stage("comparing")
-    rendered = refitted_picture(prepared, final, model.effects)
+    rendered = refitted_picture(prepared, final, model.effects, settled=motion < _MAX_DRAFT_MOTION_PX)
     checkpoint()
     surveyed = prepared.expected_camera(model.effects)
     if _camera_pull(rendered.fit, surveyed) > _MAX_CAMERA_PULL_SIGMA and _is_far_off(prepared, rendered):
@@ -425,7 +425,9 @@ def _renderer(
     return traced, max(settings.noise, _TRACED_NOISE), _TRACED_CONVERGENCE
 
 
-def refitted(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect]) -> NuisanceFit:
+def refitted(
+    prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect], settled: bool = False
+) -> NuisanceFit:
     """Fit camera and lamp to the photograph, starting from a rendering.
 
     Parameters
@@ -436,6 +438,8 @@ def refitted(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence
         The rendering.
     effects
         Effects of the prediction.
+    settled
+        Whether the picture's camera was fitted before, see ``fit_nuisances``.
 
     Returns
     -------
@@ -454,10 +458,13 @@ def refitted(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence
         warp=predictor.warp,
         calibrated=prepared.expected_camera(effects),
         lamp_sigma=prepared.lamp_sigma,
+        settled=settled,
     )
 
 
-def refitted_picture(prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect]) -> Predicted:
+def refitted_picture(
+    prepared: CalibratedCapture, rendered: Predicted, effects: Sequence[AppliedEffect], settled: bool = False
+) -> Predicted:
     """Refit camera and lamp, and warp the picture to the fitted camera.
 
     The motion is about 0.01 px, so that the picture need not be rendered again.
@@ -470,13 +477,15 @@ def refitted_picture(prepared: CalibratedCapture, rendered: Predicted, effects: 
         The rendering.
     effects
         Effects of the prediction.
+    settled
+        Whether the picture's camera was fitted before, see ``fit_nuisances``.
 
     Returns
     -------
     Predicted
         The warped rendering with its fit.
     """
-    fit = refitted(prepared, rendered, effects)
+    fit = refitted(prepared, rendered, effects, settled)
     signal = rendered.predictor.signal(effects) + warp_change(rendered.predictor.warp, fit.camera)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
     scale, sigma = prepared.lamp_scale(signal, variance, rendered.used)
