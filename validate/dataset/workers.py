@@ -22,6 +22,7 @@ from typing import Any
 from cboxlab.rendering.device import dr
 from cboxlab.rendering.integrators import TIMEOUT_S
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import temporary_folder
 
 from .layout import versions
 from .tasks import Task, run_task
@@ -286,7 +287,10 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
     """
     dask = _dask()
     with (
-        dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
+        temporary_folder() as folder,
+        dask.LocalCluster(
+            n_workers=count, threads_per_worker=1, dashboard_address=None, local_directory=str(folder)
+        ) as cluster,
         dask.Client(cluster) as client,
     ):
         client.run(_share_processors, max(1, (os.cpu_count() or 1) // count))
