@@ -288,9 +288,8 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
     dask = _dask()
     with (
         temporary_folder() as folder,
-        dask.LocalCluster(
-            n_workers=count, threads_per_worker=1, dashboard_address=None, local_directory=str(folder)
-        ) as cluster,
+        importlib.import_module("dask").config.set(temporary_directory=str(folder)),
+        dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
         dask.Client(cluster) as client,
     ):
         client.run(_share_processors, max(1, (os.cpu_count() or 1) // count))

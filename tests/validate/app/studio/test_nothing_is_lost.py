@@ -133,14 +133,14 @@ def test_a_killed_server_loses_no_work(browser, bench, tmp_path):
         os.kill(process.pid, signal.SIGKILL)
         process.wait(20)
         browser.until("document.getElementById('mistake').textContent.includes('Start `cbox studio` again')")
-        (left,) = tmp_path.iterdir()
+        (folder_of_killed,) = tmp_path.iterdir()
         process = subprocess.Popen([*command, "", *where], stdout=subprocess.DEVNULL, env=settings)
         browser.until("!document.getElementById('unsaved').hidden && !page.record.open")
         assert "capture, " in browser.run("document.getElementById('unsaved-list').innerText")
         browser.run("document.querySelector('#unsaved-list button').click()")
         browser.until(f"{READY} && page.controls.length === 1 && page.record.can_undo && !page.record.saved")
         assert browser.run("page.record.effects[0].values.fraction") == pytest.approx(0.01)
-        assert not left.exists() and [*tmp_path.iterdir()]
+        assert not folder_of_killed.exists() and [*tmp_path.iterdir()]
         process.terminate()
         assert process.wait(20) == 128 + signal.SIGTERM
         assert not [*tmp_path.iterdir()]
