@@ -287,7 +287,7 @@ def _search(
     steps: Sequence[float],
     further: Sequence[float],
 ) -> tuple[Camera, float, NDArray]:
-    """Search of camera and lamp scale: ``steps``, then ``further`` ones, again while they lower the cost.
+    """Search of camera and lamp scale: ``steps``, then ``further`` ones while the cost falls.
 
     ``of`` selects the values to compare from maps (band, y, x); ``inverse`` is the inverse of their variance. Returns
     camera, scale and the (11, 11) information about both.

@@ -228,8 +228,7 @@ def validate_prepared(prepared: CalibratedCapture, model: Model, progress: Progr
         _log.info("fit to a draft moves the picture by %.3g px", motion)
         if motion < _MAX_DRAFT_MOTION_PX:
             break
-    part = share(progress, 0.3, 0.9)
-    final = rendered_from(prepared, light, camera, model.render, model.effects, part, pilot)
+    final = rendered_from(prepared, light, camera, model.render, model.effects, share(progress, 0.3, 0.9), pilot)
     progress.stage("comparing")
     rendered = refitted_picture(prepared, final, model.effects, settled=motion < _MAX_DRAFT_MOTION_PX)
     checkpoint()
@@ -257,8 +256,7 @@ def _is_far_off(prepared: CalibratedCapture, rendered: Rendered) -> bool:
     """Whether a fitted picture leaves a reduced chi2 at which a fit of the camera is doubtful."""
     signal, used = rendered.fit.lamp_scale * rendered.signal, rendered.used
     variance = prepared.calibration.predicted_variance(signal) + rendered.fit.lamp_scale**2 * rendered.variance
-    chi2 = np.mean((prepared.measured - signal)[used] ** 2 / variance[used])
-    return float(chi2) > _MAX_CHI2_OF_CAMERA_FIT
+    return float(np.mean((prepared.measured - signal)[used] ** 2 / variance[used])) > _MAX_CHI2_OF_CAMERA_FIT
 
 
 def _fitted_to_draft(
@@ -316,8 +314,7 @@ def _rendered_plainly(
 
     An InputError is raised for effects that need one.
     """
-    effects = model.effects
-    camera = prepared.expected_camera(effects)
+    effects, camera = model.effects, prepared.expected_camera(model.effects)
     if later := [e.id for e in effects if e.stage == "transport"]:
         raise variant.not_compiled(f"model: the effect {later[0]}")
     scene = after_stage(prepared.complete, effects, "scene")
@@ -548,8 +545,7 @@ def failures(result: Validation) -> tuple[tuple[Part, ...], tuple[Failure, ...]]
     tuple of Failure
         The list, the densest excess first; empty if noise explains the difference.
     """
-    scene, c = result.prepared.scene, result.comparison
-    responses = result.prepared.responses
+    scene, responses, c = result.prepared.scene, result.prepared.responses, result.comparison
     weights = np.stack([r.response for r in responses], axis=-1)
     centres = band_centres(responses)
     shares = None

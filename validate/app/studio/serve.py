@@ -100,7 +100,7 @@ def serve(
 
 
 def _end_blocks_at_signals() -> None:
-    """Let the signals of a closed terminal and of ``kill`` end the program through its blocks, which remove files."""
+    """Make the signals of ``kill`` and of a closed terminal end blocks, which remove files."""
     if threading.current_thread() is threading.main_thread():
         for number in _ENDING_SIGNALS:
             signal.signal(number, lambda received, _: sys.exit(128 + received))
