@@ -2,9 +2,8 @@
 
 import gc
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 # before NumPy: matrix products' waiting threads would take the cores from ray tracing
@@ -12,6 +11,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from cboxlab.utils.files import temporary_folder
 from helpers.captures.large_patches import large_patches as with_large_patches
 from helpers.places import ROOT, SHARED
 from hypothesis import HealthCheck, settings
@@ -60,15 +60,23 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: ranks.get(item.path, len(ranks)))
 
 
+#: Ends at the end of the run.
+_UNTIL_END = ExitStack()
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """One cache of pictures for all processes of a run, empty at first; the user's own is left alone."""
+    """One cache of pictures for all processes of a run, empty at first; the user's own is left alone.
+
+    The folder is removed at the end, or by the next run if this one is killed. Dask's files are in it, too.
+    """
     if not hasattr(config, "workerinput"):
-        os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="cboxlab-tests-")
+        folder = str(_UNTIL_END.enter_context(temporary_folder()))
+        os.environ |= {"XDG_CACHE_HOME": folder, "DASK_TEMPORARY_DIRECTORY": folder}
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     if not hasattr(config, "workerinput"):
-        shutil.rmtree(os.environ["XDG_CACHE_HOME"], ignore_errors=True)
+        _UNTIL_END.close()
 
 
 def pytest_collection_finish() -> None:

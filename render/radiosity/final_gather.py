@@ -38,7 +38,7 @@ from ..image import RenderedImage, RenderJob, means_by_strips
 from ..visibility import PlanarPixels, Tracer, facet_coverage, planar_pixels
 from .direct_cells import DirectCells, build_direct_cells
 from .face_controls import FaceControls, build_face_controls
-from .gathering import Gathering, Planes
+from .gathering import PACKET, Gathering, Planes
 from .mixtures import MixedSurface, Mixtures, build_mixtures, patch_shares
 from .patched_scene import ExchangeInputs, PatchedScene, build_patched_scene
 from .patches import Patches, build_patches, patch_of
@@ -356,7 +356,7 @@ def _gatherings(light: LightField) -> list[Gathering]:
             light.lamps[index],
             light.finer,
             dr.opaque(mi.UInt32, len(light.finer)),
-            device_array(mi.Float, table),
+            device_array(mi.Float, np.pad(table, ((0, 0), (0, 0), (0, -table.shape[2] % PACKET)))),
             table.shape[2],
             light.direct[index],
             light.controls[index],

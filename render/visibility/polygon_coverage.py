@@ -246,19 +246,13 @@ def _shares(lines: NDArray[np.float64], faces: NDArray[np.float64]) -> NDArray[n
         largest = area.argmax(axis=1)[:, None]
         u, v = (np.take_along_axis(np.broadcast_to(x, area.shape), largest, axis=1) for x in (u, v))
         area = area.sum(axis=1, keepdims=True)
-    nearest, face = np.zeros_like(area), np.full(area.shape, -1)
-    for k, functions in enumerate(np.moveaxis(faces, 1, 0)):
-        depth, *sides = (
-            row[:, 0, None, None] * u + row[:, 1, None, None] * v + row[:, 2, None, None]
-            for row in np.moveaxis(functions, 1, 0)
-        )
-        nearer = depth > nearest
-        for side in sides:
-            nearer &= side > 0
-        np.copyto(nearest, depth, where=nearer)
-        np.copyto(face, k, where=nearer)
-    shares = [np.sum(area * (face == k), axis=(1, 2)) for k in range(faces.shape[1])]
-    return np.round(np.stack(shares, axis=1), _DECIMALS)
+    count, k = faces.shape[:2]
+    area, u, v = (np.broadcast_to(x, area.shape).reshape(count, -1) for x in (area, u, v))
+    values = faces.reshape(count, 5 * k, 3) @ np.stack([u, v, np.ones_like(u)], axis=1)
+    depth, sides = np.split(values.reshape(count, k, 5, -1), [1], axis=2)
+    depth = np.where((sides > 0).all(axis=2), depth[:, :, 0], 0.0)
+    visible = (depth > 0) & (depth.argmax(axis=1)[:, None] == np.arange(k)[:, None])
+    return np.round(np.sum(area[:, None] * visible, axis=2), _DECIMALS)
 
 
 def _trapezoids(lines: NDArray[np.float64]) -> tuple[NDArray, NDArray, NDArray]:

@@ -38,6 +38,7 @@ def cached_fit(
     warp: Warp,
     calibrated: Camera,
     lamp_sigma: float | None,
+    settled: bool = False,
 ) -> NuisanceFit:
     """Fit of ``fit_nuisances`` for the same arguments, from the cache if it holds one.
 
@@ -61,18 +62,21 @@ def cached_fit(
         Surveyed camera.
     lamp_sigma
         Relative standard deviation of the lamp's power; None if not stated.
+    settled
+        Whether the warp's camera was fitted before.
 
     Returns
     -------
     NuisanceFit
         The fit, the same bits from the cache as computed.
     """
-    arguments = (measured, variance, used, signal, warp, calibrated, lamp_sigma)
+    arguments = (measured, variance, used, signal, warp, calibrated, lamp_sigma, settled)
     if folder is None:
         return fit_nuisances(*arguments)
     code = Path(__file__).with_name("nuisances.py").read_bytes()
     warp_values = [getattr(warp, field.name) for field in fields(warp) if field.name != "tracer"]
-    key = digest_of(code, measured, variance, used, signal, warp.tracer.scene, warp_values, calibrated, lamp_sigma)
+    priors = (calibrated, lamp_sigma, settled)
+    key = digest_of(code, measured, variance, used, signal, warp.tracer.scene, warp_values, *priors)
     path = folder / f"{key}.fit"
     fit = _read(path, key, warp.camera)
     if fit is None:

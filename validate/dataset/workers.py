@@ -22,6 +22,7 @@ from typing import Any
 from cboxlab.rendering.device import dr
 from cboxlab.rendering.integrators import TIMEOUT_S
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import temporary_folder
 
 from .layout import versions
 from .tasks import Task, run_task
@@ -286,6 +287,8 @@ def on_local_cluster(tasks: Sequence[Task], count: int, idle: Callable[[], None]
     """
     dask = _dask()
     with (
+        temporary_folder() as folder,
+        importlib.import_module("dask").config.set(temporary_directory=str(folder)),
         dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
         dask.Client(cluster) as client,
     ):

@@ -57,6 +57,10 @@ _TRACED = stages_between("scene", "transport")
 #: Motion of the box's corners by a refit (rms), px, above which the picture is rendered again; below, it is warped.
 _MAX_WARP_PX = 0.01
 
+#: Motion of the corners by the fit up to which its camera is settled for the picture that is rendered again, px rms. It
+#: is that of a draft.
+_MAX_SETTLED_PX = 0.1
+
 #: Largest number of renderings of a refit. A model that lacks half of the light may have moved the corners by more than
 #: a pixel, so that one rendering is not enough.
 _MAX_RENDERINGS = 3
@@ -420,12 +424,13 @@ def refitted(
     light = None if resolve else validation.light
     camera = rendered.predictor.camera
     for _ in range(_MAX_RENDERINGS):
-        if not resolve and camera.motion_px(altered.fit.camera, corners) <= _MAX_WARP_PX:
+        motion = camera.motion_px(altered.fit.camera, corners)
+        if not resolve and motion <= _MAX_WARP_PX:
             break
         light = light or solved_light(prepared, settings, effects)
         camera, resolve = altered.fit.camera, False
         pilot = altered.pilot if light is validation.light else None
         rerendered = rendered_from(prepared, light, camera, settings, effects, progress, pilot)
-        altered = refitted_picture(prepared, rerendered, effects)
+        altered = refitted_picture(prepared, rerendered, effects, motion <= _MAX_SETTLED_PX)
     added = effects[len(linearised.model_effects) :]
     return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.model_effects, added)

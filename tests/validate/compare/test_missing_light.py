@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.rendering.chain import RenderSettings
 from cboxlab.rendering.model import Model
@@ -40,6 +41,7 @@ def test_the_cameras_fit_has_that_noise_and_the_renders(monkeypatch):
     np.testing.assert_array_equal(arguments["variance"], 2 * 300 + 5 + 7)
 
 
+@pytest.mark.usefixtures("large_patches")
 def test_all_reflected_light_missing_is_found_with_a_quiet_camera(monkeypatch, tmp_path):
     """A model of direct light alone is black on a fifth of the picture. Camera and lamp do not follow that: fitted, the
     camera was turned by 10 degrees and the lamp 1.4 or 0.5 times its power, by rounding alone."""

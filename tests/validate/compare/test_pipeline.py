@@ -75,7 +75,7 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
 
 @pytest.mark.parametrize(("motions_px", "drafts"), [((0.09, 9.0), 1), ((0.11, 0.01), 2), ((0.5, 0.5), 2)])
 def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far(monkeypatch, motions_px, drafts):
-    """The final picture is rendered through the last fitted camera."""
+    """The final picture is rendered through the last fitted camera, which is settled if that draft hardly moved it."""
     cameras = [cornell_camera(64)]
     for motion in motions_px:
         moved = replace(cameras[-1], principal_point_px=cameras[-1].principal_point_px + motion)
@@ -90,10 +90,11 @@ def test_another_draft_is_rendered_only_where_the_first_one_moved_the_camera_far
     final = []
     monkeypatch.setattr(pipeline, "solved_light", lambda *_: None)
     monkeypatch.setattr(pipeline, "_fitted_to_draft", fitted)
-    monkeypatch.setattr(pipeline, "rendered_from", lambda *arguments: final.append(arguments[2]) or 1 / 0)
+    monkeypatch.setattr(pipeline, "rendered_from", lambda *arguments: final.append(arguments[2]))
+    monkeypatch.setattr(pipeline, "refitted_picture", lambda *_, settled: final.append(settled) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         validate_prepared(prepared, Model())
-    assert started == cameras[:drafts] and final == [cameras[drafts]]
+    assert started == cameras[:drafts] and final == [cameras[drafts], motions_px[drafts - 1] < 0.1]
 
 
 @pytest.fixture(scope="session")

@@ -22,7 +22,10 @@ from cboxlab.validation.diagnose.external_render import external_render
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photograph_image, photographed_scene
 
 external_render_module = importlib.import_module("cboxlab.validation.diagnose.external_render")
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
 SIZE, SEED = 32, 3
 GRID = np.arange(400.0, 701.0, 20.0)

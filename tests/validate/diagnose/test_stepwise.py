@@ -21,11 +21,12 @@ def test_what_a_tolerance_changes_is_its_share_of_a_step_at_the_lamps_power(scal
 
 
 @pytest.mark.parametrize(
-    ("moved_mm", "stage", "pilots"), [(0.0, "optics", []), (30.0, "optics", [0.5]), (30.0, "scene", [None])]
+    ("moved_mm", "stage", "pilots"),
+    [(0.0, "optics", []), (1.0, "optics", [0.5]), (30.0, "optics", [0.5]), (30.0, "scene", [None])],
 )
 def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved_mm, stage, pilots):
     """The fit first finds the camera 30 mm (some pixels) from where the picture was rendered from, then there. The
-    pilot of the first picture serves again where the light is the same."""
+    pilot of the first picture serves again where the light is the same. A camera that hardly moved is settled."""
     before = cornell_camera(32)
     after = before.with_parameters(before.parameters + np.array([moved_mm, *np.zeros(9)]))
     calls = []
@@ -34,9 +35,13 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
         calls.append((camera, light, pilot))
         return SimpleNamespace(camera=camera)
 
-    monkeypatch.setattr(
-        stepwise, "refitted_picture", lambda *_: SimpleNamespace(fit=SimpleNamespace(camera=after), pilot=0.5)
-    )
+    settled = []
+
+    def refitted_picture(prepared, rendered, effects, near=None):
+        settled.append(near)
+        return SimpleNamespace(fit=SimpleNamespace(camera=after), pilot=0.5)
+
+    monkeypatch.setattr(stepwise, "refitted_picture", refitted_picture)
     monkeypatch.setattr(stepwise, "solved_light", lambda *_: "another light")
     monkeypatch.setattr(stepwise, "replace", lambda changed_object, **_: changed_object)
     monkeypatch.setattr(stepwise, "rendered_from", rendered_from)
@@ -56,6 +61,7 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     assert refitted(validation, linearised, [stand_in]) is after
     assert calls == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
     assert rendered_with == [(("own",), ("found",))]
+    assert settled == [None, *[moved_mm == 1.0] * len(pilots)]
 
 
 def test_an_effect_that_priors_judge_need_not_explain_the_picture(monkeypatch):

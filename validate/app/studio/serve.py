@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import secrets
+import signal
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import uvicorn
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import Progress
 
 from .app import ANY_ADDRESS, build_app
@@ -24,6 +26,8 @@ __all__ = ["serve"]
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 #: Time after which the browser opens: the server has started by then, s.
 _BROWSER_DELAY_S = 0.5
+#: Signals at which the program ends: of ``kill`` and of a closed terminal, which Windows does not have.
+_ENDING_SIGNALS = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 #: Addresses that stand for all addresses of this computer.
 _EVERYWHERE = ("0.0.0.0", "::")
 
@@ -87,10 +91,19 @@ def serve(
         access_log=False,
         timeout_graceful_shutdown=1,
     )
-    with listening, TemporaryDirectory(prefix="cbox-studio-") as folder, suppress(KeyboardInterrupt):
+    _end_blocks_at_signals()
+    with listening, ExitStack() as until_end, suppress(KeyboardInterrupt):
         if browser:
-            threading.Timer(_BROWSER_DELAY_S, webbrowser.open, [_redirection(Path(folder), address)]).start()
+            file = _redirection(until_end.enter_context(temporary_folder()), address)
+            threading.Timer(_BROWSER_DELAY_S, webbrowser.open, [file]).start()
         uvicorn.Server(settings).run(sockets=[listening])
+
+
+def _end_blocks_at_signals() -> None:
+    """Make the signals of ``kill`` and of a closed terminal end blocks, which remove files."""
+    if threading.current_thread() is threading.main_thread():
+        for number in _ENDING_SIGNALS:
+            signal.signal(number, lambda received, _: sys.exit(128 + received))
 
 
 def _redirection(folder: Path, address: str) -> str:

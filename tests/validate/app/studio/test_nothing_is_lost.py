@@ -25,7 +25,7 @@ patched_scene.PATCHES_PER_DIAGONAL = int(sys.argv[4])  # as of `bench`, whose pi
 root, capture, port = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 bench = Workbench(root, root / ".cache", noise=3.0, seed=1)
 begin = (lambda progress: bench.open(capture, None, progress)) if capture else None
-serve(bench, begin, print, port=port, token=False, browser=False)
+serve(bench, begin, print, port=port, token=False)
 """
 READY = "page.viewer !== null && page.record?.open && !page.job && !page.loading"
 
@@ -109,13 +109,17 @@ def answer_of(port, path, body=None):
             time.sleep(0.1)
 
 
-def test_a_killed_server_loses_no_work(browser, bench):
-    """The page says so, finds the program that is started again, and goes on where it was."""
+def test_a_killed_server_loses_no_work(browser, bench, tmp_path):
+    """The page says so, finds the program that is started again, and goes on where it was.
+
+    That program removes the temporary folder of the killed one, and its own when it is asked to end.
+    """
     root, port = bench.root, free_port()
     shutil.rmtree(root / ".cbox-unsaved", ignore_errors=True)
     command = [sys.executable, "-c", SERVER, str(root)]
     where = str(port), str(PATCHES)
-    process = subprocess.Popen([*command, "capture", *where], stdout=subprocess.DEVNULL)
+    settings = {**os.environ, "TMPDIR": str(tmp_path), "BROWSER": "true"}
+    process = subprocess.Popen([*command, "capture", *where], stdout=subprocess.DEVNULL, env=settings)
     try:
         while not (state := answer_of(port, "state"))["open"] or state["job"]:
             time.sleep(0.1)
@@ -129,12 +133,17 @@ def test_a_killed_server_loses_no_work(browser, bench):
         os.kill(process.pid, signal.SIGKILL)
         process.wait(20)
         browser.until("document.getElementById('mistake').textContent.includes('Start `cbox studio` again')")
-        process = subprocess.Popen([*command, "", *where], stdout=subprocess.DEVNULL)
+        (folder_of_killed,) = tmp_path.iterdir()
+        process = subprocess.Popen([*command, "", *where], stdout=subprocess.DEVNULL, env=settings)
         browser.until("!document.getElementById('unsaved').hidden && !page.record.open")
         assert "capture, " in browser.run("document.getElementById('unsaved-list').innerText")
         browser.run("document.querySelector('#unsaved-list button').click()")
         browser.until(f"{READY} && page.controls.length === 1 && page.record.can_undo && !page.record.saved")
         assert browser.run("page.record.effects[0].values.fraction") == pytest.approx(0.01)
+        assert not folder_of_killed.exists() and [*tmp_path.iterdir()]
+        process.terminate()
+        assert process.wait(20) == 128 + signal.SIGTERM
+        assert not [*tmp_path.iterdir()]
     finally:
         process.kill()
         process.wait(20)
