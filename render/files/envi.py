@@ -337,6 +337,9 @@ def _good_bands(header: EnviHeader, wavelength: NDArray[np.float64], notes: list
         return np.ones(wavelength.size, bool)
     if flags.size != wavelength.size:
         raise InputError(where, f"{flags.size} values", f"{wavelength.size}, the value of bands")
+    odd = flags[(flags != 0) & (flags != 1)]
+    if odd.size:
+        raise InputError(where, f"{odd[0]:g}", "0 for each bad band and 1 for each good one")
     good = flags != 0
     if not good.any():
         raise InputError(where, "no good band", "1 for each band to be read")
