@@ -109,7 +109,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
 def _names(rows: list[list[str]], label: int | None, columns: int) -> list[str]:
     """Names of the samples, by their column.
 
-    Where a name repeats, a cell of one of the first ``columns`` stands behind it. A spectrophotometer measures a sample twice, with (SCI) and without (SCE) its gloss.
+    Where a name repeats, a cell of one of the first ``columns`` stands behind it: a spectrophotometer measures a sample
+    twice, with (SCI) and without (SCE) its gloss.
     """
     names = ["" if label is None else cells[label] for cells in rows]
     worded = [k for k in range(columns) if all(cells[k][:1].isalpha() for cells in rows)]
