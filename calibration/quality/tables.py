@@ -43,6 +43,9 @@ LONGEST_UM = 20
 #: Shortest wavelength of a table in angstroms or wavenumbers.
 SHORTEST_ANGSTROM = 2000
 
+#: Longest wavelength of light in nm: a table of smaller numbers that belong to such values has its columns exchanged.
+LIGHT_NM = (200, 2600)
+
 #: Longest wavelength of a table in angstroms; larger numbers are wavenumbers.
 LONGEST_ANGSTROM = 15000
 
@@ -174,6 +177,13 @@ def _wavelength_fault(kind: str, reference: str, spectrum: Spectrum) -> Suspicio
     """Suspicion of wavelengths that are not in nm or not visible."""
     wavelength = spectrum.wavelength_nm
     span = f"The table runs from {wavelength[0]:g} to {wavelength[-1]:g}; light is 400 to 700 nm."
+    values = spectrum.values
+    if (
+        wavelength[-1] < LIGHT_NM[0] <= values.min() <= values.max() <= LIGHT_NM[1]
+        and abs(np.sign(np.diff(values)).sum()) == values.size - 1
+    ):
+        evidence = f"Its values, {values[0]:g} to {values[-1]:g}, ascend or descend as wavelengths do. {span}"
+        return Suspicion(f"the columns of the {kind} are exchanged: the wavelengths come second", reference, evidence)
     unit = _unit_of_wavelength(wavelength)
     if unit is not None:
         return Suspicion(f"the wavelengths of the {kind} are in {unit}, not in nm", reference, span)
