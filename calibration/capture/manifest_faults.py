@@ -24,7 +24,7 @@ __all__ = ["checked_keys", "raise_faults", "read_manifest"]
 _MAX_FAULTS_LISTED = 20
 
 
-#: Fewest further faults of the same words that are told as one.
+#: Fewest further faults of the same text that are stated as one.
 _FEWEST_ALIKE = 3
 
 
@@ -51,7 +51,7 @@ def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
 
 
 def _alike_as_one(faults: Sequence[InputError]) -> list[InputError]:
-    """Faults, of which many of the same words are one: a wrong width is a fault of every frame."""
+    """Faults, many of the same text as one: a wrong width is a fault of every frame."""
     groups: dict[tuple[str, str, str], list[InputError]] = {}
     for fault in faults:
         groups.setdefault((fault.found, fault.expected, fault.hint), []).append(fault)

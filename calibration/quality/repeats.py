@@ -134,7 +134,7 @@ def check_repeats(
         path = worst.stack.paths[worst.repeat]
         ratio = worst.misfit / usual
         if ratio > LARGEST_MISFIT:
-            which = " Which of the two it is cannot be told from them." if len(worst.stack.paths) == 2 else ""
+            which = " It may be the other of the two." if len(worst.stack.paths) == 2 else ""
             yield Suspicion(
                 f"a repeat of {tables} shows something else (another band, a moved camera, another gain)",
                 path,

@@ -158,47 +158,6 @@ def test_every_file_that_was_not_taken_is_named(tmp_path, name, why):
     assert first.left_out[0].file in (name, "session2/")
 
 
-def test_folders_say_what_frames_in_them_are(tmp_path):
-    """By kind, filter or exposure; two folders may hold files of one name."""
-    names = ("f550/0", "f550/1", "600nm/0", "darks/4s/0", "flats/f550/0", "flats/f550/1", "lights/f700")
-    for name in names:
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-    tiffs(tmp_path, *names)
-    manifest, first = written(tmp_path)
-    assert not first.left_out and sorted(frames(manifest)) == sorted(f"{name}.tif" for name in names)
-    assert {t["id"] for t in manifest["band"]} == {"f550", "f600", "f700"}
-    assert [(t["exposure_s"], t["frames"]) for t in manifest["dark"]] == [(4.0, ["darks/4s/0.tif"])]
-    assert [t["band"] for t in manifest["flat"]] == ["f550"]
-
-
-def test_other_folders_are_named(tmp_path):
-    """Dates and numbers of photographs are no filters."""
-    for name in ("550/0", "2024_05_12/550", "darkroom/0"):
-        (tmp_path / name).parent.mkdir()
-        tiffs(tmp_path, name)
-    with pytest.raises(InputError, match="frames in the subfolders 550/, 2024_05_12/, darkroom/ alone"):
-        write_first_manifest(tmp_path)
-
-
-def test_dark_words_of_other_languages_need_a_dark_picture(tmp_path):
-    size = (96, 96)
-    noise = np.random.default_rng(5)
-    slope = np.linspace(300, 3000, size[0])[:, None] * np.ones(size)
-    for name, light in (("box_4s", slope), ("noir_4s", 100), ("buio_2s", 100), ("black_f550_4s", slope)):
-        picture = noise.poisson(light, size).astype(np.uint16)
-        tifffile.imwrite(tmp_path / f"{name}.tif", picture, photometric="minisblack")
-    manifest, first = written(tmp_path)
-    assert [t["frames"] for t in manifest["dark"]] == [["noir_4s.tif"]]
-    assert list(bands(manifest).values()) == [["box_4s.tif"], ["black_f550_4s.tif"]]
-    assert [(item.file, "'buio'" in item.why) for item in first.left_out] == [("buio_2s.tif", True)]
-
-
-def test_a_flat_finds_its_filter_behind_the_word_light(tmp_path):
-    tiffs(tmp_path, "Light_Ha_300_secs_001", "Flat_Ha_2.5_secs_001")
-    manifest, first = written(tmp_path)
-    assert not first.left_out and manifest["flat"][0]["band"] == manifest["band"][0]["id"]
-
-
 def test_a_link_out_of_the_folder_is_left_out(tmp_path):
     folder = tmp_path / "capture"
     folder.mkdir()
