@@ -206,6 +206,8 @@ def find_table(source: InstrumentText) -> NumberTable:
     if not rows:
         expected = "a spectrum: rows of a wavelength and values"
         hint = "Export the spectrum as text with a header that names the columns and their units."
+        if any(re.search(r"\d\s*%", line) for _, line in lines):
+            hint = "Remove '%' from the numbers, and write it into the header, such as 'Reflectance (%)'."
         raise InputError(source.path, "no table of numbers", expected, hint)
     blocks: list[list[int]] = [[]]
     for number, _ in lines:

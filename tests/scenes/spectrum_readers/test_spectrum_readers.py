@@ -275,6 +275,7 @@ def test_tables_of_spectrophotometers(tmp_path, text, name, values):
         ("nm;absorptance (%)\n400;1\n410;2\n", "per cent"),
         ("nm a\n400 1 000\n410 2 000\n", "without a header"),
         ("# Mode: %R\nnm;tile\n400;40\n410;45\n", "reflectance of 45"),
+        ("nm;R\n400;25%\n410;35%\n", "Remove '%' from the numbers"),
         ("nm;OD\n400;2.5\n410;3.5\n", "absorbance"),
         ('nm,counts\n400,"1,400"\n410,"1,500"\n', "thousands"),
         ("nm,r\n400,0.5\n410,-1.23e34\n", "line 3: found -1.23e"),
