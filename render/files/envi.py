@@ -161,7 +161,7 @@ def data_file(path: Path, size_bytes: int | None = None) -> Path | None:
     for candidate in (*names, stem):  # .img and .IMG are one file in some file systems
         if candidate.is_file() and not any(candidate.samefile(other) for other in candidates):
             candidates.append(candidate)
-    if not candidates and size_bytes is not None:  # an ending of its own; the size to the byte is proof enough
+    if not candidates and size_bytes is not None:  # another ending; the size to the byte is proof enough
         others = [
             other for other in path.parent.glob(f"{glob.escape(stem.name)}.*") if other.is_file() and other != path
         ]
