@@ -61,6 +61,20 @@ def test_exchanged_columns_are_no_micrometres(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_a_table_that_is_cut_short_is_not_too_small(tmp_path, is_cut):
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    band = draft.tables("band")[0]
+    band["transmittance"] = "spectra/cut.csv:t"
+    rows = ((380, 1e-5), (480, 1e-4), (580, 3e-3 if is_cut else 1e-4), *(() if is_cut else ((780, 1e-4), (700, 3e-3))))
+    text = "".join(f"{nm},{value}\n" for nm, value in sorted(rows))
+    (draft.folder / "spectra" / "cut.csv").write_text(f"wavelength_nm,t\n{text}")
+    draft.save()
+    whats = [alarm.what for alarm in check_tables(load_capture(draft.folder)) if "cut.csv" in alarm.where]
+    assert any("too small" in what for what in whats) == (not is_cut)
+    assert any("cut short" in what for what in whats) == is_cut
+
+
 @pytest.mark.parametrize("factor", [1, 16])
 def test_counts_in_the_upper_bits_are_named(tmp_path, factor):
     draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
