@@ -121,6 +121,14 @@ def _check_codes(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicio
         codes, expected = _different_counts(histogram)
         if expected > FEWEST_CODES and codes < SMALLEST_CODE_SHARE * expected:
             stepped.append((stack, codes, expected))
+    is_shifted = step > 1 and most_codes > FEWEST_CODES
+    if is_shifted:
+        piled = [(stack, top, pixels) for stack, top, pixels in piled if top <= full - step]
+        yield Suspicion(
+            f"all counts are multiples of {step}: counts of fewer bits, moved to the upper ones",
+            "camera.bit_depth",
+            f"Divide them by {step}, and state the bits of the rest; gain and read noise are then the camera's own.",
+        )
     if piled:
         stack, top, pixels = piled[0]
         yield Suspicion(
@@ -129,13 +137,7 @@ def _check_codes(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicio
             f"{pixels} pixels of {stack.key} have exactly {top} DN and none more (so in {len(piled)} tables); full "
             f"scale is {full} DN.",
         )
-    if step > 1 and most_codes > FEWEST_CODES:
-        yield Suspicion(
-            f"all counts are multiples of {step}: counts of fewer bits, moved to the upper ones",
-            "camera.bit_depth",
-            f"Divide them by {step}, and state the bits of the rest; gain and read noise are then the camera's own.",
-        )
-    elif stepped:
+    if stepped and not is_shifted:
         stack, codes, expected = stepped[0]
         yield Suspicion(
             "counts have gaps: frames were rescaled, gamma-encoded or reduced in bits",
