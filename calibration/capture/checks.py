@@ -266,7 +266,9 @@ def _check_file(folder: Path, path: Path, key: str, name: str) -> None:
         )
     if not (folder / name).is_file():
         fault = f"which is {kind_of(folder / name)}" if (folder / name).exists() else "which does not exist"
-        raise InputError(f"{path}: {key}", f"'{name}', {fault}", "a file of the capture")
+        meant = [other for other in folder.rglob("*") if other.relative_to(folder).as_posix().lower() == name.lower()]
+        hint = f"Did you mean '{meant[0].relative_to(folder).as_posix()}'?" if meant else ""
+        raise InputError(f"{path}: {key}", f"'{name}', {fault}", "a file of the capture", hint)
 
 
 def _is_readable(path: Path) -> bool:

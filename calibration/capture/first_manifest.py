@@ -230,6 +230,11 @@ def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest
         raise InputError(path, "a file that exists already", "no such file", "Move it away to start again.")
     frames, left_out = frames_in(folder)
     if not frames:
+        if left_out and all(item.file.endswith("/") for item in left_out):
+            names = ", ".join(item.file for item in left_out[:4])
+            hint = "Move them, or rename the subfolders."
+            expected = f"frames {left_out[0].why.partition(': frames lie ')[2]}"
+            raise InputError(folder, f"frames in the subfolders {names} alone", expected, hint)
         raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
     require_one_size(frames)
     require_roles(folder, roles, frames)

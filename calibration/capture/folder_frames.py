@@ -17,6 +17,7 @@ from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
 from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of
+from .frame_names import states_frames
 
 __all__ = [
     "FolderFrame",
@@ -35,6 +36,8 @@ FRAMES_FOLDER = "frames"
 _BLOCKS = 8
 #: Largest difference of two pictures' block means, of their range, up to which they show the same scene and light.
 _SAME_PICTURE = 0.01
+#: Folders of frames, for messages.
+_WHERE_FRAMES_LIE = f"frames lie in the folder, in {FRAMES_FOLDER}/, or in one named as its frames, such as darks/"
 #: Number of files whose digests and block means are remembered: a kilobyte each.
 _MAX_REMEMBERED = 4096
 
@@ -78,6 +81,8 @@ class FolderFrame:
     digests: tuple[str, ...]
     #: (8, 8) means of blocks of the first picture, DN; empty for pictures of fewer pixels across.
     blocks: NDArray[np.float64]
+    #: Words of the folders that state what their frames are, such as "darks-1s"; empty for others.
+    folder: str
     #: Those digests without pictures of one count everywhere, which two photographs may share.
     varied_digests: frozenset[str]
 
@@ -112,9 +117,10 @@ def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | 
     digests = tuple(_digest(picture) for picture in counts)
     varied = frozenset(d for d, picture in zip(digests, counts, strict=True) if np.any(picture != picture[0, 0]))
     shape = (counts.shape[1], counts.shape[2])
-    return FolderFrame(
-        path, listed, stem, shape, facts, number, int(counts.max()), digests, _block_means(counts[0]), varied
-    )
+    blocks = _block_means(counts[0])
+    parents = listed.split("/")[:-1]
+    folder = "-".join(name for k, name in enumerate(parents) if k or name != FRAMES_FOLDER)
+    return FolderFrame(path, listed, stem, shape, facts, number, int(counts.max()), digests, blocks, folder, varied)
 
 
 def _block_means(counts: NDArray[np.uint16]) -> NDArray[np.float64]:
@@ -189,7 +195,9 @@ def _refusal(folder: Path, path: Path) -> str | None:
 
 
 def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
-    """All frames of a folder and of its subfolder ``frames``, each photograph once.
+    """All frames of a folder and of its subfolders of frames, each photograph once.
+
+    These are ``frames`` and those whose names say what they hold, such as ``darks``.
 
     A TIFF that holds the same counts as a file of another format was written from it, and is left out. So is one of
     two files that hold the same counts and have one name, or the name of a file manager's copy.
@@ -211,16 +219,17 @@ def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
     """
     frames: list[FolderFrame] = []
     others: list[LeftOut] = []
-    for parent in (folder, folder / FRAMES_FOLDER):
+    parents = [folder, folder / FRAMES_FOLDER]
+    for parent in parents:
         for path in sorted(parent.iterdir(), key=lambda p: natural_key(p.name)) if parent.is_dir() else ():
             listed = path.relative_to(folder).as_posix().encode("utf-8", "backslashreplace").decode()
             if path.name.startswith(".") or path.suffix.lower() == ".csv" or path == folder / FRAMES_FOLDER:
                 continue
-            if path.is_dir():
+            if path.is_dir() and states_frames(path.name) and not path.is_symlink():
+                parents.append(path)
+            elif path.is_dir():
                 if any(reader_of(p) is not None and p.is_file() for p in path.rglob("*")):
-                    others.append(
-                        LeftOut(f"{listed}/", f"a subfolder: frames lie in the folder or in {FRAMES_FOLDER}/")
-                    )
+                    others.append(LeftOut(f"{listed}/", f"a subfolder: {_WHERE_FRAMES_LIE}"))
             elif (why := _refusal(folder, path)) is not None:
                 others.append(LeftOut(listed, why))
             else:
@@ -239,13 +248,14 @@ def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[l
     by_name: dict[str, FolderFrame] = {}
     photographs: list[FolderFrame] = []
     for frame in sorted(frames, key=lambda frame: (_is_tiff(frame), len(frame.stem))):
-        twin = by_name.get(frame.stem.casefold())
+        key = f"{frame.folder}/{frame.stem}".casefold()
+        twin = by_name.get(key)
         if len(frame.varied_digests) == len(frame.digests):
             sources = [f for f in (originals if _is_tiff(frame) else []) if frame.varied_digests <= f.varied_digests]
             sources += [other for other in photographs if _is_managers_copy(frame, other)]
             twin = next(iter(sources), twin)
         if twin is None:
-            by_name[frame.stem.casefold()] = frame
+            by_name[key] = frame
             photographs.append(frame)
         elif not set(frame.digests) <= set(twin.digests):
             hint = "Rename one if they are two photographs; move one away if it was made from the other."

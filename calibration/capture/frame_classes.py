@@ -14,7 +14,16 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 
 from .folder_frames import FolderFrame, LeftOut, natural_key, show_the_same
-from .frame_names import FrameName, common_words, is_setting, kind_in_words, parse_name
+from .frame_names import (
+    SCENE_WORDS,
+    FrameName,
+    common_words,
+    doubtful_word,
+    is_setting,
+    kind_in_words,
+    may_mean_dark,
+    parse_name,
+)
 
 __all__ = ["FrameGroup", "FrameRole", "common_values", "group_frames", "numbered_alike", "require_roles"]
 
@@ -113,7 +122,7 @@ class _Classified:
 
 
 def _classified(frame: FolderFrame, ignored: int, role: FrameRole | None) -> _Classified:
-    facts, name = frame.facts, parse_name(frame.stem, ignored)
+    facts, name = frame.facts, parse_name(frame.stem, ignored, frame.folder)
     if role is not None:
         # words of the name say nothing more; frames of one filter or of one kind are repeats
         series = name.series if role.kind == "band" and not role.filter else ""
@@ -144,7 +153,7 @@ def _doubt(item: _Classified, bands: Mapping[str, str]) -> str | None:
         return f"its name has both '{other[0]}' and '{other[1]}'"
     if kind is None and other:
         return f"'{other[0]}' in its name may be a kind of frame or a word, since it does not come first"
-    return None
+    return doubtful_word(item.name) if kind is None else None
 
 
 def _shows_no_light(item: _Classified, items: Sequence[_Classified]) -> bool:
@@ -303,9 +312,13 @@ def group_frames(
     every = [_classified(frame, ignored, role_of.get(frame.listed)) for frame in frames if frame not in unused]
     unlit = [item for item in every if _shows_no_light(item, every)]
     items = [item for item in every if item not in unlit]
+    covered = [item for item in unlit if may_mean_dark(item.name)]
+    items += [replace(item, kind="dark", name=replace(item.name, kind="dark", other_words=())) for item in covered]
+    unlit = [item for item in unlit if item not in covered]
     scenes = [item for item in items if item.kind == "band" and _doubt(item, {}) is None]
     ids = _band_ids(scenes)
     bands = {"-".join(item.name.other_words) or item.name.stem: ids[id(item.frame)] for item in scenes}
+    bands |= {word.partition("-")[2]: band for word, band in bands.items() if word.partition("-")[0] in SCENE_WORDS}
     bands |= {band: band for band in ids.values()}
     why = "no light in it: name it 'dark-...' if the lens was covered, or name it in capture.toml"
     left_out = [LeftOut(item.frame.listed, why, is_frame=True) for item in unlit]

@@ -11,18 +11,42 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["KIND_WORDS", "FrameName", "common_words", "is_setting", "kind_in_words", "parse_name"]
+__all__ = [
+    "KIND_WORDS",
+    "SCENE_WORDS",
+    "FrameName",
+    "common_words",
+    "doubtful_word",
+    "is_setting",
+    "kind_in_words",
+    "may_mean_dark",
+    "parse_name",
+    "states_frames",
+]
 
 #: By kind of table, the words for it in names. A word stands for itself: "darkroom" is none of them.
 KIND_WORDS = {
     "dark": (
         *("dark", "darks", "bias", "darkframe", "darkflat", "flatdark"),
-        *("masterdark", "masterbias", "superdark", "superbias"),
+        *("masterdark", "masterbias", "superdark", "superbias", "biases", "darkflats", "flatdarks"),
+        *("dunkelbild", "dunkelbilder", "dunkelstrom"),
     ),
-    "flat": ("flat", "flats", "flatfield", "flatframe", "masterflat", "superflat", "skyflat", "domeflat", "flatpanel"),
+    "flat": (
+        *("flat", "flats", "flatfield", "flatfields", "flatframe", "masterflat", "superflat", "skyflat", "domeflat"),
+        *("flatpanel", "weissbild", "weissbilder", "weißbild", "weißbilder", "plu"),
+    ),
     "reference": ("sphere", "reference", "integrating"),
     "target": ("target", "board", "boards", "chessboard", "charuco", "checkerboard"),
 }
+#: Words for frames of the scene, which add nothing to a name.
+SCENE_WORDS = frozenset({"light", "lights"})
+#: Words for dark frames, and for dark things: the picture decides.
+_DARK_WORDS = frozenset(
+    {"background", "black", "capped", "covered", "dunkel", "noir", "noirs", "schwarz", "schwarzbild", "oscuro"}
+    | {"oscuros", "oscura", "buio", "scuro", "escuro", "donker", "mörk", "mork", "ciemna", "ciemne"}
+)
+#: Words for flats, and for other pictures.
+_FLAT_WORDS = frozenset({"hellbild", "hellbilder", "plano", "planos"})
 #: By kind of table, the words for it in headers (IMAGETYP of FITS).
 _HEADER_WORDS = {
     "band": ("light", "object", "science"),
@@ -194,7 +218,63 @@ def _is_word(part: str) -> bool:
     return not (kind or _FILTER.fullmatch(part) or _EXPOSURE.fullmatch(part) or any(c.isdigit() for c in part))
 
 
-def parse_name(stem: str, ignored: int = 0) -> FrameName:
+def doubtful_word(name: FrameName) -> str | None:
+    """Word of a name that may be a kind of frame, as "noir" and "plano" are.
+
+    Parameters
+    ----------
+    name
+        The name.
+
+    Returns
+    -------
+    str | None
+        The word with what it may mean; None for a name without such a word.
+    """
+    if may_mean_dark(name):
+        return f"'{name.other_words[0]}' in its name may mean a dark frame or a dark thing"
+    if name.other_words and name.other_words[0] in _FLAT_WORDS:
+        return f"'{name.other_words[0]}' in its name may mean a flat field"
+    return None
+
+
+def may_mean_dark(name: FrameName) -> bool:
+    """Whether a name without a filter says that the picture is dark, or of something dark.
+
+    Parameters
+    ----------
+    name
+        The name.
+
+    Returns
+    -------
+    bool
+        True for "noir_4s" and "background-1".
+    """
+    return name.filter is None and bool(name.other_words) and set(name.other_words) <= _DARK_WORDS
+
+
+def states_frames(folder: str) -> bool:
+    """Whether the name of a folder says what frames in it are, and nothing else.
+
+    Parameters
+    ----------
+    folder
+        Name of the folder.
+
+    Returns
+    -------
+    bool
+        True for "darks", "550nm", "flats 1s" and "lights"; False for "session2" and for dates.
+    """
+    parts = _with_units([part for part in _SEPARATORS.split(folder.lower()) if part])
+    return bool(parts) and all(
+        _kind_of_word(part) or part in SCENE_WORDS or _FILTER.fullmatch(part) or _EXPOSURE.fullmatch(part)
+        for part in parts
+    )
+
+
+def parse_name(stem: str, ignored: int = 0, folder: str = "") -> FrameName:
     """Read the name of a frame.
 
     Parameters
@@ -203,6 +283,8 @@ def parse_name(stem: str, ignored: int = 0) -> FrameName:
         Name of the file without its ending.
     ignored
         Number of first words that all names share, see ``common_words``.
+    folder
+        Words of the folders that state what their frames are, see ``states_frames``.
 
     Returns
     -------
@@ -214,7 +296,8 @@ def parse_name(stem: str, ignored: int = 0) -> FrameName:
     # digits behind a time of day may be thousandths of a second
     timed = any(date["time"] for date in dates)
     parts = [part for part in _SEPARATORS.split(_DATE.sub(" ", lowered)) if part.strip(".,")]
-    parts = _with_units([piece for part in parts[ignored:] for piece in _without_number(part)])
+    parts = [*_folder_parts(folder), *parts[ignored:]]
+    parts = _with_units([piece for part in parts for piece in _without_number(part)])
     kinds = [_kind_of_word(part) for part in parts]
     # a kind after the first part is a word: 'box-flat' may be a flat of the box or a box that is flat
     certain = bool(kinds) and kinds[0] is not None and all(other in (None, kinds[0]) for other in kinds)
@@ -236,7 +319,15 @@ def parse_name(stem: str, ignored: int = 0) -> FrameName:
         if repeat is not None
         else stem
     )
+    if folder:
+        stem, series = f"{folder}-{stem}", f"{folder}-{series}"
     return FrameName(stem, kinds[0] if certain else None, band, exposure, repeat, other_words, series)
+
+
+def _folder_parts(folder: str) -> list[str]:
+    """Parts of the names of folders, kinds of frames first."""
+    parts = [part for part in _SEPARATORS.split(folder.lower()) if part and part not in SCENE_WORDS]
+    return sorted(parts, key=lambda part: _kind_of_word(part) is None)
 
 
 def _repeat(parts: list[str], filter_parts: list[int], ignored: int) -> int | None:

@@ -24,6 +24,10 @@ __all__ = ["checked_keys", "raise_faults", "read_manifest"]
 _MAX_FAULTS_LISTED = 20
 
 
+#: Fewest further faults of the same text that are stated as one.
+_FEWEST_ALIKE = 3
+
+
 def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
     """Raise one InputError for all faults; nothing for none.
 
@@ -36,6 +40,7 @@ def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
     faults
         Its faults.
     """
+    faults = _alike_as_one(faults)
     if len(faults) == 1:
         raise faults[0]
     if faults:
@@ -43,6 +48,22 @@ def raise_faults(path: Path, faults: Sequence[InputError]) -> None:
         if len(faults) > _MAX_FAULTS_LISTED:
             lines += f"\n  and {len(faults) - _MAX_FAULTS_LISTED} more"
         raise InputError(path, f"{len(faults)} faults", "no faults", f"{LIST_OF_FAULTS}{lines}")
+
+
+def _alike_as_one(faults: Sequence[InputError]) -> list[InputError]:
+    """Faults, many of the same text as one: a wrong width is a fault of every frame."""
+    groups: dict[tuple[str, str, str], list[InputError]] = {}
+    for fault in faults:
+        groups.setdefault((fault.found, fault.expected, fault.hint), []).append(fault)
+    return [
+        part
+        for (fault, *others) in groups.values()
+        for part in (
+            [InputError(f"{fault.where} and {len(others)} others", fault.found, fault.expected, fault.hint)]
+            if len(others) >= _FEWEST_ALIKE
+            else [fault, *others]
+        )
+    ]
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:
@@ -84,6 +105,9 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
     """One error of pydantic as InputError, with an example or the nearest key."""
     location = error["loc"]
     where = f"{path}: {_key(data, location)}"
+    if error["type"] == "missing" and isinstance(location[-1], int):
+        count = len(error["input"])
+        return InputError(f"{path}: {_key(data, location[:-1])}", f"a list of {count}", f"at least {location[-1] + 1}")
     if error["type"] == "missing":
         example = example_of(_table_at(location[:-1]), str(location[-1]))
         return InputError(where, "nothing", "this key", f"Add it, such as {example}" if example else "Add it.")

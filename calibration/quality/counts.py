@@ -108,16 +108,27 @@ def _check_codes(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicio
     """Saturation below full scale, and gaps between the counts that occur."""
     full = capture.full_scale_dn
     piled, stepped = [], []
+    step, most_codes = 0, 0
     for stack in stacks:
         if stack.kind == "dark":
             continue
         histogram = np.bincount(stack.counts.ravel())
+        occurring = np.flatnonzero(histogram)
+        step, most_codes = int(np.gcd.reduce(occurring, initial=step)), max(most_codes, occurring.size)
         top = histogram.size - 1
         if top < full and _piled_pixels(histogram):
             piled.append((stack, top, _piled_pixels(histogram)))
         codes, expected = _different_counts(histogram)
         if expected > FEWEST_CODES and codes < SMALLEST_CODE_SHARE * expected:
             stepped.append((stack, codes, expected))
+    is_shifted = step > 1 and most_codes > FEWEST_CODES
+    if is_shifted:
+        piled = [(stack, top, pixels) for stack, top, pixels in piled if top <= full - step]
+        yield Suspicion(
+            f"all counts are multiples of {step}: counts of fewer bits, moved to the upper ones",
+            "camera.bit_depth",
+            f"Divide them by {step}, and state the bits of the rest; gain and read noise are then the camera's own.",
+        )
     if piled:
         stack, top, pixels = piled[0]
         yield Suspicion(
@@ -126,7 +137,7 @@ def _check_codes(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicio
             f"{pixels} pixels of {stack.key} have exactly {top} DN and none more (so in {len(piled)} tables); full "
             f"scale is {full} DN.",
         )
-    if stepped:
+    if stepped and not is_shifted:
         stack, codes, expected = stepped[0]
         yield Suspicion(
             "counts have gaps: frames were rescaled, gamma-encoded or reduced in bits",

@@ -134,10 +134,12 @@ def check_repeats(
         path = worst.stack.paths[worst.repeat]
         ratio = worst.misfit / usual
         if ratio > LARGEST_MISFIT:
+            which = " It may be the other of the two." if len(worst.stack.paths) == 2 else ""
             yield Suspicion(
                 f"a repeat of {tables} shows something else (another band, a moved camera, another gain)",
                 path,
-                f"The variance of its difference from the others is {ratio:.3g} times that of noise; 1 is expected.",
+                f"The variance of its difference from the others is {ratio:.3g} times that of noise; 1 is expected."
+                + which,
             )
         elif abs(np.log(max(worst.scale, 1e-6))) > np.log(1 + LARGEST_DRIFT):
             yield Suspicion(

@@ -43,6 +43,9 @@ LONGEST_UM = 20
 #: Shortest wavelength of a table in angstroms or wavenumbers.
 SHORTEST_ANGSTROM = 2000
 
+#: Longest wavelength of light in nm: a table of smaller numbers that belong to such values has its columns exchanged.
+LIGHT_NM = (200, 2600)
+
 #: Longest wavelength of a table in angstroms; larger numbers are wavenumbers.
 LONGEST_ANGSTROM = 15000
 
@@ -149,7 +152,8 @@ def check_tables(capture: Capture) -> Iterator[Suspicion]:
         elif "radiance" in kind:
             yield from _check_radiance(kind, reference, spectrum.values)
         else:
-            yield from _check_fraction(name, reference, spectrum.values, 1 + LARGEST_EXCESS)
+            is_cut = kind == "filter transmittance" and any(_check_filter_ends(key, reference, spectrum, ""))
+            yield from _check_fraction(name, reference, spectrum.values, 1 + LARGEST_EXCESS, is_cut=is_cut)
     for name, spectrum in capture.label_reflectances().items():
         reference = f"{capture.manifest.labels.reflectance if capture.manifest.labels else ''}:{name}"
         unit = _wavelength_fault("reflectance", reference, spectrum)
@@ -174,6 +178,13 @@ def _wavelength_fault(kind: str, reference: str, spectrum: Spectrum) -> Suspicio
     """Suspicion of wavelengths that are not in nm or not visible."""
     wavelength = spectrum.wavelength_nm
     span = f"The table runs from {wavelength[0]:g} to {wavelength[-1]:g}; light is 400 to 700 nm."
+    values = spectrum.values
+    if (
+        wavelength[-1] < LIGHT_NM[0] <= values.min() <= values.max() <= LIGHT_NM[1]
+        and abs(np.sign(np.diff(values)).sum()) == values.size - 1
+    ):
+        evidence = f"Its values, {values[0]:g} to {values[-1]:g}, ascend or descend as wavelengths do. {span}"
+        return Suspicion(f"the columns of the {kind} are exchanged: the wavelengths come second", reference, evidence)
     unit = _unit_of_wavelength(wavelength)
     if unit is not None:
         return Suspicion(f"the wavelengths of the {kind} are in {unit}, not in nm", reference, span)
@@ -191,15 +202,20 @@ def _unit_of_wavelength(wavelength: NDArray[np.float64]) -> str | None:
     return None
 
 
-def _check_fraction(kind: str, reference: str, values: NDArray[np.float64], limit: float) -> Iterator[Suspicion]:
-    """Values (n,) that must lie within 0 to 1. limit : largest plausible value."""
+def _check_fraction(
+    kind: str, reference: str, values: NDArray[np.float64], limit: float, *, is_cut: bool = False
+) -> Iterator[Suspicion]:
+    """Values (n,) that must lie within 0 to 1.
+
+    limit : largest plausible value. is_cut : whether the table lacks its largest values.
+    """
     top, bottom = float(values.max()), float(values.min())
     evidence = f"The largest value is {top:.4g}; a {kind} lies within 0 to 1."
     if top > max(SMALLEST_PER_CENT, limit):
         yield Suspicion(f"the {kind} is in per cent or in another unit, not a fraction", reference, evidence)
     elif top > limit:
         yield Suspicion(f"the {kind} is above 1", reference, evidence)
-    elif 0 < top < SMALLEST_MAXIMUM:
+    elif 0 < top < SMALLEST_MAXIMUM and not is_cut:
         yield Suspicion(f"the {kind} is a hundred times too small", reference, evidence)
     if bottom < -LARGEST_EXCESS * max(top, 0.1):
         yield Suspicion(f"the {kind} is negative", reference, f"The smallest value is {bottom:.4g}.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import date, time
 from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar, get_args
 
@@ -269,6 +270,8 @@ def value_text(value: object) -> str:
     str
         Its representation, cut if it is longer; the keys of a table.
     """
+    if isinstance(value, date | time):  # a datetime is a date
+        return f"a date or time, {value}"
     keys = ", ".join(map(str, value)) if isinstance(value, dict) else ""
     text = f"a table with the keys {keys}" if keys else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

@@ -34,7 +34,7 @@ from .cube_checks import (
     with_units,
 )
 from .declared import AS_STATED, Declared, with_notes
-from .envi import data_file, map_envi, read_envi, write_envi
+from .envi import map_envi, read_envi, samples_file, write_envi
 from .exr_channels import read_channels
 from .headers import is_envi, with_window
 from .netcdf import open_netcdf, read_netcdf, write_netcdf
@@ -140,7 +140,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     tuple of Path
         ``path`` first.
     """
-    samples = data_file(path) if path.suffix.lower() == ".hdr" and is_envi(path) else None
+    samples = samples_file(path) if path.suffix.lower() == ".hdr" and is_envi(path) else None
     return (path,) if samples is None else (path, samples)
 
 

@@ -7,6 +7,7 @@ open of their meaning (units, wavelengths) is asked for.
 
 from __future__ import annotations
 
+import glob
 import math
 import re
 from collections.abc import Mapping
@@ -35,7 +36,7 @@ from .headers import (
     with_window,
 )
 
-__all__ = ["data_file", "map_envi", "read_envi", "write_envi"]
+__all__ = ["data_file", "map_envi", "read_envi", "samples_file", "write_envi"]
 
 #: NumPy's types by ENVI's code; 6 and 9 are complex and no radiance.
 _TYPES = {
@@ -134,6 +135,8 @@ def write_envi(path: Path, cube: xr.Dataset) -> None:
 def data_file(path: Path, size_bytes: int | None = None) -> Path | None:
     """File of samples next to a header: x.img, x.dat, x.bil ... of x.hdr, or x.img of x.img.hdr.
 
+    Where there is none of the usual endings, it is the file of another ending that has the size.
+
     Parameters
     ----------
     path
@@ -158,11 +161,35 @@ def data_file(path: Path, size_bytes: int | None = None) -> Path | None:
     for candidate in (*names, stem):  # .img and .IMG are one file in some file systems
         if candidate.is_file() and not any(candidate.samefile(other) for other in candidates):
             candidates.append(candidate)
+    if not candidates and size_bytes is not None:  # another ending; the size to the byte is proof enough
+        others = [
+            other for other in path.parent.glob(f"{glob.escape(stem.name)}.*") if other.is_file() and other != path
+        ]
+        candidates = [other for other in sorted(others) if other.stat().st_size == size_bytes]
     fitting = [candidate for candidate in candidates if candidate.stat().st_size == size_bytes]
     if len(fitting) > 1:
         names_found = ", ".join(candidate.name for candidate in fitting)
         raise InputError(path, f"data files {names_found} of the same size", "one data file of its header's name")
     return next(iter(fitting or candidates), None)
+
+
+def samples_file(path: Path) -> Path | None:
+    """File of the samples that a header is read with.
+
+    Parameters
+    ----------
+    path
+        File of the header.
+
+    Returns
+    -------
+    Path or None
+        None where there is none; the first one where the header cannot be read.
+    """
+    try:
+        return data_file(path, _layout(read_header(path)).file_bytes)
+    except InputError:
+        return data_file(path)
 
 
 def map_envi(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
@@ -337,6 +364,9 @@ def _good_bands(header: EnviHeader, wavelength: NDArray[np.float64], notes: list
         return np.ones(wavelength.size, bool)
     if flags.size != wavelength.size:
         raise InputError(where, f"{flags.size} values", f"{wavelength.size}, the value of bands")
+    odd = flags[(flags != 0) & (flags != 1)]
+    if odd.size:
+        raise InputError(where, f"{odd[0]:g}", "0 for each bad band and 1 for each good one")
     good = flags != 0
     if not good.any():
         raise InputError(where, "no good band", "1 for each band to be read")

@@ -29,18 +29,31 @@ class Style:
     separator: str
     #: Decimal mark, "." or ",".
     decimal: str
+    #: Whether the first cell of a row has its unit: 380nm, 380[nm].
+    has_unit: bool = False
 
 
-#: Spellings of tables. A comma cannot be both separator and decimal mark.
+#: Spellings of tables. Between quotation marks a comma may be the decimal mark of cells that commas separate.
 _STYLES = (
     Style("\t", "."),
     Style("\t", ","),
     Style(";", "."),
     Style(";", ","),
     Style(",", "."),
+    Style(",", ","),
     Style(" ", "."),
     Style(" ", ","),
+    Style("\t", ".", has_unit=True),
+    Style("\t", ",", has_unit=True),
+    Style(";", ".", has_unit=True),
+    Style(";", ",", has_unit=True),
+    Style(",", ".", has_unit=True),
+    Style(" ", ".", has_unit=True),
 )
+#: A wavelength with its unit.
+_WITH_UNIT = re.compile(r"(\d+(?:[.,]\d+)?)\s*(?:nm|\[nm\]|\(nm\))", re.I)
+#: Empty cells at the beginning of a line.
+_EMPTY_CELLS = re.compile(r"(?:[ \t]*[,;]|\t)+")
 
 
 @dataclass(frozen=True)
@@ -92,6 +105,10 @@ def _numbers(line: str, style: Style) -> list[float] | None:
     cells = split_cells(line, style.separator)
     if len(cells) < 2:
         return None
+    if style.has_unit:
+        if (first := _WITH_UNIT.fullmatch(cells[0])) is None:
+            return None
+        cells[0] = first[1]
     try:
         return [decimal_number(cell, "", style.decimal) for cell in cells]
     except InputError:
@@ -120,6 +137,15 @@ def _style(source: InstrumentText, lines: Sequence[tuple[int, str]]) -> tuple[St
             hint = "Write decimal points, and no separators of thousands."
             raise InputError(source.at(next(iter(best[1]))), fault, "numbers that can be read in one way", hint)
     return best
+
+
+def _without_empty_columns(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """The lines without the empty cells with which more than half of them begin."""
+    starts = [match[0] for _, line in lines if (match := _EMPTY_CELLS.match(line))]
+    if 2 * len(starts) <= len(lines):
+        return lines
+    common = min(starts, key=len)
+    return [(number, line.removeprefix(common)) for number, line in lines]
 
 
 def numeric_rows(
@@ -175,11 +201,13 @@ def find_table(source: InstrumentText) -> NumberTable:
     filled = [(n, line) for n, line in enumerate(source.lines, start=1) if line.strip()]
     comments = [(n, line.strip().strip('"').lstrip("#/! ")) for n, line in filled if line.strip().startswith(_COMMENTS)]
     numbers = {n for n, _ in comments}
-    lines = [(n, line) for n, line in filled if n not in numbers]
+    lines = _without_empty_columns([(n, line) for n, line in filled if n not in numbers])
     style, rows = _style(source, lines)
     if not rows:
         expected = "a spectrum: rows of a wavelength and values"
         hint = "Export the spectrum as text with a header that names the columns and their units."
+        if any(re.search(r"\d\s*%", line) for _, line in lines):
+            hint = "Remove '%' from the numbers, and write it into the header, such as 'Reflectance (%)'."
         raise InputError(source.path, "no table of numbers", expected, hint)
     blocks: list[list[int]] = [[]]
     for number, _ in lines:

@@ -22,6 +22,8 @@ __all__ = [
     "is_fraction",
     "last_spectrum",
     "measured_spectrum",
+    "quantity_named",
+    "states_per_cent",
     "unique_names",
 ]
 
@@ -31,10 +33,23 @@ LONGEST_NM = 25000.0
 _RANGE_NM = (100.0, LONGEST_NM)
 #: Largest reflectance or transmittance read as a fraction: a fluorescent paint stays below; per cent do not.
 _LARGEST_FRACTION = 2.0
+#: Marks of missing values, such as -999, -9999 and -1.23e34, are this or below, and below this many times the largest
+#: value. Noise around zero is not.
+_MISSING = -999.0
+_MISSING_RATIO = -10.0
 #: Characters of a number, at most: twice those of a double in full.
 _LONGEST_NUMBER = 48
 #: Quantities that are fractions of the incident light.
 _FRACTIONS = ("reflectance", "transmittance")
+#: Quantities, by pattern of their names in a header.
+_QUANTITIES = {
+    "reflectance": r"reflect|reflexion|remission|(?<![a-z0-9])(%\s*r|r\s*%|r\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "transmittance": r"transmi|(?<![a-z0-9])(%\s*t|t\s*%|t\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "absorbance": r"absorban|extinktion|optical density|(?<![a-z])o\.?d\.?(?![a-z0-9])|(?<![a-z0-9])abs\.?(?![a-z0-9])",
+    "irradiance": r"irradiance",
+    "radiance": r"(?<!ir)radiance",
+}
+_PER_CENT = re.compile(r"%|per\s?cent|(?<![a-z])pct(?![a-z])", re.I)
 #: Number with a decimal point, and with a decimal comma.
 _NUMBERS = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?"),
@@ -132,6 +147,39 @@ def is_fraction(quantity: str) -> bool:
     return quantity in _FRACTIONS
 
 
+def quantity_named(text: str) -> str:
+    """The one quantity that a text names.
+
+    Parameters
+    ----------
+    text
+        Text of a header.
+
+    Returns
+    -------
+    str
+        "reflectance", "transmittance", "absorbance", "irradiance" or "radiance"; empty for none or several.
+    """
+    names = [name for name, pattern in _QUANTITIES.items() if re.search(pattern, text, re.I)]
+    return names[0] if len(names) == 1 else ""
+
+
+def states_per_cent(text: str) -> bool:
+    """Whether a text states per cent.
+
+    Parameters
+    ----------
+    text
+        Text of a header.
+
+    Returns
+    -------
+    bool
+        True for "%", "per cent" and "pct".
+    """
+    return _PER_CENT.search(text) is not None
+
+
 def decimal_number(cell: str, where: str, decimal: str = ".") -> float:
     """Number of a cell.
 
@@ -217,7 +265,8 @@ def measured_spectrum(
     ------
     InputError
         For fewer than two samples, wavelengths out of order or range, and per cent of an unnamed quantity. Also for
-        values above 2 of a reflectance or transmittance that is not stated in per cent.
+        values above 2 of a reflectance or transmittance that is not stated in per cent, and for marks of missing
+        values.
     """
     name = " ".join(name.replace(":", "-").split())[:80]
     if len(rows) < 2:
@@ -240,6 +289,10 @@ def measured_spectrum(
         expected = f"wavelengths from {_RANGE_NM[0]:g} to {_RANGE_NM[1]:g} nm"
         hint = "Correct the unit of the wavelengths in the file."
         raise InputError(source.at(lines[at]), f"a wavelength of {wavelength[at]:g} nm", expected, hint)
+    if values.min() <= min(_MISSING, _MISSING_RATIO * values.max()):
+        at = int(np.argmin(values))
+        fault, expected = f"{values[at]:g} at {wavelength[at]:g} nm", "no mark of missing values among the numbers"
+        raise InputError(source.at(lines[at]), fault, expected, "Remove the row, or measure it again.")
     if per_cent and not is_fraction(quantity):
         fault = f"per cent in '{name}', without the quantity"
         hint = "Name the column for its quantity, such as 'Reflectance (%)', or divide it by 100 and remove the '%'."

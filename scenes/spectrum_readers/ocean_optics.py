@@ -1,4 +1,4 @@
-"""Ocean Optics text of SpectraSuite and OceanView."""
+"""Ocean Optics text of SpectraSuite, OceanView and Jaz, which names its columns by letters."""
 
 from __future__ import annotations
 
@@ -38,14 +38,21 @@ def _read(source: InstrumentText) -> InstrumentFile:
     lines = [
         (number, text) for number, text in enumerate(source.lines[begin + 1 : end], start=begin + 2) if text.strip()
     ]
-    rows = numeric_rows(source, lines, 2)
+    names = lines[0][1].split() if lines else []
+    if names[:1] == ["W"] and len(set(names)) == len(names) > 1:  # Jaz: wavelength, dark, sample, reference, processed
+        lines = lines[1:]
+    else:
+        names = ["W", "value"]
+    rows = numeric_rows(source, lines, len(names))
     pixels = next(((n, v) for key, (n, v) in header.items() if key.startswith("number of pixels")), None)
     if pixels and pixels[1] != str(len(rows)):
         fault, hint = f"{pixels[1][:20]} pixels by the header", "The file is truncated: export it again."
         raise InputError(source.at(pixels[0]), fault, f"{len(rows)}, the rows of the file", hint)
-    samples = [(number, values[0], values[1]) for number, values in rows]
-    spectrum = measured_spectrum(source, "value", samples)
-    return InstrumentFile(READER.name, (spectrum,), ("The file states neither quantity nor unit of its values.",))
+    spectra = tuple(
+        measured_spectrum(source, name, [(number, values[0], values[k]) for number, values in rows])
+        for k, name in enumerate(names[1:], start=1)
+    )
+    return InstrumentFile(READER.name, spectra, ("The file states neither quantity nor unit of its values.",))
 
 
 READER = SpectrumReader("ocean_optics", "Ocean Optics text", _recognises, _read)

@@ -14,6 +14,8 @@ from ._spectrum_reader import (
     MeasuredSpectrum,
     SpectrumReader,
     measured_spectrum,
+    quantity_named,
+    states_per_cent,
     unique_names,
 )
 
@@ -27,15 +29,8 @@ _LENGTHS = {
 _WAVELENGTH = re.compile(r"wave\s*-?_?length|wellenl|longueur d.onde|(?<![a-z])wv?l(?![a-z])|(?<!\()(?:λ|lambda)", re.I)
 #: Header of a column of wavenumbers, energies or frequencies.
 _OTHER_AXIS = re.compile(r"wave\s*-?_?number|cm\s*(\^|\*\*)?\s*[-−⁻]\s*[1¹]|1/cm|(?<![a-z])(ev|thz|hz)(?![a-z])", re.I)
-#: Quantities, by pattern of a header.
-_QUANTITIES = {
-    "reflectance": r"reflect|reflexion|remission|(?<![a-z0-9])(%\s*r|r\s*%|r\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
-    "transmittance": r"transmi|(?<![a-z0-9])(%\s*t|t\s*%|t\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
-    "absorbance": r"absorban|extinktion|optical density|(?<![a-z0-9])abs\.?(?![a-z0-9])",
-    "irradiance": r"irradiance",
-    "radiance": r"(?<!ir)radiance",
-}
-_PER_CENT = re.compile(r"%|per\s?cent|(?<![a-z])pct(?![a-z])", re.I)
+#: First cell of a header that is no name of wavelengths, and has their unit: "Wvlgth nm", "x [um]".
+_ENDS_IN_LENGTH = re.compile(r"[\s_([](nm|um|[µμ]m|[åÅ])[\])]?$", re.I)
 #: Unit in brackets, or a cell that is a radiometric unit itself.
 _BRACKETS = re.compile(r"[\[(]([^\[\]()]*(?:\([^()]*\)[^\[\]()]*)?)[\])]")
 #: Unit behind the slash by which it divides a quantity, such as "radiance/W/(sr m2 nm)".
@@ -75,6 +70,10 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
     A row above it counts where several columns are wavelengths, whose samples it names, or where that row has units.
     """
     width = len(table.rows[0][1])
+
+    def names_wavelengths(cells: list[str]) -> bool:
+        return any(map(_is_axis, cells)) or _ENDS_IN_LENGTH.search(cells[0]) is not None
+
     for lines in (table.header, table.comments):
         rows: list[list[str]] = []
         below = 0
@@ -83,11 +82,11 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
             may_lack_one = table.style.separator != " " and (rows or width > 2)
             if not (len(cells) == width or (may_lack_one and len(cells) == width - 1)):
                 break
-            if rows and number != below - 1 and any(map(_is_axis, rows[0])):
+            if rows and number != below - 1 and names_wavelengths(rows[0]):
                 break  # above an empty line stands what belongs to the measurement
             rows.insert(0, cells + [""] * (width - len(cells)))
             below = number
-        top = next((index for index, row in enumerate(rows) if any(map(_is_axis, row))), None)
+        top = next((index for index, row in enumerate(rows) if names_wavelengths(row)), None)
         if top is not None:
             if sum(map(_is_axis, rows[top])) > 1 or all(_is_unit(cell) for cell in rows[top] if cell):
                 return rows
@@ -97,6 +96,8 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
         axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in names]
         if width == 2 and axes[0] and axes[1]:  # JASCO and Thorlabs state the columns above the table
             return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
+    if table.style.has_unit and width == 2:
+        return [["wavelength (nm)", "value"]]
     hint = "Write a header such as 'wavelength_nm' and a name for each column, separated as the rows are."
     first = table.rows[0][0]
     expected = f"a header of {width} cells with the wavelength and its unit above it"
@@ -137,12 +138,6 @@ def _counts_rows(table: NumberTable, column: int) -> bool:
     return all(number == numbers[0] + index for index, number in enumerate(numbers)) and numbers[0] in (0, 1)
 
 
-def _quantity(text: str) -> str:
-    """The one quantity that a text names; empty for none or several."""
-    names = [name for name, pattern in _QUANTITIES.items() if re.search(pattern, text, re.I)]
-    return names[0] if len(names) == 1 else ""
-
-
 def _unit(cells: list[str]) -> str:
     """Unit of a column, as its header states it; empty for none."""
     for cell in reversed(cells):
@@ -169,6 +164,8 @@ def _read(source: InstrumentText) -> InstrumentFile:
     header = _header(source, table)
     columns = [[row[k] for row in header] for k in range(len(header[0]))]
     axes = [k for k, cells in enumerate(columns) if any(map(_is_axis, cells))]
+    if not axes and _ENDS_IN_LENGTH.search(" ".join(columns[0])):
+        axes = [0]
     counters = axes[0] if axes and all(_counts_rows(table, k) for k in range(axes[0])) else 0
     if counters:  # numbers of pixels
         columns, axes = columns[counters:], [k - counters for k in axes]
@@ -181,7 +178,7 @@ def _read(source: InstrumentText) -> InstrumentFile:
     notes: list[str] = []
     factors = set()
     values = [cells for k, cells in enumerate(columns) if k not in axes]
-    only_absorbance = all(_quantity(" ".join(cells)) == "absorbance" for cells in values)
+    only_absorbance = all(quantity_named(" ".join(cells)) == "absorbance" for cells in values)
     factor, sample, axis = 1.0, "", 0
     for k, cells in enumerate(columns):
         if k in axes:
@@ -190,7 +187,7 @@ def _read(source: InstrumentText) -> InstrumentFile:
             factor = _axis_factor(source, " ".join(cells), preamble)
             factors.add(factor)
             continue
-        if _quantity(" ".join(cells)) == "absorbance" and not (plain or only_absorbance):
+        if quantity_named(" ".join(cells)) == "absorbance" and not (plain or only_absorbance):
             notes.append(f"Column '{_name(cells, sample)[:60]}' is left out: absorbances are not linear in the light.")
             continue
         spectra.append(_column(source, table, (axis, k), factor, cells, sample, None if plain else preamble))
@@ -224,8 +221,8 @@ def _column(
     if preamble is None:
         return measured_spectrum(source, _name(cells, sample), rows)
     text = " ".join(cells)
-    per_cent = bool(_PER_CENT.search(text))
-    quantity = _quantity(text) or _quantity(_title(preamble))
+    per_cent = states_per_cent(text)
+    quantity = quantity_named(text) or quantity_named(_title(preamble))
     if quantity == "absorbance":
         hint = "Export reflectance or transmittance."
         raise InputError(source.path, f"absorbance in '{text[:40]}'", "a quantity linear in the light", hint)

@@ -1,4 +1,4 @@
-"""UPRtek files: lines such as ``380nm<tab>0.0302``, irradiance in mW m^-2 nm^-1."""
+"""UPRtek files: lines such as ``380nm<tab>0.03``, irradiance in mW m^-2 nm^-1."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ._spectrum_reader import (
     measured_spectrum,
 )
 
-_SAMPLE = re.compile(r"(\d{3,4}(?:\.\d+)?)\s*nm\t(.*)")
+_SAMPLE = re.compile(r"(\d{3,4}(?:\.\d+)?)\s*(?:nm|\[nm\])([\t,;])(.*)")
 
 
 def _recognises(source: InstrumentText) -> bool:
-    return re.search(r"^Model Name\t", source.text, re.M) is not None and any(map(_SAMPLE.match, source.lines))
+    return re.search(r"^Model Name[\t,;]", source.text, re.M) is not None and any(map(_SAMPLE.match, source.lines))
 
 
 def _read(source: InstrumentText) -> InstrumentFile:
@@ -28,13 +28,13 @@ def _read(source: InstrumentText) -> InstrumentFile:
         match = _SAMPLE.match(line)
         if match is None:
             continue
-        cells = match[2].rstrip("\t").split("\t")
+        cells = match[3].rstrip(match[2]).split(match[2])
         if len(cells) != 1:
             fault, hint = f"{len(cells)} values at one wavelength", "Export one measurement to a file."
             raise InputError(source.at(number), fault, "one", hint)
         rows.append((number, float(match[1]), decimal_number(cells[0], source.at(number))))
     last, repeated = last_spectrum(rows)
-    model = re.search(r"^Model Name\t(.*)$", source.text, re.M)
+    model = re.search(r"^Model Name[\t,;](.*)$", source.text, re.M)
     notes = [f"Model: {model[1].strip()[:60]}."] if model else []
     notes.append("The file states no unit; mW m^-2 nm^-1 is that of the maker's description.")
     unit = "mW m^-2 nm^-1"

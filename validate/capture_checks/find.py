@@ -22,6 +22,9 @@ __all__ = ["find_scene_suspicions", "with_scene_checks"]
 #: A band's table in the place of a suspicion.
 _BAND = re.compile(r"\bband\[(\d+)\]")
 
+#: The end of the place of a suspicion that is about the positions of all points.
+POSITIONS = "x_mm, y_mm, z_mm"
+
 #: The place of a suspicion that is about a band's light as a whole.
 _WHOLE_BAND = re.compile(r"band\[\d+\] \([^)]*\)")
 
@@ -73,8 +76,10 @@ def _each_mistake_once(
     """Suspicions without those that another one explains.
 
     Frames that were exchanged explain all that is strange about them. What is known of frames explains why their light
-    does not suit the scene. Without a right dark level no light suits it.
+    does not suit the scene. Without a right dark level no light suits it, and no view with points in other units.
     """
+    if any(s.where.endswith(POSITIONS) for s in of_calibration):
+        return of_calibration
     if any(s.where == "dark.frames" for s in of_calibration):
         of_scene = tuple(s for s in of_scene if s.where.startswith("geometry"))
     exchanged = tuple(s for s in of_scene if s.where.endswith(".frames") and len(_frames_of(capture, s)) > 1)

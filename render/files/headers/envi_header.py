@@ -188,7 +188,7 @@ def read_header(path: Path) -> EnviHeader:
     Raises
     ------
     InputError
-        If the file is missing, too large, no text, or does not begin with 'ENVI'.
+        If the file is missing, too large, no text, or does not begin with 'ENVI', and if a brace is not closed.
     """
     lines = deque(_LINE_END.split(_text(path)))
     if not lines.popleft().startswith("ENVI"):
@@ -199,13 +199,13 @@ def read_header(path: Path) -> EnviHeader:
         key, equals, value = (part.strip() for part in lines.popleft().partition("="))
         if equals and key and not key.startswith(";"):
             name = " ".join(key.lower().split())
-            text = _value(value, lines)
+            text = _value(path, name, value, lines)
             if entries.setdefault(name, text).lower() != text.lower():
                 contradicted[name], entries[name] = entries[name], text
     return EnviHeader(path, entries, contradicted)
 
 
-def _value(first: str, lines: deque[str]) -> str:
+def _value(path: Path, key: str, first: str, lines: deque[str]) -> str:
     """A value without its braces; its further lines are taken from the beginning of ``lines``."""
     while not first and lines and (not lines[0].strip() or lines[0].lstrip().startswith(("{", ";"))):
         first = lines.popleft().strip().partition(";")[0]  # the brace may stand on a later line
@@ -216,6 +216,9 @@ def _value(first: str, lines: deque[str]) -> str:
         line = lines.popleft()
         if not line.lstrip().startswith(";"):
             parts.append(line.strip())
+    if "}" not in parts[-1]:
+        hint = "The header is truncated, or lacks the brace: write the value to its end."
+        raise InputError(f"{path}: {key}", "'{' without a '}' after it", "a value in braces", hint)
     parts[-1] = parts[-1].partition("}")[0]
     return "\n".join(parts).strip()
 

@@ -11,6 +11,9 @@ import pytest
 from capture_mistakes import MISTAKES, Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
+from cboxlab.calibration.quality.counts import check_counts
+from cboxlab.calibration.quality.stacks import read_stacks
+from cboxlab.calibration.quality.tables import check_tables
 from cboxlab.calibration.result import calibrate_capture
 from helpers.captures.calibrations import quick_calibration
 from helpers.places import ROOT
@@ -45,6 +48,47 @@ def test_a_suspicion_says_what_where_and_why(tmp_path):
     assert suspicion.where == "spectra/lamp.csv:radiance"
     assert "0.4 to 0.7" in suspicion.why
     assert set(suspicion.record) == {"what", "where", "why"}
+
+
+def test_exchanged_columns_are_no_micrometres(tmp_path):
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    rows = "".join(f"{1e-6 * nm},{nm}\n" for nm in range(400, 701, 10))
+    (draft.folder / "spectra" / "lamp.csv").write_text(f"wavelength_nm,radiance\n{rows}")
+    draft.save()
+    alarms = [alarm for alarm in check_tables(load_capture(draft.folder)) if "lamp" in alarm.where]
+    assert [alarm.what for alarm in alarms] == [
+        "the columns of the lamp radiance are exchanged: the wavelengths come second"
+    ]
+
+
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_a_table_that_is_cut_short_is_not_too_small(tmp_path, is_cut):
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    band = draft.tables("band")[0]
+    band["transmittance"] = "spectra/cut.csv:t"
+    rows = ((380, 1e-5), (480, 1e-4), (580, 3e-3 if is_cut else 1e-4), *(() if is_cut else ((780, 1e-4), (700, 3e-3))))
+    text = "".join(f"{nm},{value}\n" for nm, value in sorted(rows))
+    (draft.folder / "spectra" / "cut.csv").write_text(f"wavelength_nm,t\n{text}")
+    draft.save()
+    whats = [alarm.what for alarm in check_tables(load_capture(draft.folder)) if "cut.csv" in alarm.where]
+    assert any("too small" in what for what in whats) == (not is_cut)
+    assert any("cut short" in what for what in whats) == is_cut
+
+
+@pytest.mark.parametrize("factor", [1, 16])
+def test_counts_in_the_upper_bits_are_named(tmp_path, factor):
+    draft = Draft(ROOT / "validate" / "data" / "demo-capture", tmp_path / "capture")
+    draft.manifest["camera"]["bit_depth"] = 16
+    for table in (*draft.tables("band"), *draft.tables("flat"), *draft.tables("dark")):
+        for path in table["frames"]:
+            draft.put(path, draft.image(path) * np.uint16(factor))
+    draft.save()
+    capture = load_capture(draft.folder)
+    darks = read_darks(capture)
+    stacks = [stack for stack in read_stacks(capture) if stack.kind != "reference"]
+    whats = [alarm.what for alarm in check_counts(capture, stacks, darks, measure_noise(capture, darks))]
+    assert any("multiples of 16" in what for what in whats) == (factor == 16)
+    assert not any("gaps" in what or (factor == 16 and "saturation" in what) for what in whats)
 
 
 @pytest.mark.filterwarnings("error")

@@ -306,7 +306,7 @@ INSTRUMENTS = {
         "spectrascan", PR655, "radiance", (380, 384, 388), (1e-5, 2e-5, 4e-5), "radiance", "W m^-2 sr^-1 nm^-1"
     ),
     "cs2000": Instrument(
-        "cs2000",
+        "sample_rows",
         CS2000,
         "lamp centre",
         tuple(range(380, 388)),

@@ -40,7 +40,14 @@ def test_a_bad_bands_values_and_wavelength_do_not_matter(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("bbl", "message"), [("{0,0,0,0,0,0}", "no good band"), ("{1,1}", "2 values"), ("{x}", "finite")]
+    ("bbl", "message"),
+    [
+        ("{0,0,0,0,0,0}", "no good band"),
+        ("{1,1}", "2 values"),
+        ("{x}", "finite"),
+        ("{1,1,0.5,1,1,1}", "0.5"),
+        ("{1,1,1,1,1,1", "without a '}'"),
+    ],
 )
 def test_lists_of_bad_bands_without_meaning_are_refused(tmp_path, bbl, message):
     with pytest.raises(InputError, match=f"bbl.*{message}"):

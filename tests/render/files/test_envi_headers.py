@@ -55,7 +55,9 @@ def test_the_faults_bad_bands_are_left_out(tmp_path):
 # ---- the file of samples
 
 
-@pytest.mark.parametrize("data", ["x.bsq", "x.bil", "x.bip", "x.dat", "x.img", "x.raw", "x.IMG", "x.bin", "x"])
+@pytest.mark.parametrize(
+    "data", ["x.bsq", "x.bil", "x.bip", "x.dat", "x.img", "x.raw", "x.IMG", "x.bin", "x", "x.envi"]
+)
 def test_samples_lie_in_a_file_of_any_usual_ending(tmp_path, data):
     path = write(tmp_path / "cube", header_text(), data=data)
     np.testing.assert_array_equal(read_cube(path)["radiance"], LIGHT)
@@ -71,6 +73,7 @@ def test_of_two_data_files_the_one_of_the_headers_size_is_read(tmp_path):
     path = write(tmp_path / "cube", header_text(), data="x.bil")
     (tmp_path / "cube" / "x.img").write_bytes(b"a quick look")
     np.testing.assert_array_equal(read_cube(path)["radiance"], LIGHT)
+    assert [file.name for file in files_of(path)] == ["x.hdr", "x.bil"]
     (tmp_path / "cube" / "x.dat").write_bytes((tmp_path / "cube" / "x.bil").read_bytes())
     with pytest.raises(InputError, match=r"data files x.dat, x.bil of the same size"):
         read_cube(path)

@@ -275,11 +275,57 @@ def test_tables_of_spectrophotometers(tmp_path, text, name, values):
         ("nm;absorptance (%)\n400;1\n410;2\n", "per cent"),
         ("nm a\n400 1 000\n410 2 000\n", "without a header"),
         ("# Mode: %R\nnm;tile\n400;40\n410;45\n", "reflectance of 45"),
+        ("nm;R\n400;25%\n410;35%\n", "Remove '%' from the numbers"),
+        ("nm;OD\n400;2.5\n410;3.5\n", "absorbance"),
+        ('nm,counts\n400,"1,400"\n410,"1,500"\n', "thousands"),
+        ("nm,r\n400,0.5\n410,-1.23e34\n", "line 3: found -1.23e"),
     ],
 )
 def test_uncertain_tables_are_refused(tmp_path, text, fault):
     with pytest.raises(InputError, match=fault):
         read_spectra(write(tmp_path, text))
+
+
+WIDE = ",".join(f"{w}nm" for w in range(400, 480, 10))
+PERCENT = ",".join(str(p) for p in range(10, 90, 10))
+
+
+@pytest.mark.parametrize(
+    ("text", "spectra"),
+    [
+        # wavelengths with their unit, and no header
+        ("CS-2000A\nSpeed mode,Normal\nLv,5.2E+01\n400nm,1.5\n410nm,2.5\n", {"value": [1.5, 2.5]}),
+        ("E [lx]\t521\n\n400 [nm]\t1,5\n410 [nm]\t2,5\n", {"value": [1.5, 2.5]}),
+        ("Model Name,MK350\nLUX,521\n400[nm],1.5\n410[nm],2.5\n", {"irradiance": [1.5, 2.5]}),
+        # empty columns in front, and a first column that names its unit alone
+        ("Typical data,,\n,,Wavelength (nm),% Transmission\n,,400,50\n,,410,60\n", {"% Transmission": [0.5, 0.6]}),
+        ("Reference,,\nWvlgth nm,Etr W*m-2*nm-1\n400,1.5\n410,2.5\n", {"Etr W*m-2*nm-1": [1.5, 2.5]}),
+        # decimal commas between quotation marks
+        ('nm,tile\n"400","0,25"\n"410","0,35"\n', {"tile": [0.25, 0.35]}),
+        # Jaz
+        (
+            ">>>>>Begin Processed Spectral Data<<<<<\nW\tD\tS\tP\n400\t10\t50\t1.5\n410\t11\t60\t2.5\n",
+            {"D": [10, 11], "S": [50, 60], "P": [1.5, 2.5]},
+        ),
+        # samples in rows, the same sample with and without gloss
+        (
+            f"Reflectance (%)\nData Name,Mode,{WIDE}\nred,SCI,{PERCENT}\nred,SCE,{PERCENT}\n",
+            {"red SCI": np.arange(1, 9) / 10, "red SCE": np.arange(1, 9) / 10},
+        ),
+        (f"ID,{WIDE.replace('nm', '')}\nred,{PERCENT.replace('0', '')}\n".replace("1,2", "0.1,0.2"), None),
+    ],
+)
+def test_files_as_instruments_write_them(tmp_path, text, spectra):
+    path = write(tmp_path, text)
+    if spectra is None:
+        with pytest.raises(InputError, match="values up to 8 of no stated quantity"):
+            read_instrument_file(path)
+        return
+    got = {spectrum.name: spectrum for spectrum in read_instrument_file(path).spectra}
+    assert list(got) == list(spectra)
+    for name, values in spectra.items():
+        assert got[name].values == pytest.approx(values, rel=1e-12)
+        assert got[name].wavelength_nm[:2] == pytest.approx([400, 410])
 
 
 def test_three_decimals_with_commas_are_read_where_thousands_make_no_wavelength(tmp_path):

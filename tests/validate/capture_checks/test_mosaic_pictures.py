@@ -71,6 +71,8 @@ def test_frames_are_exchanged_with_all_their_channels():
             ["band[0] (a-R).frames, band[3] (b-R).frames", "band[4] (b-G)"],
             ["camera.gain_e_per_dn", "band[0] (a-R).frames, band[3] (b-R).frames"],
         ),
+        (["points.csv: x_mm, y_mm, z_mm"], ["lamp.radiance", "band[0] (a-R)"], ["points.csv: x_mm, y_mm, z_mm"]),
+        (["points.csv: p03"], ["lamp.radiance"], 2),
         (["band[3] (b-R).frames"], ["band[3] (b-R).frames and later ones"], 2),
     ],
 )
