@@ -3,9 +3,11 @@
 The first part simulates captures of several laboratories: a flaw of the base (`flawed_bases`) or none, and one effect
 of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
 rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
-The best effect to first order is fitted and judged as a diagnosis does. What it shows goes to --results, which a later
-run continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in turn, and
-prints the reliability of what was left out. With --write the weights become the table of the package.
+A sound capture by another simulator (--photographs) is a laboratory, too, with its own flaws and noise. Causes then
+change it as the model predicts, with other rays. The best effect to first order is fitted and judged as a diagnosis
+does. What it shows goes to --results, which a later run continues. The second part fits a logistic regression with a
+ridge. It leaves each simulator, cause, flaw and laboratory out in turn, and prints the reliability of what was left
+out, next to that of the package's table. With --write the weights become that table.
 """
 
 from __future__ import annotations
@@ -44,7 +46,6 @@ from cboxlab.validation.diagnose.evidence import (
 from cboxlab.validation.diagnose.explain import lead_of_forms
 from cboxlab.validation.diagnose.explain.imitation import (
     FEATURES,
-    LEAST_PROBABILITY,
     Signs,
     imitation_probability,
 )
@@ -64,6 +65,7 @@ from cboxlab.validation.synthetic.strengths import at_strength
 from flawed_bases import FLAWS
 from numpy.typing import NDArray
 from outside_effects import KEPT_BACK, NEIGHBOURS, OUTSIDE
+from reliability import scores
 from scipy.optimize import minimize
 from scipy.special import expit
 
@@ -194,12 +196,8 @@ def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> Appli
 def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
     """The effect that a diagnosis would select first, fitted, and what its tests show; None for none."""
     fit = replace(laboratory.fit, model=replace(laboratory.fit.model, residual=residual))
-    screened = sorted((screen(laboratory.problem, s, residual) for s in laboratory.signatures), key=penalised)
-    first = screened[0]
-    second = next(c for c in screened if c.hypothesis.effect.id != first.hypothesis.effect.id)
+    first = min((screen(laboratory.problem, s, residual) for s in laboratory.signatures), key=penalised)
     row = _row(laboratory, fit, first)
-    if row is not None:
-        row["gap"] = penalised(second) - penalised(first)
     if row is None:
         by_flaws = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
         row = None if by_flaws is None else _row(laboratory, fit, by_flaws)
@@ -228,17 +226,7 @@ def _row(laboratory: Laboratory, fit: LinearisedFit, screened: Candidate) -> dic
     shape_error = shape_error_of(effect.stage)
     lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error, effect.acts_on_things).lead
     signs = Signs(verdict.gain, model.count, float(heldout), lead)
-    left = square(rest) / model.count - 1
-    rates = {"bands": heldout_bands(model, residual, change), "pixels": heldout_pixels(model, residual, change)}
-    return {
-        "effect": verdict.effect,
-        "signs": asdict(signs),
-        "verdict": asdict(verdict),
-        "left": left,
-        "flaws": flaws.evidence,
-        "heldout": rates,
-        "kind": effect.stage,
-    }
+    return {"effect": verdict.effect, "signs": asdict(signs), "verdict": asdict(verdict)}
 
 
 def simulate(results: Path, laboratories: Iterable[Laboratory], captures: int) -> None:
@@ -308,14 +296,6 @@ def simulator_of(row: Row) -> str:
     """The simulator that made a row's base: this one, or the folder of a photograph."""
     folder, _, capture = str(row["laboratory"]).rpartition("/")
     return folder if capture and folder else "this one"
-
-
-def scores(answers: Sequence[tuple[float, bool]]) -> str:
-    """Mean log loss and Brier score in words."""
-    stated, imitates = (np.array(x, float) for x in zip(*answers, strict=True))
-    stated = np.clip(stated, LEAST_PROBABILITY, 1 - LEAST_PROBABILITY)
-    loss = -np.mean(np.log(np.where(imitates > 0, stated, 1 - stated)))
-    return f"mean log loss {loss:.3f}, Brier score {np.mean((stated - imitates) ** 2):.3f}"
 
 
 def report(samples: Sequence[tuple[Row, NDArray, bool]]) -> None:
