@@ -3,9 +3,11 @@
 The first part simulates captures of several laboratories: a flaw of the base (`flawed_bases`) or none, and one effect
 of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
 rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
-The best effect to first order is fitted and judged as a diagnosis does. What it shows goes to --results, which a later
-run continues. The second part fits a logistic regression with a ridge, leaves each cause and each flaw out in turn, and
-prints the reliability of what was left out. With --write the weights become the table of the package.
+A sound capture by another simulator (--photographs) is a laboratory, too, with its own flaws and noise. Causes then
+change it as the model predicts, with other rays. The best effect to first order is fitted and judged as a diagnosis
+does. What it shows goes to --results, which a later run continues. The second part fits a logistic regression with a
+ridge. It leaves each simulator, cause, flaw and laboratory out in turn, and prints the reliability of what was left
+out, next to that of the package's table. With --write the weights become that table.
 """
 
 from __future__ import annotations
@@ -14,10 +16,11 @@ import argparse
 import datetime
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -41,7 +44,11 @@ from cboxlab.validation.diagnose.evidence import (
     square,
 )
 from cboxlab.validation.diagnose.explain import lead_of_forms
-from cboxlab.validation.diagnose.explain.imitation import FEATURES, LEAST_PROBABILITY, Signs
+from cboxlab.validation.diagnose.explain.imitation import (
+    FEATURES,
+    Signs,
+    imitation_probability,
+)
 from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
 from cboxlab.validation.diagnose.linearised_fit import (
     LinearisedFit,
@@ -58,6 +65,7 @@ from cboxlab.validation.synthetic.strengths import at_strength
 from flawed_bases import FLAWS
 from numpy.typing import NDArray
 from outside_effects import KEPT_BACK, NEIGHBOURS, OUTSIDE
+from reliability import scores
 from scipy.optimize import minimize
 from scipy.special import expit
 
@@ -95,17 +103,26 @@ class Laboratory:
     """A calibrated capture of a sound box, and the light of an independent rendering."""
 
     def __init__(self, seed: int) -> None:
-        self.seed = seed
-        self.camera, self.settings = bases.laboratory_of(seed, SIZE_PX)
+        self.seed: int | str = seed
+        self.camera, settings = bases.laboratory_of(seed, SIZE_PX)
         self.image = bases.image_of("none", 0, seed, SIZE_PX)
         # tables and frames of the capture are read when they are needed
         self._temporary = TemporaryDirectory()
         folder, scene = Path(self._temporary.name) / "capture", bases.SCENE
-        bases.photograph_image(folder, self.image, (), scene, scene, self.camera, settings=self.settings, seed=seed)
+        bases.photograph_image(folder, self.image, (), scene, scene, self.camera, settings=settings, seed=seed)
         self.validation = validate_capture(load_capture(folder), bases.MODEL)
+        self._linearise()
+
+    def _linearise(self) -> None:
         self.fit = linearised_fit(self.validation.prepared, self.validation.rendered, ())
         self.signatures = [s for s in signatures_of(self.fit, (), bases.MODEL.render, NO_PROGRESS) if not s.by_priors]
         self.problem = self.fit.problem(())
+
+    def flaw(self, draw: np.random.Generator, seed: int) -> tuple[str, tuple[AppliedEffect, ...]]:
+        """A flaw of the base by chance: its name, and its change of the light; none for a sound one."""
+        name = str(draw.choice(list(FLAWS)))
+        change, _ = bases.flaw_of(name, int(self.seed), SIZE_PX, 100 + seed % 2)
+        return name, (change,) if change else ()
 
     @cached_property
     def sound(self) -> Signal:
@@ -124,6 +141,12 @@ class Laboratory:
             signal = signal * np.divide(predictor.signal(early), base, out=np.ones_like(base), where=base > 0)
         return np.asarray(signal)
 
+    def measured(self, effects: Sequence[AppliedEffect], seed: int) -> Signal:
+        """(band, y, x) DN of a photograph with effects, with fresh noise."""
+        signal, calibration = self.light(effects), self.validation.prepared.calibration
+        noise = np.random.default_rng([seed, 3]).standard_normal(signal.shape)
+        return np.asarray(signal + noise * np.sqrt(calibration.predicted_variance(signal)))
+
     def excess(self, effect: AppliedEffect) -> float:
         """Chi2 per sample of an effect, the lamp's power free."""
         used, variance = self.fit.model.used, self.validation.prepared.calibration.predicted_variance(self.sound)
@@ -131,12 +154,33 @@ class Laboratory:
         return float(np.mean((change - level * (level @ change) / (level @ level)) ** 2))
 
     def residual(self, effects: Sequence[AppliedEffect], seed: int) -> Signal:
-        """(n + 11,) residual of the model as given, with fresh noise."""
-        signal, prepared = self.light(effects), self.validation.prepared
-        noise = np.random.default_rng([seed, 3]).standard_normal(signal.shape)
-        measured = signal + noise * np.sqrt(prepared.calibration.predicted_variance(signal))
+        """(n + 11,) residual of the model as given."""
         model = self.fit.model
-        return model.residual + model.whiten_used((measured - prepared.measured)[model.used])
+        change = self.measured(effects, seed) - self.validation.prepared.measured
+        return model.residual + model.whiten_used(change[model.used])
+
+
+class PhotographedLaboratory(Laboratory):
+    """A sound capture by somebody else: its own flaws and noise, with causes on top of them."""
+
+    def __init__(self, path: Path) -> None:
+        self.seed = f"{path.parents[1].name}/{path.name}"
+        self.validation = validate_capture(load_capture(path), bases.MODEL)
+        self._linearise()
+
+    def flaw(self, draw: np.random.Generator, seed: int) -> tuple[str, tuple[AppliedEffect, ...]]:
+        """The photograph's own flaws."""
+        del draw, seed
+        return "its own", ()
+
+    def light(self, effects: Sequence[AppliedEffect]) -> Signal:
+        """(band, y, x) light of the fitted model, by patch transport with other rays, DN without noise."""
+        return np.asarray(self.fit.scale * self.fit.predictor.resampled().signal(effects))
+
+    def measured(self, effects: Sequence[AppliedEffect], seed: int) -> Signal:
+        """(band, y, x) DN of the photograph, with the change by effects."""
+        del seed
+        return np.asarray(self.validation.prepared.measured + self.light(effects) - self.sound)
 
 
 def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> AppliedEffect | None:
@@ -145,7 +189,7 @@ def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> Appli
     if name in UNLISTED:
         trial = AppliedEffect(UNLISTED[name], {"amount": 0.01, "row": draw.uniform(), "column": draw.uniform()})
     else:
-        trial = draw_effect(draw, bases.SCENE, tuple(laboratory.settings.filters), (name,))
+        trial = draw_effect(draw, bases.SCENE, laboratory.validation.prepared.calibration.capture.band_ids, (name,))
     return at_strength(trial, target, laboratory.excess)
 
 
@@ -185,27 +229,24 @@ def _row(laboratory: Laboratory, fit: LinearisedFit, screened: Candidate) -> dic
     return {"effect": verdict.effect, "signs": asdict(signs), "verdict": asdict(verdict)}
 
 
-def simulate(results: Path, laboratories: int, captures: int) -> None:
+def simulate(results: Path, laboratories: Iterable[Laboratory], captures: int) -> None:
     """Append what is missing: effects and as many other causes in turn, each laboratory where the last one stopped."""
-    finished = {(row["cause"], row["seed"]) for row in rows_of(results)}
+    finished = {(str(row["laboratory"]), row["cause"], row["seed"]) for row in rows_of(results)}
     able = [name for name, e in catalogue().items() if e.stage not in ("settings", "camera")]
     able = [name for name in able if not catalogue()[name].imitates_lamp_power]
     outside = [*UNLISTED]
-    for number in range(laboratories):
-        laboratory = Laboratory(8900 + number)
+    for number, laboratory in enumerate(laboratories):
         for index in range(number * captures, (number + 1) * captures):
             for name in (able[index % len(able)], outside[index % len(outside)]):
                 seed = 1000 * number + index
-                draw = np.random.default_rng([seed, len(name)])
-                flaw = str(draw.choice(list(FLAWS)))
-                if (name, seed) in finished:
+                if (str(laboratory.seed), name, seed) in finished:
                     continue
+                draw = np.random.default_rng([seed, len(name)])
+                flaw, effects = laboratory.flaw(draw, seed)
                 effect = cause(name, laboratory, draw)
                 if effect is None:
                     continue
-                with_flaw, _ = bases.flaw_of(flaw, laboratory.seed, SIZE_PX, 100 + seed % 2)
-                inside = (*((with_flaw,) if with_flaw else ()), effect)
-                answer = signs_in(laboratory, laboratory.residual(inside, seed))
+                answer = signs_in(laboratory, laboratory.residual((*effects, effect), seed))
                 row = {"laboratory": laboratory.seed, "cause": name, "flaw": flaw, "seed": seed, **(answer or {})}
                 with results.open("a", encoding="utf-8") as out:
                     out.write(json.dumps(row, default=float) + "\n")
@@ -251,18 +292,27 @@ def left_out(samples: Sequence[tuple[Row, NDArray, bool]], key: Callable[[Row], 
         yield from zip(probability.tolist(), imitates[inside].tolist(), strict=True)
 
 
+def simulator_of(row: Row) -> str:
+    """The simulator that made a row's base: this one, or the folder of a photograph."""
+    folder, _, capture = str(row["laboratory"]).rpartition("/")
+    return folder if capture and folder else "this one"
+
+
 def report(samples: Sequence[tuple[Row, NDArray, bool]]) -> None:
-    """Reliability and mean log loss of what was left out."""
-    for name in ("cause", "flaw", "laboratory"):
-        answers = list(left_out(samples, lambda row, name=name: str(row[name])))  # type: ignore[misc]
-        loss = -np.mean([np.log(max(p if i else 1 - p, LEAST_PROBABILITY)) for p, i in answers])
-        print(f"\nEach {name} left out, {len(answers)} captures, mean log loss {loss:.3f}:\n")
+    """Reliability, log loss and Brier score of what was left out, and of the table that the package has."""
+    now = [(imitation_probability(Signs(**row["signs"])), imitates) for row, _, imitates in samples]
+    share = float(np.mean([imitates for *_, imitates in samples]))
+    print(f"The package's table: {scores(now)}. The share alone: {scores([(share, i) for _, i in now])}.")
+    keys = {"simulator": simulator_of, **{name: itemgetter(name) for name in ("cause", "flaw", "laboratory")}}
+    for name, key in keys.items():
+        answers = list(left_out(samples, lambda row, key=key: str(key(row))))  # type: ignore[misc]
+        print(f"\nEach {name} left out, {len(answers)} captures, {scores(answers)}:\n")
         print("| probability of an imitation | captures | mean | imitations |\n|---|---|---|---|")
         for low, high in pairwise((0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0001)):
             some = [(p, i) for p, i in answers if low <= p < high]
             if some:
-                mean, share = (float(np.mean(x)) for x in zip(*some, strict=True))
-                print(f"| {low:g} to {min(high, 1):g} | {len(some)} | {mean:.2f} | {share:.2f} |")
+                mean, rate = (float(np.mean(x)) for x in zip(*some, strict=True))
+                print(f"| {low:g} to {min(high, 1):g} | {len(some)} | {mean:.2f} | {rate:.2f} |")
 
 
 def main() -> None:
@@ -271,10 +321,13 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=Path("imitations.jsonl"))
     parser.add_argument("--laboratories", type=int, default=2)
     parser.add_argument("--captures", type=int, default=0, help="effects of each laboratory; 0 simulates nothing")
+    parser.add_argument("--photographs", type=Path, nargs="*", default=[], help="sound captures by other simulators")
     parser.add_argument("--write", action="store_true", help="replace the table of the package")
     options = parser.parse_args()
     if options.captures:
-        simulate(options.results, options.laboratories, options.captures)
+        simulated = (Laboratory(8900 + number) for number in range(options.laboratories))
+        photographed = (PhotographedLaboratory(path) for path in options.photographs)
+        simulate(options.results, chain(simulated, photographed), options.captures)
     samples = samples_of(rows_of(options.results))
     if len({imitates for *_, imitates in samples}) < 2:
         parser.exit(1, f"{options.results}: {len(samples)} answers, not of both kinds; simulate more (--captures)\n")

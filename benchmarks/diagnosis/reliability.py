@@ -2,9 +2,10 @@
 
     python reliability.py ../measured/blind_diagnosis.jsonl ../measured/imperfect_bases.jsonl
 
-reads rows of blind_diagnosis.py and imperfect_bases.py and prints, for bins of the stated probability, how many answers
-there are and how many of them are true. Of the former rows the first answer counts, of the latter every effect with a
-probability of 0.02 or more. A group of effects that a capture does not distinguish shares its probability.
+reads rows of blind_diagnosis.py and imperfect_bases.py, or such rows of captures by other simulators
+(outside_simulators.jsonl). It prints, for bins of the stated probability, how many answers there are and how many of
+them are true, with log loss and Brier score. Of the first file the first answer counts, of the others every effect with
+a probability of 0.02 or more. A group of effects that a capture does not distinguish shares its probability.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from scipy.stats import binomtest
 
 #: Limits between the bins of stated probabilities.
@@ -64,6 +66,13 @@ def stated_probabilities(row: Row) -> Iterator[Stated]:
             yield Stated("effect", base, probability, name in row["truth"])
 
 
+def scores(answers: Sequence[tuple[float, bool]]) -> str:
+    """Mean log loss and Brier score of stated probabilities, in words."""
+    claimed, right = (np.array(x, float) for x in zip(*answers, strict=True))
+    likely = np.clip(np.where(right > 0, claimed, 1 - claimed), _BINS[0], 1)
+    return f"mean log loss {-np.mean(np.log(likely)):.3f}, Brier score {np.mean((claimed - right) ** 2):.3f}"
+
+
 def table(answers: Sequence[Stated]) -> list[str]:
     """Rows of a Markdown table by bins of probability."""
     lines = ["| stated | answers | mean stated | true | 95 % of the true rate |", "|---|---|---|---|---|"]
@@ -88,8 +97,10 @@ def main() -> None:
     for of in ("effect", "family", _UNKNOWN):
         for name, flawed in (("perfect bases", False), ("flawed bases", True)):
             some = [a for a in answers if a.of == of and (a.base != "none") == flawed]
-            print(f"\nProbability of {of}, {name}, {len(some)} answers:\n")
-            print("\n".join(table(some)))
+            if some:
+                summary = scores([(a.probability, a.right) for a in some])
+                print(f"\nProbability of {of}, {name}, {len(some)} answers, {summary}:\n")
+                print("\n".join(table(some)))
 
 
 if __name__ == "__main__":

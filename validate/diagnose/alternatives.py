@@ -155,7 +155,7 @@ def with_alternatives(
                 tuple(best),
                 square(problem.model.project(residual)),
                 np.nan if by_priors else heldout_pixels(linearised.model, residual, shape),
-                np.nan if by_priors else heldout_bands(linearised.model, residual, shape),
+                np.nan if by_priors else _heldout_bands(candidate, linearised.model, residual, shape),
                 np.nan
                 if by_priors
                 else _amplitude_sigma(problem.model, *map(problem.model.project, (shape, together))),
@@ -197,7 +197,7 @@ def tested_without_errors(linearised: LinearisedFit, assessed: Sequence[Selected
             replace(
                 effect,
                 heldout_pixels=heldout_pixels(model, residual, shape),
-                heldout_bands=heldout_bands(model, residual, shape),
+                heldout_bands=_heldout_bands(effect.candidate, model, residual, shape),
                 amplitude_sigma=_amplitude_sigma(projected, *map(projected.project, (shape, together))),
                 edge_artefact=is_edge_artefact(model, residual, shape),
             )
@@ -407,6 +407,14 @@ def heldout_bands(model: LinearModel, residual: NDArray, predicted: NDArray) -> 
         fitted_gain += _gain(pixels[~inside], shape[~inside], everywhere)
         heldout_gain += _gain(pixels[~inside], shape[~inside], amplitude)
     return heldout_gain / fitted_gain if fitted_gain > 0 else float("nan")
+
+
+def _heldout_bands(candidate: Candidate, model: LinearModel, residual: NDArray, shape: NDArray) -> float:
+    """The same of a fitted effect; NaN for one of a single band.
+
+    In other bands such an effect has only what lamp and other effects do to make up for it.
+    """
+    return float("nan") if "band" in candidate.applied.values else heldout_bands(model, residual, shape)
 
 
 def is_edge_artefact(model: LinearModel, residual: NDArray, predicted: NDArray) -> bool:

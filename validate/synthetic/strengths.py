@@ -109,7 +109,8 @@ def scale_of(model: Model, camera: Camera, settings: CaptureSettings, seed: int)
 def at_strength(effect: AppliedEffect, target: float, scale: Scale) -> AppliedEffect | None:
     """The effect with its numbers scaled to a given strength.
 
-    The distances of all numbers from null are scaled by a common factor, found by bisection on its logarithm.
+    The distances of all numbers from null are scaled by a common factor. Chi2 grows about as its square; where that
+    leads out of the factors tried, their logarithms are bisected.
 
     Parameters
     ----------
@@ -143,12 +144,15 @@ def at_strength(effect: AppliedEffect, target: float, scale: Scale) -> AppliedEf
             low = factor
         else:
             high = factor
-        if np.isinf(high):
+        by_square = factor * float(np.sqrt(target / chi2_per_sample)) if chi2_per_sample > 0 else 0.0
+        if low < by_square < high:
+            factor = by_square
+        elif np.isinf(high):
             factor *= 2.0
         else:
             factor = np.sqrt(max(low, 1e-4 * high) * high)
-            if high / max(low, 1e-9) < 1 + 1e-3:
-                return None
+        if high / max(low, 1e-9) < 1 + 1e-3:
+            return None
     return None
 
 

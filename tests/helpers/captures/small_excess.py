@@ -21,6 +21,8 @@ COAT = 0.4 * (0.5 + np.array([-0.3, -0.1, 0.1, 0.3])[:, None, None] * (COLUMNS -
 VIEW = np.where(FLOOR, 0.2 + 0.01 * (ROWS - 30), 0.95 - 0.3 * ((COLUMNS - 24) / 24) ** 2)
 INCIDENCE = np.where(FLOOR, 0.95 - 0.3 * ((COLUMNS - 24) / 24) ** 2, 0.25 + 0.02 * ROWS)
 EMISSION = np.where(FLOOR, 0.6 + 0.008 * COLUMNS, 0.3 + 0.01 * ROWS)
+#: Place on the lamp from which light comes: the wall's columns see either end, the floor's rows either side.
+SIDE = np.stack([np.where(FLOOR, 0.1, (COLUMNS - 24) / 60), np.where(FLOOR, (ROWS - 39) / 20, 0.1)], axis=-1)
 SIGMA = 0.01 * SIGNAL.mean() * np.ones(SIGNAL.shape)
 
 
@@ -56,6 +58,8 @@ def small_excess(change, repeats=None, seed=3):
         patch_incidence=np.array([0.7, 0.9, 0.4, 0.6]),
         emission=EMISSION.ravel(),
         patch_emission=np.array([0.7, 0.9, 0.4, 0.6]),
+        side=SIDE.reshape(-1, 2),
+        patch_side=np.array([[0.1, -0.2], [0.1, -0.2], [-0.23, 0.1], [0.1, 0.1]]),
         picture=SIGNAL / 1000,
         line_nm=np.array([440.0, 540.0, 640.0]),
         lines=np.array([np.where(COLUMNS > edge, 1.5, 0.5) for edge in (12, 24, 36)]) * SIGNAL[0] / 1000,

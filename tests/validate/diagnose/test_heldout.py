@@ -1,10 +1,17 @@
 """Prediction of what was held out: a true cause has one amplitude everywhere, an effect that resembles it has not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.validation.diagnose.alternatives import heldout_bands, heldout_pixels, is_edge_artefact
+from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.validation.diagnose.alternatives import (
+    _heldout_bands,
+    heldout_bands,
+    heldout_pixels,
+    is_edge_artefact,
+)
 from cboxlab.validation.diagnose.linear_model import LinearModel
 
 SHAPE = (4, 64, 64)
@@ -57,8 +64,13 @@ def test_a_shape_that_only_fits_every_other_block_fails_in_the_rest(model, shape
 
 
 def test_one_band_alone_cannot_be_predicted_from_the_others(model, shape):
+    even = shape.copy()
     shape[: 3 * COUNT // 4] = 0
     assert np.isnan(heldout_bands(model, 0.3 * shape, shape))
+    # what makes up for one band in the others is no test of it
+    of_one, of_all = (AppliedEffect(catalogue()["band-gain"], values) for values in ({"band": "b", "scale": 1.01}, {}))
+    assert np.isnan(_heldout_bands(SimpleNamespace(applied=of_one), model, 0.3 * even, even))
+    assert _heldout_bands(SimpleNamespace(applied=of_all), model, 0.3 * even, even) == pytest.approx(1)
 
 
 def test_the_ratios_of_a_cause_that_is_weaker_in_one_part(model):

@@ -1,4 +1,4 @@
-"""Another spectrum of the lamp: over the wavelength, in lines, in each band, by the angle."""
+"""Another spectrum of the lamp: by wavelength, line, band, angle, or part of the lamp."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ from math import comb
 
 import numpy as np
 
-from ..field_fit import Advice, Family, FieldFit, FitInput, FittedExplanation, equations_in_all_bands, free_spectrum
+from ..field_fit import (
+    Advice,
+    Columns,
+    Family,
+    FieldFit,
+    FitInput,
+    FittedExplanation,
+    equations_in_all_bands,
+    free_spectrum,
+)
 from ._levels import EVEN, fit_levels, level_equations, relative_levels
 
 __all__ = ["FAMILY"]
@@ -21,8 +30,10 @@ _MAX_LINE_BANDS = 8
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
+    maps = fit_input.surface_maps
     yield from _levels(fit_input)
-    yield _by_angle(fit_input)
+    yield _uneven(fit_input, "by the angle at which light leaves it", maps.lamp_lobe)
+    yield _uneven(fit_input, "in a part of the lamp", maps.lamp_sides)
 
 
 def _levels(fit_input: FitInput) -> Iterator[FittedExplanation]:
@@ -47,23 +58,15 @@ def _levels(fit_input: FitInput) -> Iterator[FittedExplanation]:
     yield levels("free in each band", fit_levels(n, np.eye(bands)))
 
 
-def _by_angle(fit_input: FitInput) -> FittedExplanation:
-    """Light by the angle at which it leaves the lamp, free in each band.
+def _uneven(fit_input: FitInput, form: str, columns: Columns) -> FittedExplanation:
+    """Light by where or at which angle it leaves the lamp, free in each band.
 
-    A cover that scatters does this.
+    A cover that scatters does this, and a part of a lamp that has aged.
     """
-    data, maps = fit_input.data, fit_input.surface_maps
-    fit = free_spectrum(equations_in_all_bands(data, maps.lamp_lobe))
-    _, even = maps.even_maps()
-    return FittedExplanation(
-        FAMILY,
-        "by the angle at which light leaves it",
-        fit,
-        maps.lamp_lobe,
-        "radiance",
-        tuple(maps.waves[i] for i in even),
-        mirrored_dn=data.signal,
-    )
+    fit = free_spectrum(equations_in_all_bands(fit_input.data, columns))
+    _, even = fit_input.surface_maps.even_maps()
+    waves = tuple(fit_input.surface_maps.waves[i] for i in even)
+    return FittedExplanation(FAMILY, form, fit, columns, "radiance", waves, mirrored_dn=fit_input.data.signal)
 
 
 #: Words for the laboratory.
@@ -77,6 +80,12 @@ _ADVICE = (
             "a reflector with a colour",
         ),
         "Measure the lamp's spectrum from below and from the side.",
+    ),
+    Advice(
+        "part of the lamp",
+        "in a part of the lamp",
+        ("tubes or diodes that aged unlike", "a stained or bleached part of the cover", "one source of another colour"),
+        "Photograph the lamp itself in each band, short enough not to saturate: its colour must be even.",
     ),
     Advice(
         "line",

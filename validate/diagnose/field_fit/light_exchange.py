@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,9 @@ _COAT_ROUGHNESS = (0.03, 0.12, 0.35)
 
 #: Rays of a pixel for each coat.
 _COAT_SAMPLES = 64
+
+#: Places across a lamp from which light is summed, over its half size.
+_PLACES = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 
 def light_exchange(predictor: Predictor) -> Transport:
@@ -75,6 +79,8 @@ def light_exchange(predictor: Predictor) -> Transport:
         patch_incidence=_cosine(patches.centre, patches.normal, lamps, exchange.direct),
         emission=_emission(traced.position, traced.light.lamps, traced.direct),
         patch_emission=_emission(patches.centre, traced.light.lamps, exchange.direct),
+        side=_sides(traced.position, traced.normal, traced.light.lamps, traced.direct),
+        patch_side=_sides(patches.centre, patches.normal, traced.light.lamps, exchange.direct),
         picture=traced.pixels(reflectance[traced.material] * arriving),
         line_nm=line_nm,
         lines=lines.picture(),
@@ -110,6 +116,31 @@ def _emission(position: NDArray[Any], lamps: Sequence[LampSampler], weight: NDAr
         cosines.append(np.abs(direction @ normal) / np.maximum(np.linalg.norm(direction, axis=1), 1e-9))
     weights = weight.T + np.float32(1e-9)
     return np.asarray(np.sum(weights * np.array(cosines), axis=0) / weights.sum(axis=0))
+
+
+def _sides(
+    position: NDArray[Any], normal: NDArray[Any], lamps: Sequence[LampSampler], weight: NDArray[Any]
+) -> NDArray[np.float64]:
+    """(n, 2) mean offset on even lamps, over their half sizes, from which light comes.
+
+    Nothing is between the lamps and the positions (n, 3). weight : (n, lamp) of the mean over lamps; where all are 0,
+    the lamps count alike.
+    """
+    sides = []
+    for lamp in lamps:
+        of_lamp = np.array([lamp.normal.x[0], lamp.normal.y[0], lamp.normal.z[0]])
+        axes = np.linalg.svd(of_lamp[None])[2][1:]
+        axes = axes * (np.abs(axes) @ lamp.half_size)[:, None]
+        light, moment = np.full(len(position), 1e-30), np.zeros((len(position), 2))
+        for offset in product(_PLACES, repeat=2):
+            direction = position - lamp.centre - np.array(offset) @ axes
+            square = np.sum(direction**2, axis=1)
+            both = np.abs(direction @ of_lamp) * np.maximum(-np.sum(direction * normal, axis=1), 0.0)
+            light += both / square**2
+            moment += (both / square**2)[:, None] * offset
+        sides.append(moment / light[:, None])
+    weights = weight.T[..., None] + np.float32(1e-9)
+    return np.asarray(np.sum(weights * np.array(sides), axis=0) / weights.sum(axis=0))
 
 
 def _coated(

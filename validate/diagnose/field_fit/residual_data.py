@@ -68,6 +68,10 @@ class Transport:
     emission: NDArray[np.float64]
     #: (p,) the same of patches.
     patch_emission: NDArray[np.float64]
+    #: (f, 2) mean place on the lamps, -1 to 1 from side to side, from which direct light comes, along both their axes.
+    side: NDArray[np.float64]
+    #: (p, 2) the same of patches.
+    patch_side: NDArray[np.float64]
     #: (band, y, x) radiance of the rendering.
     picture: NDArray[np.float64]
     #: (line,) single wavelengths, nm.

@@ -36,7 +36,7 @@ _DARK_RADIANCE = 0.05
 #: Least cosine of the angle of emission in a logarithm.
 _GRAZING = 0.03
 
-_Change = Literal["reflectance", "light", "incidence"]
+_Change = Literal["reflectance", "light", "incidence", "emission", "side"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,11 +184,31 @@ class SmoothSurfaceMaps(FrozenMappings):
             (4, pixel) change of the signal, DN: lamps brighter by 1, by the cosine of the angle of emission, by its
             square and by its logarithm. The light is reflected further.
         """
+        return self._of_lamps("emission", band, _lamp_lobes(self._transport.emission))
+
+    def lamp_sides(self, band: int) -> NDArray[np.float32]:
+        """Change of the signal by lamps whose sides differ.
+
+        Parameters
+        ----------
+        band
+            Index of the band.
+
+        Returns
+        -------
+        NDArray
+            (3, pixel) change of the signal, DN: lamps brighter by 1, and by the place along either axis, -1 to 1. The
+            light is reflected further.
+        """
+        return self._of_lamps("side", band, _lamp_sides(self._transport.side))
+
+    def _of_lamps(self, change: _Change, band: int, shapes: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(k, pixel) DN by direct light times shapes (k, f), and by what it reflects further."""
         t = self._transport
-        rho, direct = t.reflectance[t.material, band], t.direct[:, band]
-        further = (self._coarse @ self._onward["emission"][band])[self._nearest]
-        changes = _lamp_lobes(t.emission) * direct + further.T
-        return np.array([self.dn[band] * self._image(rho * change) for change in changes], np.float32)
+        further = (self._coarse @ self._onward[change][band])[self._nearest]
+        changes = shapes * t.direct[:, band] + further.T
+        rho = t.reflectance[t.material, band]
+        return np.array([self.dn[band] * self._image(rho * each) for each in changes], np.float32)
 
     def visible(self, some: Sequence[int]) -> NDArray[np.float32]:
         """Maps as the camera sees them, without further reflections.
@@ -291,6 +311,7 @@ def _reflected_further(
         "light": patches,
         "incidence": incidence,
         "emission": _lamp_lobes(t.patch_emission).T,
+        "side": _lamp_sides(t.patch_side).T,
     }
     radiance = {name: np.empty((bands, *each.shape), np.float32) for name, each in maps.items()}
     for band in range(bands):
@@ -301,6 +322,7 @@ def _reflected_further(
             "light": np.ones(len(rho)),
             "incidence": t.patch_direct[:, band],
             "emission": t.patch_direct[:, band],
+            "side": t.patch_direct[:, band],
         }
         for name, arriving in light.items():
             source = (maps[name] * (rho * arriving)[:, None]).astype(np.float32)
@@ -311,6 +333,11 @@ def _reflected_further(
 def _lamp_lobes(cosine: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4, n) shapes of a lamp's lobe at cosines (n,) of the angle of emission."""
     return np.array([np.ones(len(cosine)), cosine, cosine**2, np.log(np.maximum(cosine, _GRAZING))])
+
+
+def _lamp_sides(offset: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, n) shapes of a lamp's sides at offsets (n, 2): even, and along either axis."""
+    return np.array([np.ones(len(offset)), *offset.T])
 
 
 def _at_angles(cosine: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """The light exchange of an excess: what coats mirror; angles and direct light."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -32,10 +33,9 @@ def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
     assert np.median(ratio) == pytest.approx(1, abs=0.005) and np.mean(abs(ratio - 1) < 0.02) > 0.8
 
 
-def test_the_floor_sees_camera_and_lamp_under_the_angles_of_its_height():
-    """Fragments and patches of the floor: heights over distances. All direct light is the lamp's form factor."""
-    scene, camera = cornell_box(), cornell_camera(24)
-    traced = build_patch_transport(build_patched_scene(scene, 80.0, 64, 0), camera, 16, 0)
+def _exchange(scene):
+    """Patch transport of a scene, and its light exchange in two bands."""
+    traced = build_patch_transport(build_patched_scene(scene, 80.0, 64, 0), cornell_camera(24), 16, 0)
     predictor = SimpleNamespace(
         transport=traced,
         effective_nm=np.array([500.0, 600.0]),
@@ -43,9 +43,31 @@ def test_the_floor_sees_camera_and_lamp_under_the_angles_of_its_height():
         included=(),
         lamp_shares=np.ones((1, 2)),
     )
-    t = light_exchange(predictor)
+    return traced, light_exchange(predictor)
+
+
+def test_a_lamp_that_is_brighter_at_one_side_is_predicted_from_where_its_light_comes():
+    """Five stripes across the lamp, of light 1 - 0.4 to 1 + 0.4: direct light changes by half of the mean place."""
+    scene = cornell_box()
+    stripes = (1 + 0.5 * np.array([-0.8, -0.4, 0.0, 0.4, 0.8]))[None]
+    _, even = _exchange(scene)
+    _, striped = _exchange(scene.with_lamps(lambda lamp: replace(lamp, pattern=stripes)))
+    bright = even.patch_direct[:, 0] > 0.02 * even.patch_direct.max()
+    change = striped.patch_direct[bright, 0] / even.patch_direct[bright, 0] - 1
+    amplitude = np.linalg.lstsq(even.patch_side[bright], change, rcond=None)[0]
+    assert sorted(abs(amplitude)) == pytest.approx([0.0, 0.5], abs=0.05)
+    remainder = change - even.patch_side[bright] @ amplitude
+    assert np.median(abs(remainder)) < 0.2 * np.median(abs(change))  # things hide a part of the lamp from few patches
+
+
+def test_the_floor_sees_camera_and_lamp_under_the_angles_of_its_height():
+    """Fragments and patches of the floor: heights over distances. All direct light is the lamp's form factor."""
+    scene = cornell_box()
+    traced, t = _exchange(scene)
     floor = [surface.name for surface in scene.surfaces].index("floor")
     on_floor, patches, (lamp,) = t.surface == floor, t.patch_surface == floor, traced.light.lamps
+
+    camera = traced.camera
 
     def cosine(points, position):
         return (points - position)[:, 1] / np.linalg.norm(points - position, axis=1)

@@ -12,7 +12,18 @@ from cboxlab.validation.diagnose.explain.as_field import fitted_field
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.diagnose.families._copies import copies
 from cboxlab.validation.report.explanation import explanation_record, laboratory_sentences
-from helpers.captures.small_excess import BANDS, COLUMNS, EMISSION, EXPOSURE_S, ROWS, SIGMA, SIGNAL, SIZE, small_excess
+from helpers.captures.small_excess import (
+    BANDS,
+    COLUMNS,
+    EMISSION,
+    EXPOSURE_S,
+    ROWS,
+    SIDE,
+    SIGMA,
+    SIGNAL,
+    SIZE,
+    small_excess,
+)
 from scipy.ndimage import gaussian_filter
 
 DRAW = np.random.default_rng(8)
@@ -133,10 +144,17 @@ def test_light_of_another_band_is_a_filters():
     assert explanation.form in ("light of b3 in b0", "other light in b0")
 
 
-def test_a_lamp_whose_lobe_has_a_colour_is_the_lamps():
+@pytest.mark.parametrize(
+    ("shape", "form"),
+    [
+        (EMISSION - EMISSION.mean(), "by the angle at which light leaves it"),
+        (0.2 + SIDE @ [1.5, 1.0], "in a part of the lamp"),
+    ],
+)
+def test_a_lamp_whose_lobe_or_side_has_a_colour_is_the_lamps(shape, form):
     colour = np.array([-0.06, -0.02, 0.02, 0.06])[:, None, None]
-    explanation = explain(small_excess(500 * colour * (EMISSION - EMISSION.mean())))
-    assert (explanation.family, explanation.form) == ("lamp-spectrum", "by the angle at which light leaves it")
+    explanation = explain(small_excess(500 * colour * shape))
+    assert (explanation.family, explanation.form) == ("lamp-spectrum", form)
     assert not explanation.levels
 
 
