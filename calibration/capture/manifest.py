@@ -451,7 +451,9 @@ class LabelsTable(_Table):
         None,
     )
     names: RelativePath = _key(
-        "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
+        "CSV with the columns label, name, column; the last is a column of the reflectances; pixels of a label with the "
+        "name 'excluded' are left out",
+        '"labels.csv"',
     )
     reflectance: RelativePath | None = _key(
         "CSV of known reflectances; a label without a column there has none", '"reflectance.csv"', None
