@@ -451,8 +451,8 @@ class LabelsTable(_Table):
         None,
     )
     names: RelativePath = _key(
-        "CSV with the columns label, name, column; the last is a column of the reflectances; pixels of a label with the "
-        "name 'excluded' are left out",
+        "CSV with the columns label, name, column; the last is a column of the reflectances; pixels of a label with "
+        "the name 'excluded' are left out",
         '"labels.csv"',
     )
     reflectance: RelativePath | None = _key(
