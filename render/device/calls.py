@@ -58,12 +58,12 @@ def lane_ranges(lanes: int, samples: int) -> Iterator[tuple[int, int]]:
 
 
 def finish_call(values: Sequence[mi.Float]) -> None:
-    """Wait for the end of a kernel call and have a checkpoint, in a computation that stops promptly.
+    """Checkpoint behind a kernel call, in a computation that stops promptly.
 
     Parameters
     ----------
     values
-        What the kernel computes. Otherwise nothing is done.
+        Results of the kernel, which are waited for. Other computations do nothing here.
     """
     if stops_promptly():
         dr.eval(values)

@@ -141,7 +141,7 @@ def with_error(value: float, sigma: float) -> str:
 
 
 def _plain(value: float, digits: int) -> str:
-    """Number as text with at most so many significant digits, as somebody stated it."""
+    """Number as text with up to some significant digits, without zeros at its end."""
     return f"{value:.{digits}g}".translate(MINUS) if np.isfinite(value) else "–"
 
 

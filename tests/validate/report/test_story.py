@@ -93,11 +93,11 @@ def test_a_parameter_has_one_value_and_its_size_in_words():
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def two_effects(tmp_path_factory):
     """A diagnosis of two effects, and the page about it."""
     alone = [_cause("veiling-glare", {"fraction": 0.0295}, 0.93, 1.0, 0.0), CAUSES[1]]
     diagnosis = _diagnosis(("veiling-glare", "defocus"), alone)
-    path = tmp_path_factory.mktemp("told") / "report.html"
+    path = tmp_path_factory.mktemp("two-effects") / "report.html"
     build_report(path, ReportInputs(AS_GIVEN, fake_run(), [], story=story(diagnosis, NAMED)))
     return diagnosis, path.read_text(encoding="utf-8")
 
@@ -127,9 +127,9 @@ def _percent(value):
     return None if value is None else 100 * value
 
 
-def test_every_number_of_the_tables_is_that_of_the_files(told):
+def test_every_number_of_the_tables_is_that_of_the_files(two_effects):
     """What metrics.json and diagnosis.json have and the page shows is one number, rounded."""
-    diagnosis, page = told
+    diagnosis, page = two_effects
     run = replace(fake_run(), path=path_steps(diagnosis))
     files, causes = metrics(AS_GIVEN, run), diagnosis_record(diagnosis)
     regions = files["regions"]
@@ -138,11 +138,11 @@ def test_every_number_of_the_tables_is_that_of_the_files(told):
     shares["share of the excess χ², %"] = ("share_of_excess", 100)
     of_band = {"mean difference, %": "mean_relative_difference", "rms difference, %": "rms_relative_difference"}
     of_band |= {"rms of noise, %": "rms_relative_noise", "beyond noise, %": "beyond_noise"}
-    found = {each["effect"]: each for each in causes["ranking"]}
-    refitted, given = files["camera_refitted"], files["camera"]
+    ranked = {each["effect"]: each for each in causes["ranking"]}
+    cameras_of_files = files["camera_refitted"], files["camera"]
     camera = [
         [*c["position_mm"], *c["rotation_deg"], c["focal_length_px"], *c["principal_point_px"], c["k1"]]
-        for c in (refitted, given)
+        for c in cameras_of_files
     ]
 
     def expected(caption, titles, row, number):
@@ -172,7 +172,7 @@ def test_every_number_of_the_tables_is_that_of_the_files(told):
         if "lamp" in titles[0]:
             return [("fitted", files["lamp_scale"]["value"]), ("standard deviation", files["lamp_scale"]["sigma"])]
         if titles[0] == "effect tried alone":
-            return [("probability, %", 100 * found[row]["probability"])]
+            return [("probability, %", 100 * ranked[row]["probability"])]
         return []
 
     compared = [
@@ -189,9 +189,9 @@ def test_every_number_of_the_tables_is_that_of_the_files(told):
     assert _same(cards["pixels used"], files["pixels_used"])
 
 
-def test_every_printed_value_of_a_parameter_and_of_chi_square_is_the_same(told):
+def test_every_printed_value_of_a_parameter_and_of_chi_square_is_the_same(two_effects):
     """On the whole page: headline, words, captions, tables, plots and the command that adds the effect."""
-    diagnosis, page = told
+    diagnosis, page = two_effects
     body = re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body))
     for effect in diagnosis.path[-1].effects:

@@ -162,8 +162,8 @@ def list_of(body: Mapping[str, Any], key: str, kind: type = object) -> list[Any]
     values = body.get(key, [])
     fits: Callable[[object], bool] = _is_index if kind is int else lambda value: isinstance(value, kind)
     if not isinstance(values, list) or not all(map(fits, values)):
-        words = {str: "texts", int: "indices from 0"}.get(kind, "records")
-        raise InputError(key, repr(values)[:80], f"a list of {words}")
+        name = {str: "texts", int: "indices from 0"}.get(kind, "records")
+        raise InputError(key, repr(values)[:80], f"a list of {name}")
     return values
 
 

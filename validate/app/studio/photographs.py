@@ -1,4 +1,4 @@
-"""Captures of the pages in which a person marks something: the one in view, its photograph, its manifest."""
+"""Captures in which a person marks something: photograph, manifest, the one in view."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Part = TypeVar("Part", bound=_InFolder)
 
 
 class CaptureInView(Generic[Part]):
-    """What a page needs of a capture, until it shows another one.
+    """Data of the capture that a page shows, loaded once.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class CaptureInView(Generic[Part]):
         self._part: Part | None = None
 
     def of(self, capture: str, *, again: bool = False) -> Part:
-        """What the page needs of a capture.
+        """Data of a capture.
 
         Parameters
         ----------
