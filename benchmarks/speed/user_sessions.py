@@ -196,7 +196,7 @@ def teaching(person: AtPage, work: Path) -> None:
     """The hidden effect of the bundled capture, by hand."""
     shutil.copytree(DEMO_CAPTURE, work / "demo-capture")
     person.begins("read what the program does, and how it starts")
-    person.reads(prose("README.md", "# cboxlab", "```shell") + prose("README.md", "By hand instead", r"\n"))
+    person.reads(prose("README.md", "# cboxlab", "You need a Debian"))
     person.begins("read how the workbench is used")
     person.reads(prose("docs/studio.md", "# The workbench", "## What to do with it"))
     person.begins("install (without the download), start the workbench, wait for the first picture")

@@ -409,6 +409,22 @@ class Capture(FrozenMappings):
             labels = np.asarray(image, np.uint8)
         return labels if self.reduction is None else self.reduction.labels(labels)
 
+    def excluded_pixels(self) -> NDArray[np.bool_]:
+        """Pixels whose label is named 'excluded', such as a cable or a hand in the picture.
+
+        Returns
+        -------
+        NDArray
+            (y, x) True for pixels that are left out; a block of a reduced frame if one of its pixels is.
+        """
+        labels = self.manifest.labels
+        if labels is None or labels.image is None:
+            return np.zeros(self.shape, np.bool_)
+        numbers = [label.label for label in self.label_names() if label.excludes]
+        with Image.open(self.folder / labels.image) as image:
+            excluded = np.isin(np.asarray(image, np.uint8), numbers)
+        return excluded if self.reduction is None else self.reduction.any_of(excluded)
+
     def label_names(self) -> tuple[Label, ...]:
         """The rows of the label table.
 

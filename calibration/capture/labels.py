@@ -10,6 +10,9 @@ from cboxlab.utils.input_files import read_rows
 
 __all__ = ["Label", "read_labels"]
 
+#: Name of a label whose pixels are left out.
+EXCLUDED = "excluded"
+
 
 @dataclass(frozen=True)
 class Label:
@@ -21,6 +24,11 @@ class Label:
     name: str
     #: Column of the patch in the reflectance file; None if it has none.
     column: str | None
+
+    @property
+    def excludes(self) -> bool:
+        """Whether its pixels are left out of everything that is measured, fitted or compared."""
+        return self.name.strip().lower() == EXCLUDED
 
 
 def read_labels(path: Path) -> tuple[Label, ...]:

@@ -451,7 +451,7 @@ class LabelsTable(_Table):
         None,
     )
     names: RelativePath = _key(
-        "CSV with the columns label, name, column; the last is a column of the reflectances", '"labels.csv"'
+        "CSV: label, name, column of the reflectances; pixels of the name 'excluded' are left out", '"labels.csv"'
     )
     reflectance: RelativePath | None = _key(
         "CSV of known reflectances; a label without a column there has none", '"reflectance.csv"', None

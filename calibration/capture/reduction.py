@@ -154,11 +154,30 @@ class Reduction:
         NDArray
             (height, width) label that all pixels of a block have, else 0.
         """
-        n, height, width = self.side_px, self.height, self.width
-        window = image[self.v0_px : self.v0_px + n * height, self.u0_px : self.u0_px + n * width]
-        blocks = window.reshape(height, n, width, n)
+        blocks = self._blocks(image)
         low, high = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
         return np.where(low == high, low, 0).astype(np.uint8)
+
+    def any_of(self, pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Blocks with at least one of some pixels.
+
+        Parameters
+        ----------
+        pixels
+            (y, x) True for these stored pixels.
+
+        Returns
+        -------
+        NDArray
+            (height, width) True for these blocks.
+        """
+        return np.asarray(self._blocks(pixels).any(axis=(1, 3)))
+
+    def _blocks(self, image: NDArray) -> NDArray:
+        """(height, n, width, n) pixels of the blocks."""
+        n, height, width = self.side_px, self.height, self.width
+        window = image[self.v0_px : self.v0_px + n * height, self.u0_px : self.u0_px + n * width]
+        return window.reshape(height, n, width, n)
 
     def positions(self, stored_px: NDArray[np.float64]) -> NDArray[np.float64]:
         """Positions in the reduced frame.

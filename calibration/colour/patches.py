@@ -301,7 +301,7 @@ def measure_patches(
     """
     if capture.manifest.labels is None:
         return None
-    labels = capture.label_names()
+    labels = tuple(label for label in capture.label_names() if not label.excludes)
     white = white_patch(capture, labels)
     if white is None or not all(_has_weights(capture, bands, index) for index in range(len(capture.band_ids))):
         return None

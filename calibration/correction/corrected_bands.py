@@ -169,8 +169,8 @@ def _defects(
     exposure_s: float,
     channel: NDArray[np.bool_] | None,
 ) -> NDArray[np.uint8]:
-    """(y, x) flags of defective, vignetted and other channels' pixels of one band."""
-    mask = np.zeros(capture.shape, np.uint8)
+    """(y, x) flags of defective, vignetted, excluded and other channels' pixels of one band."""
+    mask = np.where(capture.excluded_pixels(), np.uint8(Mask.EXCLUDED), np.uint8(0))
     if dark.exposure_s.size:
         smallest = float(np.sqrt(noise.floor_dn2 / dark.repeats.max()))
         mask[hot_pixels(dark.at(exposure_s), smallest)] |= np.uint8(Mask.HOT)

@@ -21,6 +21,7 @@ class Mask(IntFlag):
     HOT = 8
     VIGNETTED = 16
     OTHER_CHANNEL = 32
+    EXCLUDED = 64
 
     @property
     def is_defect(self) -> bool:

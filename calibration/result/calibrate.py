@@ -196,7 +196,7 @@ def _patches(
         if labels is None or labels.image is not None:
             raise
         return None, [f"no patch reflectances: {fault}"]
-    if labels is None:
+    if labels is None or all(label.excludes for label in capture.label_names()):
         return None, []
     if patches is None:
         return None, ["[labels] without a known white patch or without filters: no patch reflectances"]

@@ -19,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from .errors import InputError
+from .progress import checkpoint
 
 __all__ = [
     "folder_lock",
@@ -34,6 +35,9 @@ __all__ = [
 ]
 
 _log = logging.getLogger(__name__)
+
+#: Bytes of a checksum between two checkpoints: some hundredths of a second.
+_CHUNK_BYTES = 1 << 24
 
 
 def _public(path: Path, mode: int) -> None:
@@ -342,7 +346,10 @@ def load_checked(path: Path, key: str) -> bytes | None:
 def _checksum(key: str, content: bytes | memoryview) -> bytes:
     """SHA-256 of key and content."""
     digest = hashlib.sha256(key.encode())
-    digest.update(content)
+    view = memoryview(content)
+    for first in range(0, len(view), _CHUNK_BYTES):
+        checkpoint()
+        digest.update(view[first : first + _CHUNK_BYTES])
     return digest.digest()
 
 

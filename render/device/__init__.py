@@ -1,7 +1,7 @@
 """Support for the kernels: libraries, Mitsuba variant, sampling points, polynomials."""
 
 from .arrays import device_array
-from .calls import lane_ranges, lanes_per_call
+from .calls import finish_call, lane_ranges, lanes_per_call
 from .libraries import dr, mi
 from .polynomials import polynomial, polynomial_at
 from .sampling import SobolPoints, cosine_hemisphere, seed_of_lanes
@@ -12,6 +12,7 @@ __all__ = [
     "cosine_hemisphere",
     "device_array",
     "dr",
+    "finish_call",
     "lane_ranges",
     "lanes_per_call",
     "mi",

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 from cboxlab.scenes.camera import Camera
-from cboxlab.utils.progress import NO_PROGRESS, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Progress, checkpoint
 from numpy.typing import NDArray
 
 from ..device import device_array, dr, lanes_per_call, mi
@@ -63,6 +63,7 @@ def means_by_strips(
         done_samples += lane_samples * len(pixels)
         progress.part(done_samples / total_samples)
     dr.flush_malloc_cache()  # what the strips took
+    checkpoint()
     return pictures.reshape(batches, camera.height_px, camera.width_px, -1)
 
 

@@ -33,7 +33,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
 from cboxlab.utils.progress import NO_PROGRESS, Progress, checkpoint
 
-from ..device import device_array, dr, mi
+from ..device import device_array, dr, finish_call, mi
 from ..image import RenderedImage, RenderJob, means_by_strips
 from ..visibility import PlanarPixels, Tracer, facet_coverage, planar_pixels
 from .direct_cells import DirectCells, build_direct_cells
@@ -452,6 +452,7 @@ def _strip(
     if len(other_lanes):
         lane_seeds = dr.gather(mi.UInt32, seeds, device_array(mi.UInt32, other_lanes))
         put(lamp.any_pixels(camera, device_array(mi.UInt32, pixels[other_lanes]), samples, lane_seeds), 0, other_lanes)
+        finish_call(sums)
     planar_lanes = np.flatnonzero(flat)
     if len(planar_lanes):
         entries = position[planar_lanes]
@@ -461,6 +462,7 @@ def _strip(
         lane_seeds = dr.gather(mi.UInt32, seeds, device_array(mi.UInt32, planar_lanes))
         values = lamp.planar_pixels(camera, _planes(planar, entries), walls_and_blocks, samples, lane_seeds)
         dr.eval(values)
+        finish_call(values)
         material = planar.material[entries]
         for m in range(lamp.firsts):
             members = np.flatnonzero(material == m)

@@ -348,6 +348,7 @@ def indirect_basis(
     factors, spectra = [], []
     masks = shares.T > 0
     for share, mask, reflectance in zip(shares.T, masks, reflectances, strict=True):
+        checkpoint()
         q, r = np.linalg.qr(share[mask, None].astype(shapes.dtype) * shapes[mask])
         factors.append(q)
         spectra.append((r @ amplitudes) * reflectance)
@@ -370,11 +371,14 @@ def _reduced_solution(
     for _ in range(_BOUNCES):
         checkpoint()
         bounces.append((rho[:, snapshots] * (form_factors @ bounces[-1])).astype(np.float32))
+    checkpoint()
     space = _orthonormal(np.hstack(bounces).astype(np.float64))
+    checkpoint()
     transported = form_factors @ space.astype(np.float32)
     for _ in range(_MOST_EXTENSIONS):
         checkpoint()
         amplitudes, residual, relative = _galerkin(space, transported, shares, reflectances, direct)
+        checkpoint()
         unsolved = relative > TOLERANCE
         if not unsolved.any():
             break
@@ -408,6 +412,7 @@ def _galerkin(
     sources = np.stack([part.T @ direct[mask, 0] for part, mask in parts])
     system = np.eye(space.shape[1]) - np.einsum("mw,mij->wij", reflectances, operators)
     amplitudes = np.linalg.solve(system, (reflectances.T @ sources)[..., None])[..., 0].T
+    checkpoint()
     b = space @ amplitudes
     residual = (shares @ reflectances) * (direct + transported @ amplitudes) - b
     return amplitudes, residual, np.linalg.norm(residual, axis=0) / np.maximum(np.linalg.norm(b, axis=0), 1e-300)

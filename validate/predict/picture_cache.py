@@ -24,7 +24,7 @@ from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.radiosity import LightField, gather
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import load_checked, store_checked
-from cboxlab.utils.progress import NO_PROGRESS, Progress
+from cboxlab.utils.progress import NO_PROGRESS, Cancelled, Progress, checkpoint
 
 __all__ = ["cached_picture", "default_cache", "digest_of", "picture_key", "sources"]
 
@@ -90,12 +90,14 @@ def cached_picture(
     if folder is None:
         return _contiguous(gather(light, camera, samples, batches, seed, progress))
     key = picture_key(light, camera, samples, batches, seed)
+    checkpoint()
     path = folder / f"{key}.picture"
     stored = _read(path, key, light, camera, batches)
     if stored is not None:
         _log.info("picture of %d x %d samples taken from the cache: %s", batches, samples, path)
         return stored
     image = _contiguous(gather(light, camera, samples, batches, seed, progress))
+    checkpoint()
     _store(path, key, image)
     return image
 
@@ -222,9 +224,13 @@ def _read(path: Path, key: str, light: LightField, camera: Camera, batches: int)
         content = load_checked(path, key)
         if content is None:
             return None
+        checkpoint()
         with np.load(BytesIO(content)) as file:
             arrays = {name: file[name] for name in shapes}
         os.utime(path)
+        checkpoint()
+    except Cancelled:
+        raise
     except Exception:  # whatever reading a damaged file raises, the picture can be rendered again
         return None
     if any(arrays[name].shape != shape or arrays[name].dtype != np.float32 for name, shape in shapes.items()):
@@ -245,6 +251,7 @@ def _store(path: Path, key: str, image: RenderedImage) -> None:
         return
     stream = BytesIO()
     np.savez(stream, coefficients=image.coefficients, coverage=image.coverage)
+    checkpoint()
     try:
         store_checked(path, key, stream.getbuffer())
         entries = sorted(path.parent.glob("*.picture"), key=lambda entry: entry.stat().st_mtime, reverse=True)

@@ -61,7 +61,7 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Number as text with significant digits.
+    """Measured number as text with significant digits, zeros at its end included.
 
     Parameters
     ----------
@@ -75,7 +75,9 @@ def significant(value: float, digits: int = 3) -> str:
     str
         Text with a minus sign; a dash for NaN.
     """
-    return f"{value:.{digits}g}".translate(MINUS) if np.isfinite(value) else "–"
+    if not np.isfinite(value):
+        return "–"
+    return f"{value:#.{digits}g}".removesuffix(".").translate(MINUS) if value else "0"
 
 
 def chi2_text(value: float) -> str:
@@ -111,7 +113,7 @@ def to_error(value: float, sigma: float) -> str:
         Text; seven significant digits without a standard deviation.
     """
     decimals = _decimals(sigma)
-    return significant(value, 7) if decimals is None else number(value, min(decimals, _MAX_PLACES_OF_VALUE))
+    return _plain(value, 7) if decimals is None else number(value, min(decimals, _MAX_PLACES_OF_VALUE))
 
 
 def with_error(value: float, sigma: float) -> str:
@@ -131,11 +133,16 @@ def with_error(value: float, sigma: float) -> str:
     """
     decimals = _decimals(sigma)
     if decimals is None:
-        return significant(value, 4)
+        return _plain(value, 4)
     if decimals > _MAX_PLACES:
         digits = int(np.floor(np.log10(max(abs(value), sigma)))) + decimals + 1
         return f"{significant(value, digits)} ± {significant(sigma, 2)}"
     return f"{number(value, decimals)} ± {number(sigma, decimals)}"
+
+
+def _plain(value: float, digits: int) -> str:
+    """Number as text with up to some significant digits, without zeros at its end."""
+    return f"{value:.{digits}g}".translate(MINUS) if np.isfinite(value) else "–"
 
 
 def _decimals(sigma: float) -> int | None:

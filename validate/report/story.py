@@ -407,7 +407,7 @@ def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
         first = diagnosis.causes[0].effect
         steps += [
             f"You need no further capture to distinguish {first} from {other.effect}: this capture does, by "
-            f"{other.behind_sigma:.0f} standard deviations of the noise."
+            f"{other.behind_sigma:.1f} standard deviations of the noise."
             for other in diagnosis.causes[1:2]
             if other.behind_sigma > _MIN_SEPARATION_SIGMA
         ]

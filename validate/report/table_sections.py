@@ -345,7 +345,7 @@ def parts_section(c: Comparison, subsets: Sequence[Part]) -> ReportSection:
                 part.label,
                 number(100 * members.sum() / used.sum(), 0),
                 number(100 * share / total if total > 0 else np.nan, 0),
-                number(1 + share / members.sum(), 3),
+                chi2_text(1 + share / members.sum()),
             )
         )
     table = ReportTable(

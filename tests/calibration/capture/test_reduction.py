@@ -253,6 +253,10 @@ def test_a_label_is_that_of_whole_blocks(tmp_path):
     expected = np.zeros((30, 40), np.uint8)
     expected[3:12, 5:15] = 7
     np.testing.assert_array_equal(capture.labels(), expected)
+    assert not capture.excluded_pixels().any()
+    (tmp_path / "names.csv").write_text("label,name,column\n7,excluded,\n")
+    expected[2:13, 5:15] = 7  # rows 8 to 51: a block with one such pixel is excluded
+    np.testing.assert_array_equal(capture.excluded_pixels(), expected == 7)
 
 
 @pytest.mark.parametrize(

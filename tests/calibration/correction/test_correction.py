@@ -19,6 +19,7 @@ from cboxlab.calibration.correction.noise import NoiseModel, measure_noise
 from cboxlab.calibration.correction.noise_line import VarianceSamples, fit_noise_line
 from cboxlab.calibration.instrument.band_images import Mask
 from helpers.fakes.capture import GAIN, READ_NOISE, FakeCapture
+from PIL import Image
 
 HOT, DEAD, SATURATED = (5, 7), (20, 30), (10, 40)
 
@@ -66,6 +67,20 @@ def test_signal_is_unbiased_and_its_variance_covers(fake, reduced):
     assert np.mean(z**2) == pytest.approx(1.0, abs=0.035)
     # A flat of noise s relative biases 1 / flat by s^2 = 2e-5: far below this mean's own error.
     assert abs(np.mean(z)) < 4.5 / np.sqrt(z.size)
+
+
+def test_pixels_of_the_label_excluded_are_left_out_of_every_band(tmp_path):
+    """Whatever else they show."""
+    fake = FakeCapture(tmp_path / "capture", seed=4, height=48, width=48)
+    fake.write()
+    labels = np.zeros((48, 48), np.uint8)
+    labels[3:8, 10:20], labels[20:30, 20:30] = 7, 1
+    Image.fromarray(labels).save(fake.folder / "labels.png")
+    (fake.folder / "labels.csv").write_text("label,name,column\n1,wall,\n7, Excluded,\n")
+    with (fake.folder / "capture.toml").open("a") as manifest:
+        manifest.write('\n[labels]\nimage = "labels.png"\nnames = "labels.csv"\n')
+    flags = reduce(fake.folder)[3].images["mask"].values & np.uint8(Mask.EXCLUDED)
+    assert all(np.array_equal(flag > 0, labels == 7) for flag in flags)
 
 
 def test_weights_from_the_measured_signal_would_favour_low_counts(reduced, fake):

@@ -13,6 +13,7 @@ from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.utils.progress import Cancelled, ProgressReporter, stoppable
 from cboxlab.validation.predict import picture_cache
 from cboxlab.validation.predict.picture_cache import cached_picture, picture_key, sources
 from helpers.places import ROOT
@@ -61,6 +62,27 @@ def test_a_picture_has_the_same_bits_without_a_cache_from_a_cold_and_from_a_warm
     assert len(renderings) == 2
     assert same_bits(without, cold) and same_bits(without, warm)
     assert same_bits(without, gather(light, CAMERA, SAMPLES, BATCHES, SEED))
+
+
+def test_reading_stops_at_each_checkpoint_and_renders_nothing(tmp_path, light, renderings):
+    class Counted(ProgressReporter):
+        def check(self):
+            self.left -= 1
+            if self.left == 0:
+                self.cancel()
+            super().check()
+
+    stored, stops = picture(tmp_path, light), 0
+    while True:
+        reporter = Counted()
+        reporter.left = stops + 1
+        try:
+            with stoppable(reporter):
+                again = picture(tmp_path, light)
+            break
+        except Cancelled:
+            stops += 1
+    assert stops >= 4 and len(renderings) == 1 and same_bits(stored, again)
 
 
 def test_a_solution_found_again_has_the_same_key(light):

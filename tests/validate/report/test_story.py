@@ -1,6 +1,7 @@
 """What the report says of causes: found, nothing known, adequate, not distinguished."""
 
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,15 @@ from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.model import Model
 from cboxlab.validation.compare import regions_of
 from cboxlab.validation.diagnose import Diagnosis, FurtherCaptureResult, LikelyCause, Limit, Ranked, Separation, Step
-from cboxlab.validation.report.diagnosis import further_sentences, limit_text, separation_sentence, size_in_words
+from cboxlab.validation.report.diagnosis import (
+    diagnosis_record,
+    further_sentences,
+    limit_text,
+    path_steps,
+    separation_sentence,
+    size_in_words,
+)
+from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.numerals import chi2_text
 from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import MapRow
@@ -84,13 +93,106 @@ def test_a_parameter_has_one_value_and_its_size_in_words():
     assert float(chi2[2]) == pytest.approx(MENDED.chi2.per_dof, rel=1e-3)
 
 
-def test_every_printed_value_of_a_parameter_and_of_chi_square_is_the_same(tmp_path):
-    """On the whole page: headline, words, captions, tables, plots and the command that adds the effect."""
+@pytest.fixture(scope="module")
+def two_effects(tmp_path_factory):
+    """A diagnosis of two effects, and the page about it."""
     alone = [_cause("veiling-glare", {"fraction": 0.0295}, 0.93, 1.0, 0.0), CAUSES[1]]
     diagnosis = _diagnosis(("veiling-glare", "defocus"), alone)
-    inputs = ReportInputs(AS_GIVEN, fake_run(), [], story=story(diagnosis, NAMED))
-    build_report(tmp_path / "report.html", inputs)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    path = tmp_path_factory.mktemp("two-effects") / "report.html"
+    build_report(path, ReportInputs(AS_GIVEN, fake_run(), [], story=story(diagnosis, NAMED)))
+    return diagnosis, path.read_text(encoding="utf-8")
+
+
+def _tables(page):
+    """Tables of a page: caption, titles of the columns, and cells without their small print."""
+    root = ET.fromstring(page.replace("<!DOCTYPE html>", ""))
+    parents = {child: parent for parent in root.iter() for child in parent}
+    for scroller in (e for e in root.iter() if e.get("class") == "scroll"):
+        around = list(parents[scroller])
+        below = around[around.index(scroller) + 1 :][:1]
+        rows = [[(cell.text or "").strip().replace("\u00a0", " ") for cell in row] for row in scroller.iter("tr")]
+        yield "".join(e.text or "" for e in below if e.get("class") == "caption under"), rows[0], rows[1:]
+
+
+def _same(text, value):
+    """Whether a text is a number rounded from a value; a dash stands for none."""
+    if value is None:
+        return text == "–"
+    plain = text.replace("−", "-").replace("\u202f", "")
+    mantissa, _, power = plain.partition("e")
+    step = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+    return abs(float(plain) - value) <= 0.5000001 * step
+
+
+def _percent(value):
+    return None if value is None else 100 * value
+
+
+def test_every_number_of_the_tables_is_that_of_the_files(two_effects):
+    """What metrics.json and diagnosis.json have and the page shows is one number, rounded."""
+    diagnosis, page = two_effects
+    run = replace(fake_run(), path=path_steps(diagnosis))
+    files, causes = metrics(AS_GIVEN, run), diagnosis_record(diagnosis)
+    regions = files["regions"]
+    every = {**files, "share_of_residuals": 1.0, "share_of_excess": 1.0}
+    shares = {"χ²/dof": ("chi2_per_dof", 1), "share of the residuals, %": ("share_of_residuals", 100)}
+    shares["share of the excess χ², %"] = ("share_of_excess", 100)
+    of_band = {"mean difference, %": "mean_relative_difference", "rms difference, %": "rms_relative_difference"}
+    of_band |= {"rms of noise, %": "rms_relative_noise", "beyond noise, %": "beyond_noise"}
+    ranked = {each["effect"]: each for each in causes["ranking"]}
+    cameras_of_files = files["camera_refitted"], files["camera"]
+    camera = [
+        [*c["position_mm"], *c["rotation_deg"], c["focal_length_px"], *c["principal_point_px"], c["k1"]]
+        for c in cameras_of_files
+    ]
+
+    def expected(caption, titles, row, number):
+        """(column, value) of a row."""
+        if caption.startswith(("By place.", "By surface, its", "By band.")):
+            of_row = every if row == "all" else regions[caption[3:].split(",")[0].rstrip(".").split(".")[0]][row]
+            return [(title, of_row[key] * factor) for title, (key, factor) in shares.items()]
+        if caption.startswith("By band: "):
+            return [(title, 100 * files["bands"][row][key]) for title, key in of_band.items()]
+        if caption.startswith("By surface: relative"):
+            of_row = files["surfaces"][row]
+            of_bands = [(f"{band}, %", _percent(value)) for band, value in of_row["relative_difference"].items()]
+            return [*of_bands, ("ΔE*ab", of_row["delta_e_ab"]), ("interior px", of_row["interior_pixels"])]
+        if caption.startswith("By surface: mean luminance"):
+            return [
+                (f"{kind}, cd/m²", files["surfaces"][row][key]["luminance_cd_m2"])
+                for kind, key in (("photograph", "measured"), ("rendering", "rendered"))
+            ]
+        if caption.startswith("The rotation"):
+            return [("value", camera[0][number]), ("from the points only", camera[1][number])]
+        if caption.startswith("These pixels"):
+            return [("pixels", files["masked"].get(row, files["pixels_used"]))]
+        if caption.startswith("Noise alone"):
+            keys = {"χ² per degree of freedom": "chi2_per_dof", "mean ΔE*ab": "delta_e_ab_mean"}
+            ends = ((1, files["path"][0]), (2, files["path"][-1]))
+            return [(titles[k], step[keys[row]]) for k, step in ends if row in keys]
+        if "lamp" in titles[0]:
+            return [("fitted", files["lamp_scale"]["value"]), ("standard deviation", files["lamp_scale"]["sigma"])]
+        if titles[0] == "effect tried alone":
+            return [("probability, %", 100 * ranked[row]["probability"])]
+        return []
+
+    compared = [
+        (caption[:20], row[0], title, row[titles.index(title)], value)
+        for caption, titles, rows in _tables(page)
+        for number, row in enumerate(rows)
+        for title, value in expected(caption, titles, row[0], number)
+    ]
+    assert [each for each in compared if not _same(*each[-2:])] == []
+    assert len(compared) > 150
+    cards = dict(re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", page))
+    assert _same(cards["χ² per degree of freedom"], files["chi2_per_dof"])
+    assert _same(cards["mean ΔE*ab"], files["delta_e_ab"]["mean"])
+    assert _same(cards["pixels used"], files["pixels_used"])
+
+
+def test_every_printed_value_of_a_parameter_and_of_chi_square_is_the_same(two_effects):
+    """On the whole page: headline, words, captions, tables, plots and the command that adds the effect."""
+    diagnosis, page = two_effects
     body = re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.DOTALL)
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", body))
     for effect in diagnosis.path[-1].effects:
@@ -103,6 +205,8 @@ def test_every_printed_value_of_a_parameter_and_of_chi_square_is_the_same(tmp_pa
     printed = re.findall(r"χ²(?:/dof| per degree of freedom)(?: is| falls from)?\s+(\d[\d.]*\d)", text)
     parts = [region.chi2 for regions in regions_of(AS_GIVEN).values() for region in regions]
     assert len(printed) >= 3
+    distances = re.findall(r"by ([\d.]+) standard deviations of the noise", text)
+    assert len(distances) == 2 and len(set(distances)) == 1
     assert set(printed) <= {chi2_text(value.per_dof) for value in (AS_GIVEN.chi2, MENDED.chi2, *parts)}
 
 

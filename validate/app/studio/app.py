@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from ...report.viewer import viewer_data, viewer_part, viewer_script, viewer_style
 from .autosave import discard_unsaved
 from .boards import Boards
-from .bodies import flag_of, index_of, is_index, json_body, optional_text, text_of, values_of
+from .bodies import flag_of, index_of, json_body, list_of, optional_text, text_of, values_of
 from .first_capture import FirstCaptures
 from .jobs import Jobs
 from .labelling import Labelling
@@ -232,9 +232,7 @@ class _Handlers:
     async def points(self, request: Request) -> Response:
         """Corners of a capture's photograph, their positions, or the file of them."""
         name, body, picker = request.path_params["name"], await json_body(request), self._picker
-        capture, marks = text_of(body, "capture"), body.get("points", [])
-        if not isinstance(marks, list):
-            raise InputError("points", repr(marks)[:80], "a list of marked corners")
+        capture, marks = text_of(body, "capture"), list_of(body, "points")
         steps: Mapping[str, Callable[[], dict[str, Any]]] = {
             "picture": lambda: picker.picture(capture),
             "locate": lambda: picker.locate(capture, marks, flag_of(body, "by_edges")),
@@ -247,9 +245,7 @@ class _Handlers:
     async def labels(self, request: Request) -> Response:
         """Photograph and labels of a capture, pixels of drawn shapes, or the files of them."""
         name, body, labelling = request.path_params["name"], await json_body(request), self._labelling
-        capture, shapes, names = text_of(body, "capture"), body.get("shapes", []), body.get("names", [])
-        if not isinstance(shapes, list) or not isinstance(names, list):
-            raise InputError("shapes", repr(shapes)[:80], "lists of shapes and names")
+        capture, shapes, names = text_of(body, "capture"), list_of(body, "shapes"), list_of(body, "names")
         base = flag_of(body, "base")
         steps: Mapping[str, Callable[[], dict[str, Any]]] = {
             "picture": lambda: labelling.picture(capture),
@@ -264,9 +260,7 @@ class _Handlers:
     async def boards(self, request: Request) -> Response:
         """Boards of a capture, one of their frames, the fitted lens, or a changed capture.toml."""
         name, body, boards = request.path_params["name"], await json_body(request), self._boards
-        capture, dropped = text_of(body, "capture"), body.get("dropped", [])
-        if not isinstance(dropped, list) or not all(isinstance(each, str) for each in dropped):
-            raise InputError("dropped", repr(dropped)[:80], "a list of frames")
+        capture, dropped = text_of(body, "capture"), list_of(body, "dropped", str)
         steps: Mapping[str, Callable[[], dict[str, Any]]] = {
             "views": lambda: boards.views(capture),
             "frame": lambda: boards.frame(capture, text_of(body, "frame")),
@@ -281,24 +275,21 @@ class _Handlers:
         """Form of a folder's first capture.toml, its small pictures, or its file."""
         firsts = self._firsts
         name, body = request.path_params["name"], await json_body(request)
-        folder, entries, roles = text_of(body, "folder"), body.get("entries", []), body.get("roles", [])
+        folder, entries, roles = text_of(body, "folder"), list_of(body, "entries"), list_of(body, "roles")
+        frames = list_of(body, "frames", str)
         steps: Mapping[str, Callable[[], dict[str, Any]]] = {
             "draft": lambda: firsts.draft(folder, entries, roles),
             "write": lambda: firsts.write(folder, entries, roles),
-            "thumbnails": lambda: firsts.thumbnails(folder),
+            "thumbnails": lambda: firsts.thumbnails(folder, frames),
         }
         if name not in steps:
             raise InputError("the request", repr(name), f"one of {', '.join(steps)}")
-        if not isinstance(entries, list) or not isinstance(roles, list):
-            raise InputError("entries", repr((entries, roles))[:80], "lists of entries and of roles")
         return JSONResponse(await self.jobs.quick(steps[name]), headers=_HEADERS)
 
     async def job(self, request: Request) -> Response:
         """Start a long computation; its progress and end are sent as events."""
         name, body, bench = request.path_params["name"], await json_body(request), self.bench
-        which, report = body.get("which", []), flag_of(body, "report")
-        if not isinstance(which, list) or not all(map(is_index, which)):
-            raise InputError("which", repr(which)[:80], "a list of indices of effects")
+        which, report = list_of(body, "which", int), flag_of(body, "report")
         if which or name == "profile":
             bench.require_revision(index_of(body, "revision"))
 

@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import inputs_below
 
 from ...report.viewer import encoded
+from .photographs import CaptureInView
 from .places import path_of_name
 
 __all__ = ["Boards"]
@@ -49,8 +51,7 @@ class Boards:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
-        self._detected: _Detected | None = None
+        self._detected = CaptureInView(root, partial(_load, root))
 
     def views(self, capture: str) -> dict[str, Any]:
         """Corners or disks found in each target frame.
@@ -70,7 +71,7 @@ class Boards:
         InputError
             If the capture is faulty, outside the root folder, or has no target.
         """
-        boards = self._detected = self._load(capture)
+        boards = self._detected.of(capture, again=True)
         corners = dict(zip(boards.views.names, (image.tolist() for _, image in boards.views.points), strict=True))
         height, width = boards.capture.shape
         return {
@@ -100,7 +101,7 @@ class Boards:
         InputError
             If no target names the frame.
         """
-        boards = self._of(capture)
+        boards = self._detected.of(capture)
         _require_frames(boards, [frame])
         values = np.asarray(boards.capture.stored_frame(frame), float)
         low, white = np.percentile(values, [0, _WHITE_PERCENTILE])
@@ -127,7 +128,7 @@ class Boards:
         InputError
             For frames that no target names.
         """
-        boards = self._of(capture)
+        boards = self._detected.of(capture)
         _require_frames(boards, dropped)
         used = [index for index, name in enumerate(boards.views.names) if name not in dropped]
         names = [boards.views.names[index] for index in used]
@@ -174,7 +175,7 @@ class Boards:
         InputError
             For frames that no target names, if a target had no frame left, and where the lines cannot be found.
         """
-        boards = self._of(capture)
+        boards = self._detected.of(capture)
         _require_frames(boards, dropped)
         if not dropped:
             raise InputError("dropped", "no frame", "at least one frame to remove")
@@ -191,23 +192,20 @@ class Boards:
             raise InputError(path, "frames in an unusual form", "lists of frames", f"Remove by hand: {names}")
         with replacing(path) as temporary:
             temporary.write_text(after, encoding="utf-8")
-        self._detected = None
+        self._detected.forget()
         return {"path": str(path)}
 
-    def _of(self, capture: str) -> _Detected:
-        if self._detected is None or self._detected.folder != path_of_name(self._root, capture, "capture"):
-            self._detected = self._load(capture)
-        return self._detected
 
-    def _load(self, name: str) -> _Detected:
-        folder = path_of_name(self._root, name, "capture")
-        with inputs_below(self._root):
-            capture = load_capture(folder)
-            if not capture.manifest.target:
-                raise InputError(folder / "capture.toml", "no [[target]]", "frames of a board")
-            if capture.reduction is not None:
-                raise InputError(folder / "capture.toml", "frames that are reduced", "frames in their full size")
-            return _Detected(folder, capture, detect_boards(capture))
+def _load(root: Path, name: str) -> _Detected:
+    """Boards of a capture; InputError if it has none."""
+    folder = path_of_name(root, name, "capture")
+    with inputs_below(root):
+        capture = load_capture(folder)
+        if not capture.manifest.target:
+            raise InputError(folder / "capture.toml", "no [[target]]", "frames of a board")
+        if capture.reduction is not None:
+            raise InputError(folder / "capture.toml", "frames that are reduced", "frames in their full size")
+        return _Detected(folder, capture, detect_boards(capture))
 
 
 def _require_frames(boards: _Detected, frames: Sequence[str]) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from cboxlab.utils.errors import InputError
 from starlette.requests import Request
 
-__all__ = ["flag_of", "index_of", "is_index", "json_body", "optional_text", "text_of", "values_of"]
+__all__ = ["flag_of", "index_of", "json_body", "list_of", "optional_text", "text_of", "values_of"]
 
 #: Largest body of a request, bytes: a step or a job has a few hundred.
 _MAX_BODY = 1 << 16
@@ -127,25 +127,44 @@ def index_of(body: Mapping[str, Any], key: str) -> int:
         If it is no index.
     """
     value = body.get(key, 0)
-    if not is_index(value):
+    if not _is_index(value):
         raise InputError(key, repr(value)[:80], "an index from 0")
     return int(value)
 
 
-def is_index(value: object) -> bool:
-    """Whether a JSON value is an integer of 0 or more.
+def _is_index(value: object) -> bool:
+    """Whether a JSON value is an integer of 0 or more; false for true and false."""
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def list_of(body: Mapping[str, Any], key: str, kind: type = object) -> list[Any]:
+    """List of a key; empty if it is missing.
 
     Parameters
     ----------
-    value
-        The value.
+    body
+        The request's JSON object.
+    key
+        Key of it.
+    kind
+        ``str`` for texts, ``int`` for indices from 0, or ``object`` for records that others check.
 
     Returns
     -------
-    bool
-        False for true and false.
+    list
+        The values.
+
+    Raises
+    ------
+    InputError
+        If it is no list, or for values of another kind.
     """
-    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    values = body.get(key, [])
+    fits: Callable[[object], bool] = _is_index if kind is int else lambda value: isinstance(value, kind)
+    if not isinstance(values, list) or not all(map(fits, values)):
+        name = {str: "texts", int: "indices from 0"}.get(kind, "records")
+        raise InputError(key, repr(values)[:80], f"a list of {name}")
+    return values
 
 
 def flag_of(body: Mapping[str, Any], key: str, default: bool = False) -> bool:

@@ -96,13 +96,15 @@ class FirstCaptures:
     def _of(self, path: Path) -> FirstEntries:
         return self._entries[path] if path in self._entries else read_entries(self._root, path)
 
-    def thumbnails(self, folder: str) -> dict[str, Any]:
-        """Small pictures of the first frame of each table, and of frames without a table.
+    def thumbnails(self, folder: str, frames: Sequence[Any]) -> dict[str, Any]:
+        """Small pictures of frames.
 
         Parameters
         ----------
         folder
             As of ``draft``.
+        frames
+            Frames on one scale; empty for the first frame of each table, and for frames without a table.
 
         Returns
         -------
@@ -113,16 +115,21 @@ class FirstCaptures:
         Raises
         ------
         InputError
-            As of ``draft``, and for frames that cannot be read.
+            As of ``draft``, for frames that cannot be read, and for other names.
         """
         path = path_of_name(self._root, folder, "folder")
         with inputs_below(self._root):
             text, first, _ = draft_manifest(path, (), self._of(path).roles)
-            names = dict.fromkeys(table["frames"][0] for _, table in _tables(text))
+            in_tables = [table["frames"] for _, table in _tables(text)]
+            names = dict.fromkeys(names[0] for names in in_tables)
             names |= dict.fromkeys(item.file for item in first.left_out if item.is_frame)
+            if frames:
+                if others := [name for name in frames if not any(name in names for names in in_tables)]:
+                    raise InputError("frames", repr(others[0])[:80], "a frame of the form")
+                names = dict.fromkeys(frames)
             blocks = {name: pair for name in names if (pair := _blocks(path, name)) is not None}
         whites = {name: float(np.percentile(means, 99)) for name, (means, _) in blocks.items()}
-        least = _LEAST_WHITE * max(whites.values(), default=0.0) or 1.0
+        least = (1.0 if frames else _LEAST_WHITE) * max(whites.values(), default=0.0) or 1.0
         return {"thumbnails": {name: _thumbnail(*blocks[name], max(whites[name], least)) for name in blocks}}
 
     def write(self, folder: str, entries: Sequence[Any], roles: Sequence[Any]) -> dict[str, Any]:

@@ -20,8 +20,7 @@ from PIL import Image
 from scipy.ndimage import binary_erosion
 
 from ...report.viewer import encoded
-from .photographs import Photograph, add_table, load_photograph
-from .places import path_of_name
+from .photographs import CaptureInView, Photograph, add_table, load_photograph
 
 __all__ = ["Labelling"]
 
@@ -63,8 +62,7 @@ class Labelling:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
-        self._photograph: Photograph | None = None
+        self._photographs = CaptureInView(root, lambda name: load_photograph(root, name, with_scene=False))
 
     def picture(self, capture: str) -> dict[str, Any]:
         """Photograph of a capture, its labels, and their names.
@@ -84,7 +82,7 @@ class Labelling:
         InputError
             If the capture is faulty, outside the root folder, or reduced.
         """
-        photograph = self._photograph = load_photograph(self._root, capture, with_scene=False)
+        photograph = self._photographs.of(capture, again=True)
         height, width = photograph.values.shape
         loaded = load_capture(photograph.folder)
         table = loaded.manifest.labels
@@ -115,7 +113,7 @@ class Labelling:
         InputError
             As of ``chart_outlines``.
         """
-        calibration = self._of(capture).calibration
+        calibration = self._photographs.of(capture).calibration
         outlines = chart_outlines(calibration.capture, calibration.bands)
         return {"shapes": [{"label": n, "corners": corners.tolist()} for n, corners in enumerate(outlines, 1)]}
 
@@ -141,7 +139,7 @@ class Labelling:
         InputError
             For faulty shapes.
         """
-        image = self._label_image(self._of(capture), shapes, base)
+        image = self._label_image(self._photographs.of(capture), shapes, base)
         numbers = [int(n) for n in np.unique(image) if n]
         return {
             "counts": [
@@ -179,7 +177,7 @@ class Labelling:
         InputError
             As of ``count``, for drawn labels without a name, and if no pixel has a label.
         """
-        photograph = self._of(capture)
+        photograph = self._photographs.of(capture)
         image = self._label_image(photograph, shapes, base)
         rows = _rows(names)
         used = {int(n) for n in np.unique(image) if n}
@@ -209,11 +207,6 @@ class Labelling:
         added = add_table(photograph.folder / "capture.toml", "labels", needs)
         is_named = table is not None and table.image is not None
         return {"paths": [str(path) for path in paths], "lines": "" if is_named else needs, "added": added}
-
-    def _of(self, capture: str) -> Photograph:
-        if self._photograph is None or self._photograph.folder != path_of_name(self._root, capture, "capture"):
-            self._photograph = load_photograph(self._root, capture, with_scene=False)
-        return self._photograph
 
     def _label_image(self, photograph: Photograph, records: Sequence[Any], base: bool) -> NDArray[np.uint8]:
         """(y, x) label of each pixel whose centre is in a shape, or of the capture's own labels."""

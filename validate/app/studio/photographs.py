@@ -1,10 +1,12 @@
-"""Photograph of a capture for the pages in which a person marks something in it."""
+"""Captures in which a person marks something: photograph, manifest, the one in view."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from cboxlab.calibration.capture import load_capture
@@ -17,7 +19,60 @@ from numpy.typing import NDArray
 
 from .places import path_of_name
 
-__all__ = ["Photograph", "add_table", "load_photograph"]
+__all__ = ["CaptureInView", "Photograph", "add_table", "load_photograph"]
+
+
+class _InFolder(Protocol):
+    @property
+    def folder(self) -> Path:
+        """Folder of the capture."""
+
+
+Part = TypeVar("Part", bound=_InFolder)
+
+
+class CaptureInView(Generic[Part]):
+    """Data of the capture that a page shows, loaded once.
+
+    Parameters
+    ----------
+    root
+        Folder below which captures are opened.
+    load
+        Function that loads it, of a capture's name.
+    """
+
+    def __init__(self, root: Path, load: Callable[[str], Part]) -> None:
+        self._root, self._load = root, load
+        self._part: Part | None = None
+
+    def of(self, capture: str, *, again: bool = False) -> Part:
+        """Data of a capture.
+
+        Parameters
+        ----------
+        capture
+            Folder of the capture, below the root folder.
+        again
+            Whether to load it again, since its files may have changed.
+
+        Returns
+        -------
+        Part
+            What was loaded last, if it is of this capture.
+
+        Raises
+        ------
+        InputError
+            As of the function that loads it.
+        """
+        if again or self._part is None or self._part.folder != path_of_name(self._root, capture, "capture"):
+            self._part = self._load(capture)
+        return self._part
+
+    def forget(self) -> None:
+        """Load it again when it is next asked for, since its files have changed."""
+        self._part = None
 
 
 @dataclass(frozen=True, eq=False)

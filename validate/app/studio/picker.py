@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,7 @@ from numpy.typing import NDArray
 
 from ...compare import Corner, locate_corners, scene_corners
 from ...report.viewer import encoded
-from .photographs import add_table, load_photograph
-from .places import path_of_name
+from .photographs import CaptureInView, add_table, load_photograph
 
 __all__ = ["Picker"]
 
@@ -48,8 +48,7 @@ class Picker:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
-        self._picture: _Picture | None = None
+        self._pictures = CaptureInView(root, partial(_load, root))
 
     def picture(self, capture: str) -> dict[str, Any]:
         """Photograph and corners of a capture; its surveyed points are not needed.
@@ -69,7 +68,7 @@ class Picker:
         InputError
             If the capture is faulty, outside the root folder, reduced, or has no scene.
         """
-        picture = self._picture = self._load(capture)
+        picture = self._pictures.of(capture, again=True)
         height, width = picture.photograph.shape
         corners = [{"id": c.id, "name": c.name, "position_mm": c.position_mm.tolist()} for c in picture.corners]
         return {"width": width, "height": height, "photograph": encoded(picture.photograph), "corners": corners}
@@ -96,7 +95,7 @@ class Picker:
         InputError
             For marks of unknown corners or without a position in the picture.
         """
-        picture = self._of(capture)
+        picture = self._pictures.of(capture)
         points = _points(picture, marks)
         located = locate_corners(picture.photograph, picture.scene, points, by_edges=by_edges)
         residuals = [[None, None]] * len(points.ids) if located.fit is None else located.fit.residuals_px.tolist()
@@ -154,7 +153,7 @@ class Picker:
         InputError
             As of ``locate``, and if the file exists.
         """
-        picture = self._of(capture)
+        picture = self._pictures.of(capture)
         points = _points(picture, marks)
         path = picture.folder / _FILE
         if path.exists() or path.is_symlink():
@@ -173,18 +172,14 @@ class Picker:
             "added": add_table(picture.folder / "capture.toml", "geometry", lines),
         }
 
-    def _of(self, capture: str) -> _Picture:
-        folder = path_of_name(self._root, capture, "capture")
-        if self._picture is None or self._picture.folder != folder:
-            self._picture = self._load(capture)
-        return self._picture
 
-    def _load(self, name: str) -> _Picture:
-        photograph = load_photograph(self._root, name, with_scene=True)
-        scene = photograph.calibration.capture.scene
-        if scene is None:
-            raise AssertionError(name)
-        return _Picture(photograph.folder, photograph.values, scene, scene_corners(scene))
+def _load(root: Path, name: str) -> _Picture:
+    """Photograph of a capture with its scene."""
+    photograph = load_photograph(root, name, with_scene=True)
+    scene = photograph.calibration.capture.scene
+    if scene is None:
+        raise AssertionError(name)
+    return _Picture(photograph.folder, photograph.values, scene, scene_corners(scene))
 
 
 def _points(picture: _Picture, marks: Sequence[Any]) -> SurveyedPoints:

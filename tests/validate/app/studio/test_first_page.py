@@ -128,6 +128,9 @@ def test_numbered_frames_get_their_kinds_and_nothing_entered_is_lost(tmp_path):
             f"tick.checked = {frames}.some((k) => tick.dataset.frames.includes(k))"
         )
         page.run("countTicks()")
+        set_ticked(page, kind, name, exposure)
+
+    def set_ticked(page, kind, name, exposure):
         for key, value in (("kind", kind), ("filter", name), ("exposure", exposure)):
             page.run(f"document.getElementById('role-{key}').value = '{value}'")
         page.run("document.getElementById('set-roles').click()")
@@ -142,8 +145,17 @@ def test_numbered_frames_get_their_kinds_and_nothing_entered_is_lost(tmp_path):
             assert page.run(
                 "document.querySelector('[aria-label=\"Frames that are not used\"]').innerText.includes('0004')"
             )
-            set_roles(page, ["0001", "0002"], "band", "f450", "2,5")
-            set_roles(page, ["0003"], "band", "f550", "0.6")
+            set_roles(page, ["0001", "0002", "0003"], "band", "f450", "2,5")
+            # the third is no repeat of the others: its own tick takes it out of the row
+            page.run("document.querySelector('.singles').open = true")
+            page.until("document.querySelectorAll('.singles canvas').length === 3")
+            counts = page.run("[...document.querySelectorAll('.singles small')].map((e) => e.innerText)")
+            assert counts[2] != counts[0] and all("counts from" in text for text in counts)
+            assert page.run(FAULTS) == []
+            page.run("[...document.querySelectorAll('.singles input')].at(-1).click()")
+            assert page.run("document.querySelector('.singles').closest('.entry').querySelector('input').indeterminate")
+            assert page.run("document.getElementById('set-roles').innerText") == "Set 1 ticked frame"
+            set_ticked(page, "band", "f550", "0.6")
             set_roles(page, ["0004"], "dark", "", "0.6")
             set_roles(page, ["0005"], "dark", "", "-1")
             assert "found the exposure -1 s" in page.run("document.getElementById('mistake').innerText")
@@ -217,5 +229,7 @@ def test_entries_of_another_form_are_refused_and_change_nothing(tmp_path):
     ):
         with pytest.raises(InputError):
             firsts.draft("box", entries, roles)
+    with pytest.raises(InputError, match="a frame of the form"):
+        firsts.thumbnails("box", ["../capture.toml"])
     assert firsts.draft("box", [], [])["lacking"] == 3
     assert not (tmp_path / ".cbox-unsaved").exists()

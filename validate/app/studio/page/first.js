@@ -120,14 +120,41 @@ function fieldOf(field, of) {
 const alikeOf = (input) => inputs().filter((other) => other !== input && !other.value &&
   other.dataset.key === input.dataset.key && other.dataset.where.split(" ")[0] === input.dataset.where.split(" ")[0]);
 
+const tickOf = (frames) => make("input", { type: "checkbox", "data-frames": JSON.stringify(frames) });
+
+/** The frames of a row, each with a tick, to take one out of it; its pictures, on one scale, come when it is opened. */
+function singlesOf(title, frames, ofRow) {
+  const ticks = frames.map((name) => tickOf([name]));
+  const labels = frames.map((name, k) => make("label", { class: "frame" }, [ticks[k], make("span", {}, [name, make("small")])]));
+  const singles = make("details", { class: "singles" }, [make("summary", { "aria-label": `Single frames of ${title}` }, "Single frames"), ...labels]);
+  singles.addEventListener("toggle", () => attempt(async () => {
+    const { thumbnails } = await ask("thumbnails", { frames });
+    for (const [k, label] of labels.entries()) {
+      const thumbnail = thumbnails[frames[k]];
+      if (!thumbnail) continue;
+      label.lastElementChild.before(await pictureOf(thumbnail, frames[k]));
+      label.querySelector("small").textContent = countsOf(thumbnail);
+    }
+  }), { once: true });
+  const follow = () => {
+    const count = ticks.filter((tick) => tick.checked).length;
+    ofRow.checked = count === ticks.length;
+    ofRow.indeterminate = count > 0 && !ofRow.checked;
+  };
+  for (const tick of ticks) tick.addEventListener("change", follow);
+  ofRow.addEventListener("change", () => { for (const tick of ticks) tick.checked = ofRow.checked; });
+  return singles;
+}
+
 /** A row of frames: tick, small picture, name, and the fields of its missing values. */
 function rowOf({ name, frames, fields, why }) {
-  const tick = make("input", { type: "checkbox", "data-frames": JSON.stringify(frames) });
+  const tick = tickOf(frames);
   const title = name || frames[0];
   const list = frames.length > 1 ? `${frames.length} × ${frames.slice(0, 3).join(", ")}${frames.length > 3 ? ", …" : ""}` : frames[0];
   const words = make("span", {}, [title, make("small", {}, why ? why.split(": ")[0] : list)]);
   return make("div", { class: "entry" }, [
-    make("label", { class: "frame", "data-frame": frames[0] }, [tick, words]), ...fields.map((field) => fieldOf(field, title))]);
+    make("label", { class: "frame", "data-frame": frames[0] }, [tick, words]), ...fields.map((field) => fieldOf(field, title)),
+    ...(frames.length > 1 ? [singlesOf(title, frames, tick)] : [])]);
 }
 
 /** Rows of a kind, one for the channels of a mosaic, which have the same frames. */
@@ -203,15 +230,17 @@ async function showPictures() {
   const { shape } = page;
   const { thumbnails } = await ask("thumbnails");
   if (shape !== page.shape) return;
-  for (const label of document.querySelectorAll("label.frame")) {
+  for (const label of document.querySelectorAll("label.frame[data-frame]")) {
     const thumbnail = thumbnails[label.dataset.frame];
     if (thumbnail) label.lastElementChild.before(await pictureOf(thumbnail, label.dataset.frame));
   }
 }
 
+const countsOf = ({ least, largest }) => `counts from ${numberText(least)} to ${numberText(largest)} DN`;
+
 /** A small picture of a frame, brightened by the eye's curve, with its counts in words. */
-async function pictureOf({ width, height, values, least, largest }, name) {
-  const counts = `counts from ${numberText(least)} to ${numberText(largest)} DN`;
+async function pictureOf(thumbnail, name) {
+  const { width, height, values } = thumbnail, counts = countsOf(thumbnail);
   const canvas = make("canvas", { width, height, role: "img", "aria-label": `${name}; ${counts}`, title: counts });
   const image = new ImageData(width, height);
   (await decoded(values)).forEach((value, i) => {
@@ -222,7 +251,8 @@ async function pictureOf({ width, height, values, least, largest }, name) {
   return canvas;
 }
 
-const ticked = () => [...document.querySelectorAll("#rows input[data-frames]:checked")].flatMap((tick) => JSON.parse(tick.dataset.frames));
+const ticked = () => [...new Set([...document.querySelectorAll("#rows input[data-frames]:checked")]
+  .flatMap((tick) => JSON.parse(tick.dataset.frames)))];
 
 function countTicks() {
   const count = ticked().length;

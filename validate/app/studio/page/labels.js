@@ -5,6 +5,9 @@
 const COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#f0e442", "#cc79a7", "#d55e00", "#0072b2"];
 const colourOf = (label) => (label === 0 ? "#ffffff" : COLOURS[(label - 1) % COLOURS.length]);
 
+/** Name of the label whose pixels nothing uses. */
+const EXCLUDED = "excluded";
+
 const page = {
   names: [], // {label, name, column}
   own: null, // labels of the capture's own image, pixel by pixel; null without
@@ -103,7 +106,7 @@ function list() {
     input.checked = label === page.chosen;
     input.addEventListener("change", () => { page.chosen = label; refresh(); });
     const { pixels, inside } = page.counts.get(label) || { pixels: 0, inside: 0 };
-    const size = label === 0 ? "" : `: ${pixels} px, ${inside} px without a rim of 4 px${inside < 20 ? " (calibration needs 20)" : ""}`;
+    const size = label === 0 ? "" : name === EXCLUDED ? `: ${pixels} px that no comparison and no fit uses` : `: ${pixels} px, ${inside} px without a rim of 4 px${inside < 20 ? " (calibration needs 20)" : ""}`;
     const swatch = make("span", { class: "swatch", "aria-hidden": "true" });
     swatch.style.background = colourOf(label);
     return make("label", { class: "check" }, [input, swatch,
@@ -173,13 +176,21 @@ $("which").addEventListener("submit", (event) => { event.preventDefault(); show(
 $("undo").addEventListener("click", undo);
 $("redo").addEventListener("click", redo);
 $("close").addEventListener("click", close);
+const NUMBERS = Array.from({ length: 255 }, (_, k) => k + 1);
+const isFree = (label) => !page.names.some((row) => row.label === label);
+$("exclude").addEventListener("click", () => {
+  if (!page.names.some((row) => row.name === EXCLUDED))
+    page.names.push({ label: NUMBERS.findLast(isFree), name: EXCLUDED, column: "" });
+  page.chosen = page.names.find((row) => row.name === EXCLUDED).label;
+  list();
+  refresh();
+});
 $("new").addEventListener("submit", (event) => {
   event.preventDefault();
-  const free = page.names.reduce((most, row) => Math.max(most, row.label), 0) + 1;
-  const label = $("number").value.trim() === "" ? free : Number($("number").value);
+  const label = $("number").value.trim() === "" ? NUMBERS.find(isFree) : Number($("number").value);
   const name = $("name").value.trim();
   const fault = !Number.isInteger(label) || label < 1 || label > 255 ? "The number of a label is whole, from 1 to 255."
-    : page.names.some((row) => row.label === label) ? `Label ${label} exists already.`
+    : !isFree(label) ? `Label ${label} exists already.`
       : name ? "" : "A label needs a name.";
   $("mistake").textContent = fault;
   if (fault) return;

@@ -9,7 +9,7 @@ const SCALES = {
 };
 
 /** Colours of mask reasons, distinct in all common colour vision deficiencies. */
-const REASON_COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2"];
+const REASON_COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2", "#f0e442"];
 
 /** The layers in the order of the lists. kind: picture, difference (signed), size (from 0), reason. signal: what a
     difference is computed from, a band or one of X, Y, Z. */
