@@ -63,8 +63,8 @@ __all__ = [
 _log = logging.getLogger(__name__)
 
 #: Noise of the drafts for the camera fit, relative to the sensor's. More noise would bias the fit, since moving a noisy
-#: picture smooths it. With 1.0 the last fit moves the picture of the bundled capture by 0.0042 px, with 0.7 by 0.0033.
-_DRAFT_NOISE = 1.0
+#: picture smooths it.
+_DRAFT_NOISE = 0.7
 
 #: Motion of the box's corners by the fit above which another draft is rendered, px rms. The warp is exact only for
 #: small motions: after a motion of 0.06 px, 0.006 px remained.
