@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from ..capture import Capture, channel_mask
 
-__all__ = ["BlackLevel", "black_level"]
+__all__ = ["BlackLevel", "black_level", "dark_level_sigmas"]
 
 #: Standard deviation of a level that was rounded to whole counts, DN: that of a uniform error of one count.
 _ROUNDED_DN = float(np.sqrt(1 / 12))
+#: Dark current of a sensor that nobody measured, e-/s, one standard deviation: uncooled ones have 0.1 to 20 e-/s.
+_DARK_CURRENT_E_S = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,3 +54,28 @@ def black_level(capture: Capture) -> BlackLevel | None:
         level[channel_mask(pattern, capture.shape, channel)] = counts[channel]
     text = ", ".join(f"{channel} {value:g} DN" for channel, value in counts.items())
     return BlackLevel(level, _ROUNDED_DN, text)
+
+
+def dark_level_sigmas(capture: Capture, shot_dn: float) -> NDArray[np.float64]:
+    """Uncertainty of the bands' dark levels where no darks measured them.
+
+    A stated black level is rounded, and is that of no exposure: dark current comes in addition.
+
+    Parameters
+    ----------
+    capture
+        The capture.
+    shot_dn
+        Counts per electron, DN/e-; 0 if the gain is unknown.
+
+    Returns
+    -------
+    NDArray
+        (band,) standard deviations, DN. 0 where darks measured the level or were subtracted beforehand, and for merged
+        pictures, which are no counts.
+    """
+    manifest = capture.manifest
+    exposure_s = np.array([band.exposure_s for band in manifest.band])
+    if manifest.darks or manifest.dark == "subtracted" or capture.is_merged:
+        return np.zeros(exposure_s.size)
+    return np.hypot(_ROUNDED_DN, _DARK_CURRENT_E_S * shot_dn * exposure_s)

@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import BandTable, Capture, channel_mask, shares_frames
 from ..instrument import Mask, band_images
-from .black_level import black_level
+from .black_level import black_level, dark_level_sigmas
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
@@ -48,6 +48,12 @@ class CorrectedBands(FrozenMappings):
     nominal_axis: LensAxis | None = None
     #: Relative standard deviation of the pixels' sensitivities, in the variance where no flats were taken, else 0.
     pixel_scatter: float = 0.0
+    #: (band,) standard deviations of the bands' dark levels where no darks measured them, DN; 0 or empty with darks.
+    dark_sigma_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: (band,) dark levels that a comparison subtracted in addition, DN.
+    further_dark_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: Standard deviation of the pixels' dark levels, in the variance where no darks were taken, DN; else 0.
+    dark_scatter_dn: float = 0.0
     #: By band of several exposures, how they were merged.
     merged: Mapping[str, MergedFrames] = field(default_factory=dict)
     #: Stated exposure times that do not fit the counts; where one is at fault, it was left out.
@@ -55,11 +61,26 @@ class CorrectedBands(FrozenMappings):
     #: Bands of a mosaic's channels that see too little of their filter's light, next to others of the same frames.
     faint: frozenset[str] = frozenset()
 
-    def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
-        """Further variance by which the bands' errors of a pixel's sensitivity count as independent.
+    @property
+    def by_dark_level(self) -> NDArray[np.float64]:
+        """(band, y, x) change of the signals by a dark level of 1 DN, without unit."""
+        return np.stack([1 / self.flats[band].response for band in self.images.band.values])
 
-        Without flats all bands of a pixel have the same unknown sensitivity. Its variance times the number of bands
-        that see the pixel gives a change of all bands its right uncertainty, and one of a single band too large a one.
+    def _scattering(self, signal: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Signals (band, y, x) of what differs unseen from pixel to pixel, by one unit; its standard deviations."""
+        shapes, sizes = [], []
+        if self.nominal_axis is not None:
+            shapes, sizes = [signal], [self.pixel_scatter]
+        if self.dark_sigma_dn.any():
+            shapes, sizes = [*shapes, self.by_dark_level], [*sizes, self.dark_scatter_dn]
+        return shapes, np.array(sizes)
+
+    def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
+        """Further variance by which the bands' errors of a pixel count as independent.
+
+        Without flats all bands of a pixel have the same unknown sensitivity, without darks the same dark level. The
+        variance times the number of bands that see the pixel gives a change of all bands its right uncertainty, and one
+        of a single band too large a one.
 
         Parameters
         ----------
@@ -69,20 +90,25 @@ class CorrectedBands(FrozenMappings):
         Returns
         -------
         NDArray
-            (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats.
+            (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats and darks.
         """
         bands_of_pixel = np.sum(self.images["mask"].values == 0, axis=0)
         signal = np.asarray(expected_signal, float)
-        return np.maximum(bands_of_pixel - 1, 0) * (self.pixel_scatter * signal) ** 2
+        variance = (self.pixel_scatter * signal) ** 2
+        if self.dark_scatter_dn:
+            variance = variance + (self.dark_scatter_dn * self.by_dark_level) ** 2
+        return np.maximum(bands_of_pixel - 1, 0) * variance
 
     def with_scatter_of(
         self,
         expected_signal: NDArray[np.float64],
         variance: NDArray[np.float64],
         used: NDArray[np.bool_],
-        step: tuple[int, int],
+        cell: tuple[int, int],
     ) -> CorrectedBands:
-        """Bands with the pixels' scatter estimated from a comparison; unchanged with flats.
+        """Bands with the pixels' scatter estimated from a comparison; unchanged with flats and darks.
+
+        Without flats sensitivities scatter, without darks the dark levels.
 
         Parameters
         ----------
@@ -92,27 +118,58 @@ class CorrectedBands(FrozenMappings):
             (band, y, x) variance of measured minus rendered, DN^2, with the scatter so far.
         used
             (band, y, x) True for the samples used.
-        step
-            (rows, columns) distance of neighbours with the same filter, px.
+        cell
+            (rows, columns) of one repeat of the mosaic, px; (1, 1) without one.
 
         Returns
         -------
         CorrectedBands
             With scatter, flat fields and variances changed.
         """
-        if self.nominal_axis is None:
+        signal = self.images["signal"].values
+        shapes, before = self._scattering(expected_signal)
+        if not shapes:
             return self
-        signal, before = self.images["signal"].values, self.pixel_scatter**2
-        of_noise = variance - before * expected_signal**2
-        scatter = scatter_of_residuals(signal, expected_signal, of_noise, used, step)
-        if not np.isfinite(scatter):
+        so_far = sum(size**2 * shape**2 for size, shape in zip(before, shapes, strict=True))
+        scatter = scatter_of_residuals(signal, expected_signal, variance - so_far, used, shapes, cell)
+        if not np.isfinite(scatter).all():
             return self
-        coefficients = self.coefficients.copy()
-        coefficients[:, 2] += scatter**2 - before
-        images = self.images.copy()
-        images["variance"] = images["variance"] + (scatter**2 - before) * signal**2
-        flats = {band: with_pixel_scatter(flat, scatter) for band, flat in self.flats.items()}
-        return replace(self, images=images, coefficients=coefficients, flats=flats, pixel_scatter=scatter)
+        coefficients, flats, images = self.coefficients.copy(), dict(self.flats), self.images.copy()
+        of_pixels, of_darks, further = self.pixel_scatter, self.dark_scatter_dn, scatter**2 - before**2
+        if self.nominal_axis is not None:
+            of_pixels = float(scatter[0])
+            coefficients[:, 2] += further[0]
+            flats = {band: with_pixel_scatter(flat, of_pixels) for band, flat in flats.items()}
+        if self.dark_sigma_dn.any():
+            of_darks = float(scatter[-1])
+            coefficients[:, 0] += further[-1] * shapes[-1] ** 2
+        images["variance"] = self.images["variance"] + evaluate_variance(coefficients - self.coefficients, signal)
+        return replace(
+            self,
+            images=images,
+            coefficients=coefficients,
+            flats=flats,
+            pixel_scatter=of_pixels,
+            dark_scatter_dn=of_darks,
+        )
+
+    def with_further_darks(self, levels_dn: NDArray[np.float64]) -> CorrectedBands:
+        """Bands from which other dark levels are subtracted, where no darks measured them.
+
+        Parameters
+        ----------
+        levels_dn
+            (band,) levels in addition to the stated one, DN.
+
+        Returns
+        -------
+        CorrectedBands
+            With the signals changed.
+        """
+        images, so_far = self.images.copy(), self.further_dark_dn if self.further_dark_dn.size else 0.0
+        further = (levels_dn - so_far)[:, None, None] * self.by_dark_level
+        images["signal"] = self.images["signal"] - further
+        return replace(self, images=images, further_dark_dn=levels_dn)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -158,6 +215,8 @@ class CorrectedBands(FrozenMappings):
         total = np.asarray(variance, float)[used]
         c0, c1, c2 = (each[used] for each in np.moveaxis(self.coefficients, -3, 0))
         with_light = signal * (c1 + signal * (c2 - self.pixel_scatter**2))
+        if self.dark_scatter_dn:
+            c0 = c0 - (self.dark_scatter_dn * self.by_dark_level[used]) ** 2
         return noise.relative_sigma(float(np.mean(c0 / total)), float(np.mean(with_light / total)))
 
 
@@ -267,7 +326,7 @@ def _frame_notes(capture: Capture) -> list[str]:
             "no dark frames: a dark level of 0 was assumed"
             if black is None
             else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
-            "dark current and hot pixels are not corrected"
+            "a model fits what it is off; hot pixels are not corrected"
         )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")
@@ -396,5 +455,14 @@ def correct_bands(
     if channels is not None:
         images = images.assign_coords(channel=("band", [channels[band] for band in capture.band_ids]))
     return CorrectedBands(
-        images, coefficients, flats, tuple(dict.fromkeys(notes)), nominal_axis, scatter, merged, findings, faint
+        images,
+        coefficients,
+        flats,
+        tuple(dict.fromkeys(notes)),
+        nominal_axis,
+        scatter,
+        dark_level_sigmas(capture, noise.shot_dn),
+        merged=merged,
+        exposure_findings=findings,
+        faint=faint,
     )

@@ -271,7 +271,7 @@ def _fitted_to_draft(
 ) -> tuple[CalibratedCapture, Camera, float | None]:
     """Capture and camera fitted to a draft, and the noise of the draft's pilot.
 
-    The draft is rendered through ``camera``. Of the capture only a free scale is fitted.
+    The draft is rendered through ``camera``. Of the capture a free scale and unmeasured dark levels are fitted.
     """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -279,9 +279,10 @@ def _fitted_to_draft(
         level = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
         require_level(prepared.picture.path, float(level))
     fit = refitted(prepared, draft, model.effects)
-    if prepared.free_scale is not None:
+    if prepared.free_scale is not None or prepared.calibration.bands.dark_sigma_dn.any():
         signal = draft.signal + warp_change(draft.predictor.warp, fit.camera)
         variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + draft.variance
+        prepared = prepared.with_dark_levels_of(signal, variance, draft.used)
         prepared = prepared.with_scale_of(signal, variance, draft.used)
     return prepared, fit.camera, draft.pilot
 

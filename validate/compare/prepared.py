@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..capture_checks import with_scene_checks
 from ..predict import ExternalPicture, external_picture
+from .dark_level import fitted_dark_levels
 from .free_scale import FreeScale, refined_scale, rescaled, starting_scale
 from .nuisances import fit_lamp_scale, held_lamp_scale
 
@@ -90,10 +91,35 @@ class CalibratedCapture:
         responses = calibration.responses or self.responses
         return replace(self, calibration=calibration, responses=responses, free_scale=scale)
 
+    def with_dark_levels_of(
+        self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture with its dark levels fitted to a rendering; itself where darks measured them.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            With calibration changed.
+        """
+        bands = self.calibration.bands
+        if not bands.dark_sigma_dn.any():
+            return self
+        levels = fitted_dark_levels(bands, signal, variance, used)
+        return replace(self, calibration=replace(self.calibration, bands=bands.with_further_darks(levels)))
+
     def with_scatter_of(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:
-        """The same capture with the scatter of its pixels fitted to a rendering; itself with flats.
+        """The same capture with the scatter of its pixels fitted to a rendering; itself with flats and darks.
 
         Parameters
         ----------
@@ -111,8 +137,8 @@ class CalibratedCapture:
         """
         calibration = self.calibration
         variance = calibration.predicted_variance(signal) + rendering_variance
-        step = calibration.capture.cell or (1, 1)
-        bands = calibration.bands.with_scatter_of(signal, variance, used, step)
+        cell = calibration.capture.cell or (1, 1)
+        bands = calibration.bands.with_scatter_of(signal, variance, used, cell)
         return replace(self, calibration=replace(calibration, bands=bands))
 
     @property

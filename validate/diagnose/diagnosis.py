@@ -432,6 +432,7 @@ def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[C
     applied = tuple(c.applied for c in effects)
     signal = linearised.predictor.signal((*linearised.model_effects, *applied))
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    prepared = prepared.with_dark_levels_of(signal, variance, rendered.used)
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
     before = prepared.free_scale
     if before is not None:

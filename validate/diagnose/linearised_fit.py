@@ -168,9 +168,7 @@ def linearised_fit(
             [nuisances.lamp_scale * derivative, _by_lamp_scale(predictor, (*model_effects, *added))[None]]
         ),
         lamp_sigma=prepared.lamp_sigma,
-        band_errors=BandErrors(
-            tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
-        ),
+        band_errors=BandErrors(tabulation_errors(prepared.responses, lamp), _dark_errors(prepared)),
     )
     free = tuple(c[rendered.used] for c in free_columns(prepared.calibration, nuisances.lamp_scale * base))
     model = model.marginalised_over([model.whiten_used(change) for change in free])
@@ -180,6 +178,15 @@ def linearised_fit(
     single = derivative.astype(np.float32)
     free_changes = None if prepared.free_scale is None else free
     return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single, free_changes)
+
+
+def _dark_errors(prepared: CalibratedCapture) -> NDArray[np.float64]:
+    """(band, y, x) DN standard deviation of the dark levels in the signals; (1, 1, 1) with darks."""
+    calibration, rounding = prepared.calibration, np.full((1, 1, 1), prepared.calibration.noise.rounding_error_dn)
+    unmeasured = calibration.bands.dark_sigma_dn
+    if not unmeasured.any():
+        return rounding
+    return np.asarray(np.hypot(rounding, unmeasured[:, None, None]) * calibration.bands.by_dark_level)
 
 
 def _by_lamp_scale(predictor: Predictor, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:

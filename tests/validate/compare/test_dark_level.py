@@ -1,0 +1,56 @@
+"""Dark levels of a capture without darks, by a rendering."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from cboxlab.calibration.correction.black_level import dark_level_sigmas
+from cboxlab.calibration.correction.corrected_bands import CorrectedBands
+from cboxlab.validation.compare.dark_level import fitted_dark_levels
+
+SHAPE = (2, 40, 40)
+RESPONSE = np.linspace(0.6, 1.4, 1600).reshape(40, 40)
+SIGMAS = np.array([0.5, 2.0])
+
+
+def bands_of(signal):
+    images = xr.Dataset({"signal": (("band", "y", "x"), signal)}, {"band": ["a", "b"]})
+    images["variance"] = images["signal"] * 0 + 1.0
+    flats = dict.fromkeys("ab", SimpleNamespace(response=RESPONSE))
+    return CorrectedBands(images, np.zeros((2, 3, 40, 40)), flats, (), dark_sigma_dn=SIGMAS)
+
+
+@pytest.mark.parametrize("levels", [(0.3, -1.4), (0.0, 0.0)])
+def test_the_levels_are_found_next_to_factors_of_the_bands(levels):
+    """Next to a lamp 3 % too strong; the levels are those of raw counts, before the division by the flat."""
+    rng = np.random.default_rng(4)
+    rendered = rng.uniform(2, 200, SHAPE)
+    added = np.array(levels)[:, None, None] / RESPONSE
+    measured = 1.03 * rendered + added + 0.5 * rng.standard_normal(SHAPE)
+    measured[0, 3, 4] += 500.0
+    bands, used = bands_of(measured), np.ones(SHAPE, bool)
+    fitted = fitted_dark_levels(bands, rendered, np.full(SHAPE, 0.25), used)
+    np.testing.assert_allclose(fitted, levels, atol=0.07)
+    corrected = bands.with_further_darks(fitted)
+    np.testing.assert_allclose(corrected.images.signal.values, measured - fitted[:, None, None] / RESPONSE)
+    again = fitted_dark_levels(corrected, rendered, np.full(SHAPE, 0.25), used)
+    np.testing.assert_allclose(again, fitted, atol=1e-6)
+    np.testing.assert_allclose(corrected.with_further_darks(fitted).images.signal.values, corrected.images.signal)
+
+
+def test_a_level_beyond_what_was_stated_stays_in_the_photograph():
+    rendered = np.random.default_rng(5).uniform(2, 200, SHAPE)
+    measured = rendered + np.array([12.0, 0.0])[:, None, None] / RESPONSE
+    fitted = fitted_dark_levels(bands_of(measured), rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool))
+    np.testing.assert_allclose(fitted, [2 * SIGMAS[0], 0.0], atol=1e-3)
+
+
+def test_dark_current_of_long_exposures_adds_to_the_rounding_of_a_stated_level():
+    """10 e-/s over 6 s at 12 electrons a count are 5 counts; darks measure them."""
+    bands = [SimpleNamespace(exposure_s=0.01), SimpleNamespace(exposure_s=6.0)]
+    manifest = SimpleNamespace(band=bands, darks=(), dark=())
+    capture = SimpleNamespace(manifest=manifest, is_merged=False)
+    np.testing.assert_allclose(dark_level_sigmas(capture, 1 / 12), [0.2888, 5.0083], rtol=1e-3)
+    manifest.darks = (None,)
+    assert not dark_level_sigmas(capture, 1 / 12).any()
