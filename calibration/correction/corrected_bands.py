@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import BandTable, Capture, channel_mask, shares_frames
 from ..instrument import Mask, band_images
-from .black_level import black_level, dark_level_sigmas
+from .black_level import black_level, dark_level_sigmas, fitted_dark_levels
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
@@ -27,6 +27,9 @@ __all__ = ["CorrectedBands", "correct_bands"]
 
 #: Relative noise of a flat's pixel from which its channel sees too little light: dark pixels are then masked by chance.
 _FAINT = 0.1
+#: Largest scatter of sensitivities that is assumed before a comparison: sensors have 0.003 to 0.02. Edges of the scene
+#: widen its estimate, most where neighbours of one channel are far apart.
+_LARGEST_FIRST_SCATTER = 0.02
 #: Smallest counts of a channel over those of the brightest one in its frames for which its scale counts: crosstalk of
 #: 1 % is a fifth of less.
 _SMALLEST_SHARE_OF_LIGHT = 0.05
@@ -153,23 +156,36 @@ class CorrectedBands(FrozenMappings):
             dark_scatter_dn=of_darks,
         )
 
-    def with_further_darks(self, levels_dn: NDArray[np.float64]) -> CorrectedBands:
-        """Bands from which other dark levels are subtracted, where no darks measured them.
+    def with_dark_levels_of(
+        self, expected_signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CorrectedBands:
+        """Bands whose dark levels are fitted to a comparison, where no darks measured them.
 
         Parameters
         ----------
-        levels_dn
-            (band,) levels in addition to the stated one, DN.
+        expected_signal
+            (band, y, x) rendered signals, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2.
+        used
+            (band, y, x) True for the samples used.
 
         Returns
         -------
         CorrectedBands
-            With the signals changed.
+            With the signals changed; unchanged with darks.
         """
-        images, so_far = self.images.copy(), self.further_dark_dn if self.further_dark_dn.size else 0.0
-        further = (levels_dn - so_far)[:, None, None] * self.by_dark_level
-        images["signal"] = self.images["signal"] - further
-        return replace(self, images=images, further_dark_dn=levels_dn)
+        if not self.dark_sigma_dn.any():
+            return self
+        images, by_level = self.images.copy(), self.by_dark_level
+        stated = self.images["signal"].values
+        if self.further_dark_dn.size:
+            stated = stated + self.further_dark_dn[:, None, None] * by_level
+        levels = fitted_dark_levels(
+            stated, by_level, self.dark_sigma_dn, signal=expected_signal, variance=variance, used=used
+        )
+        images["signal"] = self.images["signal"].copy(data=stated - levels[:, None, None] * by_level)
+        return replace(self, images=images, further_dark_dn=levels)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -289,7 +305,7 @@ def _nominal_flats(
         usable = ~frames.saturated if in_channel is None else ~frames.saturated & in_channel
         scatters.append(pixel_scatter(frames.signal, variance, usable, capture.cell or (1, 1)))
     finite = [scatter for scatter in scatters if np.isfinite(scatter)]
-    scatter = float(np.median(finite)) if finite else 0.0
+    scatter = min(float(np.median(finite)), _LARGEST_FIRST_SCATTER) if finite else _LARGEST_FIRST_SCATTER
     return dict.fromkeys(capture.band_ids, with_pixel_scatter(flat, scatter)), scatter
 
 
@@ -326,7 +342,7 @@ def _frame_notes(capture: Capture) -> list[str]:
             "no dark frames: a dark level of 0 was assumed"
             if black is None
             else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
-            "a model fits what it is off; hot pixels are not corrected"
+            "a model fits its error and dark current; hot pixels are not corrected"
         )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")

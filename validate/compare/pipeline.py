@@ -271,7 +271,8 @@ def _fitted_to_draft(
 ) -> tuple[CalibratedCapture, Camera, float | None]:
     """Capture and camera fitted to a draft, and the noise of the draft's pilot.
 
-    The draft is rendered through ``camera``. Of the capture a free scale and unmeasured dark levels are fitted.
+    The draft is rendered through ``camera``. Of the capture a free scale, and what
+    flats and darks would have measured, are fitted.
     """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -281,6 +282,7 @@ def _fitted_to_draft(
     fit = refitted(prepared, draft, model.effects)
     if prepared.free_scale is not None or prepared.calibration.bands.dark_sigma_dn.any():
         signal = draft.signal + warp_change(draft.predictor.warp, fit.camera)
+        prepared = prepared.with_scatter_of(signal, draft.variance, draft.used)
         variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + draft.variance
         prepared = prepared.with_dark_levels_of(signal, variance, draft.used)
         prepared = prepared.with_scale_of(signal, variance, draft.used)

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from ..capture_checks import with_scene_checks
 from ..predict import ExternalPicture, external_picture
-from .dark_level import fitted_dark_levels
 from .free_scale import FreeScale, refined_scale, rescaled, starting_scale
 from .nuisances import fit_lamp_scale, held_lamp_scale
 
@@ -110,11 +109,8 @@ class CalibratedCapture:
         CalibratedCapture
             With calibration changed.
         """
-        bands = self.calibration.bands
-        if not bands.dark_sigma_dn.any():
-            return self
-        levels = fitted_dark_levels(bands, signal, variance, used)
-        return replace(self, calibration=replace(self.calibration, bands=bands.with_further_darks(levels)))
+        bands = self.calibration.bands.with_dark_levels_of(signal, variance, used)
+        return replace(self, calibration=replace(self.calibration, bands=bands))
 
     def with_scatter_of(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]

@@ -7,7 +7,6 @@ import pytest
 import xarray as xr
 from cboxlab.calibration.correction.black_level import dark_level_sigmas
 from cboxlab.calibration.correction.corrected_bands import CorrectedBands
-from cboxlab.validation.compare.dark_level import fitted_dark_levels
 
 SHAPE = (2, 40, 40)
 RESPONSE = np.linspace(0.6, 1.4, 1600).reshape(40, 40)
@@ -29,21 +28,20 @@ def test_the_levels_are_found_next_to_factors_of_the_bands(levels):
     added = np.array(levels)[:, None, None] / RESPONSE
     measured = 1.03 * rendered + added + 0.5 * rng.standard_normal(SHAPE)
     measured[0, 3, 4] += 500.0
-    bands, used = bands_of(measured), np.ones(SHAPE, bool)
-    fitted = fitted_dark_levels(bands, rendered, np.full(SHAPE, 0.25), used)
+    arguments = rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool)
+    corrected = bands_of(measured).with_dark_levels_of(*arguments)
+    fitted = corrected.further_dark_dn
     np.testing.assert_allclose(fitted, levels, atol=0.07)
-    corrected = bands.with_further_darks(fitted)
     np.testing.assert_allclose(corrected.images.signal.values, measured - fitted[:, None, None] / RESPONSE)
-    again = fitted_dark_levels(corrected, rendered, np.full(SHAPE, 0.25), used)
-    np.testing.assert_allclose(again, fitted, atol=1e-6)
-    np.testing.assert_allclose(corrected.with_further_darks(fitted).images.signal.values, corrected.images.signal)
+    again = corrected.with_dark_levels_of(*arguments)
+    np.testing.assert_allclose(again.images.signal.values, corrected.images.signal, atol=1e-9)
 
 
 def test_a_level_beyond_what_was_stated_stays_in_the_photograph():
     rendered = np.random.default_rng(5).uniform(2, 200, SHAPE)
     measured = rendered + np.array([12.0, 0.0])[:, None, None] / RESPONSE
-    fitted = fitted_dark_levels(bands_of(measured), rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool))
-    np.testing.assert_allclose(fitted, [2 * SIGMAS[0], 0.0], atol=1e-3)
+    corrected = bands_of(measured).with_dark_levels_of(rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool))
+    np.testing.assert_allclose(corrected.further_dark_dn, [2 * SIGMAS[0], 0.0], atol=1e-3)
 
 
 def test_dark_current_of_long_exposures_adds_to_the_rounding_of_a_stated_level():
