@@ -232,13 +232,11 @@ def _chain(
 
 
 def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
-    """Axis of the lens, for a capture with a free scale.
+    """Axis of the lens, for a capture without flats.
 
     It follows from the fitted camera, else from the nominal focal length.
     """
     manifest = capture.manifest
-    if manifest.is_absolute:
-        return None
     if fit is not None:
         u, v = fit.camera.principal_point_px
         return LensAxis(fit.camera.focal_length_px, float(u), float(v))

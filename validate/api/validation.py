@@ -77,7 +77,7 @@ class ValidationResult(Result):
         name = manifest.name or result.prepared.calibration.capture.folder.name
         ranked = failures(result)[1][:MAX_FAILURES]
         scale = result.prepared.free_scale
-        lamp = f"lamp × {result.fit.lamp_scale:.4f}, " if scale is None else ""
+        lamp = f"lamp × {result.fit.lamp_scale:.4f}, " if scale is None or scale.absolute else ""
         return [
             f"{name} against {result.model.name}: {verdict(c).headline}",
             f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "

@@ -59,7 +59,7 @@ class CalibratedCapture:
     picture: ExternalPicture | None = None
     #: Folder of rendered pictures and fits; None for no cache.
     cache: Path | None = None
-    #: Factors of a capture that claims no absolute scale, as far as they were estimated; None with an absolute scale.
+    #: Free factors and fall-off, as far as they were estimated; None with an absolute scale and flats.
     free_scale: FreeScale | None = None
 
     def with_scale_of(

@@ -61,7 +61,7 @@ class LinearisedFit:
     base: NDArray[np.float64]
     #: (10, band, y, x) derivatives of the signals by the camera's parameters.
     derivative: NDArray[np.float32]
-    #: (n,) DN each, changes of the used samples by free factors and fall-off; None with an absolute scale.
+    #: (n,) DN each, changes of the used samples by free factors and fall-off; None with an absolute scale and flats.
     free_changes: tuple[NDArray[np.float64], ...] | None = None
 
     @property

@@ -19,7 +19,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ..compare import FreeScale
+from ..compare import FreeScale, Nuisances
 from ..predict import Predictor
 from .hypotheses import Hypothesis
 from .linear_model import LinearModel
@@ -477,25 +477,28 @@ def without_imitated(
     model
         Linear model of the capture.
     free_changes
-        (n,) DN each, changes by free factors and fall-off; None with an absolute scale.
+        (n,) DN each, changes by free factors and fall-off; None with an absolute scale and flats.
     signatures
         Signatures of the hypotheses.
 
     Returns
     -------
     list of Signature
-        The others; all of them for a capture with an absolute scale.
+        The others; all of them for a capture with an absolute scale and flats.
     tuple of str
         Identifiers of the effects left out, in order.
     """
     if free_changes is None:
         return list(signatures), ()
-    factors = np.array([change / model.sigma for change in (model.by_lamp, *free_changes)]).T
+    lamp_is_free = model.priors[Nuisances.of_lamp, Nuisances.of_lamp] == 0
+    changes = (model.by_lamp, *free_changes) if lamp_is_free else free_changes
+    factors = np.array([change / model.sigma for change in changes]).T
     basis = np.linalg.qr(factors / np.linalg.norm(factors, axis=0))[0]
     others: list[Signature] = []
     imitated: dict[str, None] = {}
     for signature in signatures:
-        if signature.hypothesis.effect.imitates_lamp_power or _is_imitated(basis, signature, model.sigma):
+        of_lamp = lamp_is_free and signature.hypothesis.effect.imitates_lamp_power
+        if of_lamp or _is_imitated(basis, signature, model.sigma):
             imitated[signature.hypothesis.effect.id] = None
         else:
             others.append(signature)

@@ -85,6 +85,18 @@ def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
     np.testing.assert_allclose(fitted.fall_off, [-0.08, -0.03, 0.0, 0.01] if nominal else [], atol=1e-6)
 
 
+def test_with_an_absolute_scale_the_fall_off_alone_is_free():
+    """A lamp 20 % too strong stays so, in a picture whose flat keeps the mean 1."""
+    signal, square = rendering(), (AXIS.radius_px(SHAPE) / AXIS.radius_px(SHAPE).max()) ** 2
+    measured = 1.2 * signal * (1 - 0.1 * square)
+    noise = {"variance": np.full(signal.shape, 1e-4), "used": np.ones(signal.shape, bool)}
+    first = replace(start(False, True), absolute=True)
+    fitted, of_bands, bent = refined_scale(first, calibration(measured, AXIS), signal=signal, **noise)
+    assert (of_bands == 1).all() and (fitted.constant == first.constant).all()
+    np.testing.assert_allclose(bent, (1 - 0.1 * square) / (1 - 0.1 * square).mean(), rtol=1e-6)
+    assert fitted.not_known == ("the lens's fall-off beyond cos^4",) and not fitted.record(BANDS)["factors"]
+
+
 def test_the_stated_uncertainty_is_the_scatter():
     signal, pulls = rendering(), []
     for seed in range(60):
