@@ -271,8 +271,7 @@ def _fitted_to_draft(
 ) -> tuple[CalibratedCapture, Camera, float | None]:
     """Capture and camera fitted to a draft, and the noise of the draft's pilot.
 
-    The draft is rendered through ``camera``. Of the capture a free scale, and what
-    flats and darks would have measured, are fitted.
+    The draft is rendered through ``camera``.
     """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -280,12 +279,9 @@ def _fitted_to_draft(
         level = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
         require_level(prepared.picture.path, float(level))
     fit = refitted(prepared, draft, model.effects)
-    if prepared.free_scale is not None or prepared.calibration.bands.dark_sigma_dn.any():
+    if prepared.is_partly_unknown:
         signal = draft.signal + warp_change(draft.predictor.warp, fit.camera)
-        prepared = prepared.with_scatter_of(signal, draft.variance, draft.used)
-        variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + draft.variance
-        prepared = prepared.with_dark_levels_of(signal, variance, draft.used)
-        prepared = prepared.with_scale_of(signal, variance, draft.used)
+        prepared = prepared.fitted_to(signal, draft.variance, draft.used)
     return prepared, fit.camera, draft.pilot
 
 

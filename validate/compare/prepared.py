@@ -62,6 +62,35 @@ class CalibratedCapture:
     #: Free factors and fall-off, as far as they were estimated; None with an absolute scale and flats.
     free_scale: FreeScale | None = None
 
+    @property
+    def is_partly_unknown(self) -> bool:
+        """Whether a rendering has to show what references, flats or darks would have measured."""
+        return self.free_scale is not None or bool(self.calibration.bands.dark_sigma_dn.any())
+
+    def fitted_to(
+        self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture with what is unknown of it fitted to a rendering.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal with the scale so far, DN.
+        rendering_variance
+            (band, y, x) variance of the rendering, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            With scatter of its pixels, dark levels, scale and fall-off changed.
+        """
+        scattering = self.with_scatter_of(signal, rendering_variance, used)
+        noise = scattering.calibration.predicted_variance(self.noise_reference_signal(signal))
+        variance = noise + rendering_variance
+        return scattering.with_dark_levels_of(signal, variance, used).with_scale_of(signal, variance, used)
+
     def with_scale_of(
         self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:
