@@ -43,47 +43,47 @@ class Limits:
         return self.usual[0] <= value <= self.usual[1]
 
 
-def _ranged(low: float, high: float, usual: tuple[float, float], unit: str, reason: str) -> Limits:
+def _usual(low: float, high: float, usual: tuple[float, float], unit: str, reason: str) -> Limits:
     return Limits((low, high), usual, unit, reason)
 
 
-def _whole(low: float, high: float, unit: str, reason: str) -> Limits:
+def _possible(low: float, high: float, unit: str, reason: str) -> Limits:
     return Limits((low, high), (low, high), unit, reason)
 
 
 #: By key of a capture's manifest, the sizes of its number.
 PHYSICAL_LIMITS: Mapping[str, Limits] = MappingProxyType(
     {
-        "width_px": _whole(1, 2**20, "px", "the widest sensors have some 30,000 columns"),
-        "height_px": _whole(1, 2**20, "px", "the highest sensors have some 30,000 rows"),
-        "full_width_px": _whole(1, 2**20, "px", "the widest sensors have some 30,000 columns"),
-        "full_height_px": _whole(1, 2**20, "px", "the highest sensors have some 30,000 rows"),
-        "u0_px": _whole(0, 2**20, "px", "the widest sensors have some 30,000 columns"),
-        "v0_px": _whole(0, 2**20, "px", "the highest sensors have some 30,000 rows"),
-        "binning": _whole(1, 4096, "px", "sums of a few to some hundred pixels a side are in use"),
-        "pixel_pitch_um": _ranged(0.05, 2e4, (0.3, 5e3), "um", "pixels are 0.5 to 50 um wide, sums of many more"),
-        "gain_e_per_dn": _ranged(1e-4, 1e6, (1e-3, 1e4), "e-/DN", "sensors have 0.02 to 200 electrons a count"),
-        "read_noise_e": _ranged(0, 1e5, (0, 2000), "e-", "sensors have 0.3 to 100 electrons"),
-        "readout_s": _ranged(0, 1e5, (0, 600), "s", "cameras read a frame in 0.001 to 60 s"),
-        "black_level_dn": _whole(0, 2**16 - 1, "DN", "counts of 16 bits end at 65535"),
-        "white_level_dn": _whole(1, 2**16 - 1, "DN", "counts of 16 bits end at 65535"),
-        "focal_length_mm": _ranged(0.1, 1e5, (1, 3000), "mm", "lenses have 1 to 2000 mm"),
-        "fx_px": _ranged(1, 1e7, (5, 1e6), "px", "lenses have some hundred to 100,000 px"),
-        "fy_px": _ranged(1, 1e7, (5, 1e6), "px", "lenses have some hundred to 100,000 px"),
-        "f_number": _ranged(0.1, 5000, (0.5, 64), "", "lenses have 0.7 to 45"),
-        "image_distance_mm": _ranged(0.1, 1e6, (0.5, 2e4), "mm", "it is one to a few focal lengths"),
-        "exposure_s": _ranged(1e-9, 1e6, (1e-6, 1e5), "s", "cameras expose for 1e-5 s to some hours"),
-        "start_s": _ranged(-1e10, 1e10, (-1e10, 1e10), "s", "seconds since 1970 are 2e9"),
-        "relative_uncertainty": _ranged(0, 100, (0, 100), "", "it is a fraction, such as 0.02"),
-        "spectral_uncertainty": _ranged(0, 100, (0, 100), "", "it is a fraction, such as 0.01"),
-        "point_sigma_px": _ranged(1e-6, 1e3, (1e-3, 30), "px", "marks are off by 0.02 to 3 px"),
-        "rows": _whole(1, 1000, "", "boards have 3 to 50 rows"),
-        "columns": _whole(1, 1000, "", "boards have 3 to 50 columns"),
-        "pitch_mm": _ranged(1e-2, 1e4, (0.1, 1000), "mm", "boards have squares of 1 to 200 mm"),
-        "origin_mm": _ranged(-1e6, 1e6, (-1e5, 1e5), "mm", "boxes are below 10 m wide"),
-        "distortion": _whole(-1e4, 1e4, "", "coefficients of lenses are below 10"),
-        "window_px": _whole(0, 2**20, "px", "the widest sensors have some 30,000 columns"),
-        "gain_e_per_unit": _whole(1e-12, 1e15, "e-", "the unit of merged pictures is theirs"),
+        "width_px": _possible(1, 2**20, "px", "the widest sensors have some 30,000 columns"),
+        "height_px": _possible(1, 2**20, "px", "the highest sensors have some 30,000 rows"),
+        "full_width_px": _possible(1, 2**20, "px", "the widest sensors have some 30,000 columns"),
+        "full_height_px": _possible(1, 2**20, "px", "the highest sensors have some 30,000 rows"),
+        "u0_px": _possible(0, 2**20, "px", "the widest sensors have some 30,000 columns"),
+        "v0_px": _possible(0, 2**20, "px", "the highest sensors have some 30,000 rows"),
+        "binning": _possible(1, 4096, "px", "sums of a few to some hundred pixels a side are in use"),
+        "pixel_pitch_um": _usual(0.05, 2e4, (0.3, 5e3), "um", "pixels are 0.5 to 50 um wide, sums of many more"),
+        "gain_e_per_dn": _usual(1e-4, 1e6, (1e-3, 1e4), "e-/DN", "sensors have 0.02 to 200 electrons a count"),
+        "read_noise_e": _usual(0, 1e5, (0, 2000), "e-", "sensors have 0.3 to 100 electrons"),
+        "readout_s": _usual(0, 1e5, (0, 600), "s", "cameras read a frame in 0.001 to 60 s"),
+        "black_level_dn": _possible(0, 2**16 - 1, "DN", "counts of 16 bits end at 65535"),
+        "white_level_dn": _possible(1, 2**16 - 1, "DN", "counts of 16 bits end at 65535"),
+        "focal_length_mm": _usual(0.1, 1e5, (1, 3000), "mm", "lenses have 1 to 2000 mm"),
+        "fx_px": _usual(1, 1e7, (5, 1e6), "px", "lenses have some hundred to 100,000 px"),
+        "fy_px": _usual(1, 1e7, (5, 1e6), "px", "lenses have some hundred to 100,000 px"),
+        "f_number": _usual(0.1, 5000, (0.5, 64), "", "lenses have 0.7 to 45"),
+        "image_distance_mm": _usual(0.1, 1e6, (0.5, 2e4), "mm", "it is one to a few focal lengths"),
+        "exposure_s": _usual(1e-9, 1e6, (1e-6, 1e5), "s", "cameras expose for 1e-5 s to some hours"),
+        "start_s": _usual(-1e10, 1e10, (-1e10, 1e10), "s", "seconds since 1970 are 2e9"),
+        "relative_uncertainty": _usual(0, 100, (0, 100), "", "it is a fraction, such as 0.02"),
+        "spectral_uncertainty": _usual(0, 100, (0, 100), "", "it is a fraction, such as 0.01"),
+        "point_sigma_px": _usual(1e-6, 1e3, (1e-3, 30), "px", "marks are off by 0.02 to 3 px"),
+        "rows": _possible(1, 1000, "", "boards have 3 to 50 rows"),
+        "columns": _possible(1, 1000, "", "boards have 3 to 50 columns"),
+        "pitch_mm": _usual(1e-2, 1e4, (0.1, 1000), "mm", "boards have squares of 1 to 200 mm"),
+        "origin_mm": _usual(-1e6, 1e6, (-1e5, 1e5), "mm", "boxes are below 10 m wide"),
+        "distortion": _possible(-1e4, 1e4, "", "coefficients of lenses are below 10"),
+        "window_px": _possible(0, 2**20, "px", "the widest sensors have some 30,000 columns"),
+        "gain_e_per_unit": _possible(1e-12, 1e15, "e-", "the unit of merged pictures is theirs"),
     }
 )
 

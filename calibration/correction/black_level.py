@@ -1,4 +1,4 @@
-"""Black level of a capture without darks, as stated, and what a rendering shows that it is off.
+"""Black level of a capture without darks, as stated, and its error by a rendering.
 
 The photograph of band b is taken as g_b times the rendering plus a level d_b of the raw counts. The factor g_b keeps a
 lamp or a filter that is stronger than stated from passing for a dark level. A level has the prior of what was stated

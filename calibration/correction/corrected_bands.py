@@ -70,7 +70,7 @@ class CorrectedBands(FrozenMappings):
         return np.stack([1 / self.flats[band].response for band in self.images.band.values])
 
     def _scattering(self, signal: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-        """Signals (band, y, x) of what differs unseen from pixel to pixel, by one unit; its standard deviations."""
+        """Signals (band, y, x) by one unit of what scatters unseen, and its sizes."""
         shapes, sizes = [], []
         if self.nominal_axis is not None:
             shapes, sizes = [signal], [self.pixel_scatter]
@@ -109,7 +109,7 @@ class CorrectedBands(FrozenMappings):
         used: NDArray[np.bool_],
         cell: tuple[int, int],
     ) -> CorrectedBands:
-        """Bands with the pixels' scatter estimated from a comparison; unchanged with flats and darks.
+        """Bands with the pixels' scatter by a comparison; unchanged with flats and darks.
 
         Without flats sensitivities scatter, without darks the dark levels.
 
@@ -178,13 +178,13 @@ class CorrectedBands(FrozenMappings):
         if not self.dark_sigma_dn.any():
             return self
         images, by_level = self.images.copy(), self.by_dark_level
-        stated = self.images["signal"].values
+        signal = self.images["signal"].values
         if self.further_dark_dn.size:
-            stated = stated + self.further_dark_dn[:, None, None] * by_level
+            signal = signal + self.further_dark_dn[:, None, None] * by_level
         levels = fitted_dark_levels(
-            stated, by_level, self.dark_sigma_dn, signal=expected_signal, variance=variance, used=used
+            signal, by_level, self.dark_sigma_dn, signal=expected_signal, variance=variance, used=used
         )
-        images["signal"] = self.images["signal"].copy(data=stated - levels[:, None, None] * by_level)
+        images["signal"] = self.images["signal"].copy(data=signal - levels[:, None, None] * by_level)
         return replace(self, images=images, further_dark_dn=levels)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:

@@ -85,7 +85,7 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
 
 
 def _triples(picture: NDArray, step: Step) -> list[NDArray]:
-    """Three copies of a picture (y, x), shifted by 0, 1 and 2 steps; empty ones where it is too small."""
+    """Three copies of a picture (y, x), shifted by 0, 1 and 2 steps; empty if too small."""
     copies = []
     for number in range(3):
         part = picture
@@ -269,7 +269,7 @@ def scatter_of_residuals(
     shapes: Sequence[NDArray[np.float64]],
     cell: tuple[int, int] = (1, 1),
 ) -> NDArray[np.float64]:
-    """Scatter of the pixels in the residuals of a comparison, such as that of their sensitivities.
+    """Scatter of the pixels in the residuals of a comparison.
 
     The variance of a difference is that of its noise and of what scatters from pixel to pixel. The sizes that make the
     differences most probable count, without differences beyond three standard deviations.

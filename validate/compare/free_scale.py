@@ -1,4 +1,4 @@
-"""Free factors of a capture without absolute scale, and fall-off without flats, by a rendering.
+"""Free factors without an absolute scale, and fall-off without flats, by a rendering.
 
 The photograph of band b is taken as g_b (1 + a_1 q + a_2 q^2 + a_3 x + a_4 y) times the rendering. g is one factor of
 all bands or one of each. q is the squared distance from the lens's axis, 1 in the farthest corner, x and y are the

@@ -122,7 +122,7 @@ class CalibratedCapture:
     def with_dark_levels_of(
         self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:
-        """The same capture with its dark levels fitted to a rendering; itself where darks measured them.
+        """The same capture with dark levels fitted to a rendering; itself with darks.
 
         Parameters
         ----------
@@ -144,7 +144,7 @@ class CalibratedCapture:
     def with_scatter_of(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:
-        """The same capture with the scatter of its pixels fitted to a rendering; itself with flats and darks.
+        """The same capture with its pixels' scatter fitted; itself with flats and darks.
 
         Parameters
         ----------

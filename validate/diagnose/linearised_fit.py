@@ -181,7 +181,7 @@ def linearised_fit(
 
 
 def _dark_errors(prepared: CalibratedCapture) -> NDArray[np.float64]:
-    """(band, y, x) DN standard deviation of the dark levels in the signals; (1, 1, 1) with darks."""
+    """Standard deviations of the dark levels, (band, y, x) or with darks (1, 1, 1), DN."""
     calibration, rounding = prepared.calibration, np.full((1, 1, 1), prepared.calibration.noise.rounding_error_dn)
     unmeasured = calibration.bands.dark_sigma_dn
     if not unmeasured.any():

@@ -43,8 +43,8 @@ def test_behind_a_mosaic_neighbours_of_one_channel_count(pattern):
     for seed in range(4):
         colours = np.where(channel[0], 1.0, np.where(channel[1], 3.0, 1 / 3)) * across
         measured, rendered, variance = photograph(0.01, seed)
-        lit = measured * colours, rendered * colours, variance * colours**2
-        estimates.append(estimated(*lit, channel, (6, 6) if " " in pattern else (2, 2)))
+        in_colours = measured * colours, rendered * colours, variance * colours**2
+        estimates.append(estimated(*in_colours, channel, (6, 6) if " " in pattern else (2, 2)))
     assert np.sqrt(np.mean(np.square(estimates))) == pytest.approx(0.01, rel=0.05)
 
 
