@@ -69,6 +69,18 @@ class CorrectedBands(FrozenMappings):
         """(band, y, x) change of the signals by a dark level of 1 DN, without unit."""
         return np.stack([1 / self.flats[band].response for band in self.images.band.values])
 
+    @property
+    def dark_sentence(self) -> str | None:
+        """The dark levels that a comparison fitted, and what is not seen then; None with darks."""
+        if not self.dark_sigma_dn.any() or not self.further_dark_dn.size:
+            return None
+        triples = zip(self.images.band.values, self.further_dark_dn, self.dark_sigma_dn, strict=True)
+        levels = ", ".join(f"{band} {level:+.2g} (± {sigma:.2g})" for band, level, sigma in triples)
+        return (
+            f"No darks were taken: the bands' dark levels are fitted about the stated ones, in DN: {levels}. A dark "
+            "offset or a glare of that size is not seen; photograph with the lens covered."
+        )
+
     def _scattering(self, signal: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
         """Signals (band, y, x) by one unit of what scatters unseen, and its sizes."""
         shapes, sizes = [], []

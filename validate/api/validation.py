@@ -84,7 +84,7 @@ class ValidationResult(Result):
             f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
             f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, "
             f"{lamp}{result.seconds:.0f} s",
-            *(() if scale is None else (scale.sentence,)),
+            *result.prepared.unknown_sentences,
             *suspicion_lines(result.prepared.calibration),
             *(f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)),
         ]

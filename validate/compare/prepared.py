@@ -67,6 +67,13 @@ class CalibratedCapture:
         """Whether a rendering has to show what references, flats or darks would have measured."""
         return self.free_scale is not None or bool(self.calibration.bands.dark_sigma_dn.any())
 
+    @property
+    def unknown_sentences(self) -> tuple[str, ...]:
+        """What a rendering had to show in place of references, flats and darks, one sentence or two each."""
+        of_scale = () if self.free_scale is None else (self.free_scale.sentence,)
+        of_darks = self.calibration.bands.dark_sentence
+        return of_scale if of_darks is None else (*of_scale, of_darks)
+
     def fitted_to(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:

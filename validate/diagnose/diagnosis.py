@@ -56,7 +56,7 @@ from .linearised_fit import (
     residual_with_rendered,
 )
 from .ranking import UNKNOWN, Ranked, ranking
-from .search import Candidate, Signature, scale_notes, without_imitated
+from .search import Candidate, Signature, unknown_notes, without_imitated
 from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
 
@@ -257,7 +257,7 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=scale_notes(prepared.free_scale, judged.imitated) + notes,
+        notes=unknown_notes(prepared, judged.imitated) + notes,
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,

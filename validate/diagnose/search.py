@@ -19,7 +19,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ..compare import FreeScale, Nuisances
+from ..compare import CalibratedCapture, Nuisances
 from ..predict import Predictor
 from .hypotheses import Hypothesis
 from .linear_model import LinearModel
@@ -35,10 +35,10 @@ __all__ = [
     "columns_of",
     "judged_by_priors",
     "least_squares",
-    "scale_notes",
     "screen",
     "signature",
     "steps_of",
+    "unknown_notes",
     "without_imitated",
 ]
 
@@ -516,24 +516,23 @@ def _is_imitated(basis: NDArray[np.float64], signature: Signature, sigma: NDArra
     return bool(np.all(np.sum(remainder**2, axis=1) <= _MIN_LEFT_SHARE * np.maximum(sizes, 1e-300)))
 
 
-def scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
-    """Note on the free scale of a capture; none for an absolute scale.
+def unknown_notes(prepared: CalibratedCapture, imitated: Sequence[str]) -> tuple[str, ...]:
+    """Notes on what references, flats and darks would have shown; none with an absolute scale, flats and darks.
 
     Parameters
     ----------
-    scale
-        The free scale; None for an absolute one.
+    prepared
+        The calibrated capture.
     imitated
-        Identifiers of the effects that it imitates.
+        Identifiers of the effects that its free scale or fall-off imitates.
 
     Returns
     -------
     tuple[str, ...]
-        At most one sentence.
+        At most one for the scale, with the effects, and one for the darks.
     """
-    if scale is None:
-        return ()
-    sentence = scale.sentence
-    if imitated:
-        sentence += f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
-    return (sentence,)
+    notes = prepared.unknown_sentences
+    if not imitated or not notes:
+        return notes
+    effects = f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
+    return (notes[0] + effects, *notes[1:])

@@ -71,7 +71,7 @@ def _assumptions(result: Validation) -> list[str]:
         f"The lamp's spectrum is that of the capture. Its power was fitted {lamp}."
         if prepared.free_scale is None or prepared.free_scale.absolute
         else "The lamp's spectrum is that of the capture.",
-        *([] if prepared.free_scale is None else [prepared.free_scale.sentence]),
+        *prepared.unknown_sentences,
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
         f"prior. The refit moved the box's corners by {moved:.2f} px (rms per coordinate).",
         f"{light}. All results include {error}.",
