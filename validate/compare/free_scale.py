@@ -106,20 +106,30 @@ class FreeScale:
         return (len(self.constant) - 1 if self.by_band else 0) + (len(_FALL_OFF_TERMS) if self.nominal_fall_off else 0)
 
 
-def _terms(bands: CorrectedBands) -> NDArray[np.float64]:
-    """(k, y, x) shapes of the further fall-off; k = 0 where flats were taken."""
+def _terms(bands: CorrectedBands, so_far: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, y, x) relative changes by the terms of the fall-off, next to those so far; k = 0 with flats.
+
+    A fall-off 1 + (a + b) q is 1 + a q times 1 + b q / (1 + a q).
+    """
     height, width = bands.images["signal"].shape[1:]
     shape = height, width
-    return np.zeros((0, *shape)) if bands.nominal_axis is None else fall_off_terms(bands.nominal_axis, shape)
+    if bands.nominal_axis is None:
+        return np.zeros((0, *shape))
+    terms = fall_off_terms(bands.nominal_axis, shape)
+    return np.asarray(terms / (1 + np.tensordot(so_far, terms, 1)))
 
 
-def free_columns(calibration: Calibration, signal: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def free_columns(
+    calibration: Calibration, scale: FreeScale | None, signal: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
     """Changes of the picture that free factors and fall-off make, in addition to the lamp's.
 
     Parameters
     ----------
     calibration
         Calibration of a capture.
+    scale
+        Its free scale so far; None for a capture with an absolute scale and flats.
     signal
         (band, y, x) predicted signals, DN.
 
@@ -128,10 +138,11 @@ def free_columns(calibration: Calibration, signal: NDArray[np.float64]) -> list[
     list of NDArray
         (band, y, x) DN each; empty for a capture with an absolute scale and flats.
     """
-    manifest = calibration.capture.manifest
+    if scale is None:
+        return []
     unit = np.eye(len(signal))[:, :, None, None]
-    by_band = [band * signal for band in unit[1:]] if manifest.is_free_by_band else []
-    return [*by_band, *(term * signal for term in _terms(calibration.bands))]
+    by_band = [band * signal for band in unit[1:]] if scale.by_band else []
+    return [*by_band, *(term * signal for term in _terms(calibration.bands, scale.fall_off))]
 
 
 def starting_scale(calibration: Calibration) -> FreeScale | None:
@@ -196,7 +207,7 @@ def refined_scale(
     NDArray
         (y, x) factor on the flat fields so far.
     """
-    measured, terms = calibration.images["signal"].values, _terms(calibration.bands)
+    measured, terms = calibration.images["signal"].values, _terms(calibration.bands, scale.fall_off)
     count = len(signal)
     owner = np.arange(count) if scale.by_band else np.zeros(count, int)
     total = owner.max() + 1
@@ -232,7 +243,6 @@ def refined_scale(
     if scale.absolute:  # the factor is the lamp's, and a flat has mean 1
         of_bands, bent = np.ones(count), bent / bent.mean()
         return replace(scale, fall_off=scale.fall_off + further, fall_off_sigma=sigma[total:]), of_bands, bent
-    # two fall-offs after each other are one, to first order in the later, smaller one
     refined = replace(
         scale,
         constant=scale.constant * of_bands,

@@ -170,7 +170,8 @@ def linearised_fit(
         lamp_sigma=prepared.lamp_sigma,
         band_errors=BandErrors(tabulation_errors(prepared.responses, lamp), _dark_errors(prepared)),
     )
-    free = tuple(c[rendered.used] for c in free_columns(prepared.calibration, nuisances.lamp_scale * base))
+    columns = free_columns(prepared.calibration, prepared.free_scale, nuisances.lamp_scale * base)
+    free = tuple(column[rendered.used] for column in columns)
     model = model.marginalised_over([model.whiten_used(change) for change in free])
     if prepared.calibration.capture.cell is not None:
         in_channel = (prepared.calibration.images.mask.values & Mask.OTHER_CHANNEL) == 0
