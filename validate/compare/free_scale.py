@@ -107,7 +107,7 @@ class FreeScale:
 
 
 def _terms(bands: CorrectedBands, so_far: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, y, x) relative changes by the terms of the fall-off, next to those so far; k = 0 with flats.
+    """(k, y, x) relative changes by the terms next to those so far; k = 0 with flats.
 
     A fall-off 1 + (a + b) q is 1 + a q times 1 + b q / (1 + a q).
     """

@@ -517,7 +517,7 @@ def _is_imitated(basis: NDArray[np.float64], signature: Signature, sigma: NDArra
 
 
 def unknown_notes(prepared: CalibratedCapture, imitated: Sequence[str]) -> tuple[str, ...]:
-    """Notes on what references, flats and darks would have shown; none with an absolute scale, flats and darks.
+    """Notes on what references, flats and darks would have shown; none with all of them.
 
     Parameters
     ----------
