@@ -72,7 +72,7 @@ _USEFUL: tuple[tuple[str, type[BaseModel], tuple[str, ...]], ...] = (
 #: What is not done without frames of a kind.
 _WITHOUT = (
     ("dark", "without them a dark level of 0 is assumed"),
-    ("flat", "without them vignetting is not corrected"),
+    ("flat", "without them the lens's fall-off is nominal, and fitted with a model"),
     (
         "reference",
         'so scale = "free" claims no absolute scale; remove it if you state gain, sensor and lens instead',

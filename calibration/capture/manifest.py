@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal
 
-from cboxlab.scenes import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel
+from cboxlab.scenes import NAMED_CAMERA, camera_columns, camera_names, named_camera_channel, within_limits
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -17,6 +17,8 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    ValidationInfo,
+    field_validator,
 )
 
 __all__ = [
@@ -46,10 +48,6 @@ __all__ = [
 
 #: Rows and columns of a mosaic's repeat, at most; X-Trans has 6 x 6.
 _MAX_REPEAT = 16
-#: Smallest absolute value of a key, 0 apart: below it the value is a mistake in any of the units.
-_MIN_SIZE = 1e-9
-#: Largest absolute value of a key: above it the value is a mistake in any of the units; seconds since 1970 are 2e9.
-_MAX_SIZE = 1e15
 
 
 def _inside(path: str) -> str:
@@ -193,13 +191,6 @@ def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _of_some_size(value: float) -> float:
-    """The value itself; ValueError for a size that no unit of the format makes plausible."""
-    if value != 0 and not _MIN_SIZE <= abs(value) <= _MAX_SIZE:
-        raise ValueError(f"a size from {_MIN_SIZE:g} to {_MAX_SIZE:g}, in the unit that the key ends with")
-    return value
-
-
 # Angle brackets distinguish these tags from keys in the location of a validation error.
 def _kind(value: Any) -> str:
     return "<text>" if isinstance(value, str) else "<list>"
@@ -216,9 +207,8 @@ def _number_or_table(value: Any) -> str:
 RelativePath = Annotated[str, AfterValidator(_inside)]
 ColumnReference = Annotated[str, AfterValidator(_column)]
 Frames = Annotated[tuple[RelativePath, ...], BeforeValidator(_tuple), Field(min_length=1), AfterValidator(_distinct)]
-Positive = Annotated[float, Field(gt=0), AfterValidator(_of_some_size)]
-NotNegative = Annotated[float, Field(ge=0), AfterValidator(_of_some_size)]
-Moment = Annotated[float, AfterValidator(_of_some_size)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(gt=0)]
 Name = Annotated[str, Field(min_length=1)]
 Triple = Annotated[tuple[float, float, float], BeforeValidator(_tuple)]
@@ -239,6 +229,12 @@ BlackLevel = Annotated[
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _possible(cls, value: Any, key: ValidationInfo) -> Any:
+        """The value itself; ValueError for a number that no laboratory has, see ``PHYSICAL_LIMITS``."""
+        return within_limits(key.field_name or "", value)
 
 
 def _key(description: str, example: str, default: Any = ...) -> Any:
@@ -333,7 +329,7 @@ class DarkTable(_Table):
 
     frames: Frames = _key(_FRAMES, '["frames/dark-4s-0.tif", "frames/dark-4s-1.tif"]')
     exposure_s: Positive = _key(_EXPOSURE, "4.0")
-    start_s: Moment | None = _key(_START, "120.0", None)
+    start_s: float | None = _key(_START, "120.0", None)
 
 
 class BandTable(_Table):
@@ -354,7 +350,7 @@ class BandTable(_Table):
     )
     f_number: Positive | None = _key(_F_NUMBER, "8.0", None)
     image_distance_mm: Positive | None = _key(_DISTANCE, "36.6", None)
-    start_s: Moment | None = _key(_START, "0.0", None)
+    start_s: float | None = _key(_START, "0.0", None)
 
 
 class BracketTable(_Table):
@@ -365,7 +361,7 @@ class BracketTable(_Table):
     exposure_s: Positive = _key(_EXPOSURE, "1.0")
     f_number: Positive | None = _key(f"{_F_NUMBER}; the band's where left out", "8.0", None)
     image_distance_mm: Positive | None = _key(f"{_DISTANCE}; the band's where left out", "36.6", None)
-    start_s: Moment | None = _key(_START, "60.0", None)
+    start_s: float | None = _key(_START, "60.0", None)
 
 
 class FlatTable(BracketTable):
@@ -417,7 +413,7 @@ class TargetTable(_Table):
     columns: Count = _key("the same for columns", "9")
     pitch_mm: Positive = _key("distance of neighbouring corners or circles, mm; measure it on the print", "25.0")
     frames: Frames = _key("one frame for each position of the target", '["frames/target-0.tif", "frames/target-1.tif"]')
-    start_s: Moment | None = _key(_START, "0.0", None)
+    start_s: float | None = _key(_START, "0.0", None)
     origin_mm: Triple | None = _key(
         "where the first inner corner or circle lies in the box, mm; then the board gives the camera's pose",
         "[100.0, 50.0, 0.0]",

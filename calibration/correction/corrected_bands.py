@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation
 
 from ..capture import BandTable, Capture, channel_mask, shares_frames
 from ..instrument import Mask, band_images
-from .black_level import black_level
+from .black_level import black_level, dark_level_sigmas, fitted_dark_levels
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, vignetted_pixels
@@ -27,6 +27,9 @@ __all__ = ["CorrectedBands", "correct_bands"]
 
 #: Relative noise of a flat's pixel from which its channel sees too little light: dark pixels are then masked by chance.
 _FAINT = 0.1
+#: Largest scatter of sensitivities that is assumed before a comparison: sensors have 0.003 to 0.02. Edges of the scene
+#: widen its estimate, most where neighbours of one channel are far apart.
+_LARGEST_FIRST_SCATTER = 0.02
 #: Smallest counts of a channel over those of the brightest one in its frames for which its scale counts: crosstalk of
 #: 1 % is a fifth of less.
 _SMALLEST_SHARE_OF_LIGHT = 0.05
@@ -48,6 +51,12 @@ class CorrectedBands(FrozenMappings):
     nominal_axis: LensAxis | None = None
     #: Relative standard deviation of the pixels' sensitivities, in the variance where no flats were taken, else 0.
     pixel_scatter: float = 0.0
+    #: (band,) standard deviations of the bands' dark levels where no darks measured them, DN; 0 or empty with darks.
+    dark_sigma_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: (band,) dark levels that a comparison subtracted in addition, DN.
+    further_dark_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: Standard deviation of the pixels' dark levels, in the variance where no darks were taken, DN; else 0.
+    dark_scatter_dn: float = 0.0
     #: By band of several exposures, how they were merged.
     merged: Mapping[str, MergedFrames] = field(default_factory=dict)
     #: Stated exposure times that do not fit the counts; where one is at fault, it was left out.
@@ -55,11 +64,38 @@ class CorrectedBands(FrozenMappings):
     #: Bands of a mosaic's channels that see too little of their filter's light, next to others of the same frames.
     faint: frozenset[str] = frozenset()
 
-    def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
-        """Further variance by which the bands' errors of a pixel's sensitivity count as independent.
+    @property
+    def by_dark_level(self) -> NDArray[np.float64]:
+        """(band, y, x) change of the signals by a dark level of 1 DN, without unit."""
+        return np.stack([1 / self.flats[band].response for band in self.images.band.values])
 
-        Without flats all bands of a pixel have the same unknown sensitivity. Its variance times the number of bands
-        that see the pixel gives a change of all bands its right uncertainty, and one of a single band too large a one.
+    @property
+    def dark_sentence(self) -> str | None:
+        """The dark levels that a comparison fitted, and what is not seen then; None with darks."""
+        if not self.dark_sigma_dn.any() or not self.further_dark_dn.size:
+            return None
+        triples = zip(self.images.band.values, self.further_dark_dn, self.dark_sigma_dn, strict=True)
+        levels = ", ".join(f"{band} {level:+.2g} (± {sigma:.2g})" for band, level, sigma in triples)
+        return (
+            f"No darks were taken: the bands' dark levels are fitted about the stated ones, in DN: {levels}. A dark "
+            "offset or a glare of that size is not seen; photograph with the lens covered."
+        )
+
+    def _scattering(self, signal: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Signals (band, y, x) by one unit of what scatters unseen, and its sizes."""
+        shapes, sizes = [], []
+        if self.nominal_axis is not None:
+            shapes, sizes = [signal], [self.pixel_scatter]
+        if self.dark_sigma_dn.any():
+            shapes, sizes = [*shapes, self.by_dark_level], [*sizes, self.dark_scatter_dn]
+        return shapes, np.array(sizes)
+
+    def shared_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
+        """Further variance by which the bands' errors of a pixel count as independent.
+
+        Without flats all bands of a pixel have the same unknown sensitivity, without darks the same dark level. The
+        variance times the number of bands that see the pixel gives a change of all bands its right uncertainty, and one
+        of a single band too large a one.
 
         Parameters
         ----------
@@ -69,20 +105,25 @@ class CorrectedBands(FrozenMappings):
         Returns
         -------
         NDArray
-            (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats.
+            (band, y, x) variance in addition to ``predicted_variance``, DN^2; 0 with flats and darks.
         """
         bands_of_pixel = np.sum(self.images["mask"].values == 0, axis=0)
         signal = np.asarray(expected_signal, float)
-        return np.maximum(bands_of_pixel - 1, 0) * (self.pixel_scatter * signal) ** 2
+        variance = (self.pixel_scatter * signal) ** 2
+        if self.dark_scatter_dn:
+            variance = variance + (self.dark_scatter_dn * self.by_dark_level) ** 2
+        return np.maximum(bands_of_pixel - 1, 0) * variance
 
     def with_scatter_of(
         self,
         expected_signal: NDArray[np.float64],
         variance: NDArray[np.float64],
         used: NDArray[np.bool_],
-        step: tuple[int, int],
+        cell: tuple[int, int],
     ) -> CorrectedBands:
-        """Bands with the pixels' scatter estimated from a comparison; unchanged with flats.
+        """Bands with the pixels' scatter by a comparison; unchanged with flats and darks.
+
+        Without flats sensitivities scatter, without darks the dark levels.
 
         Parameters
         ----------
@@ -92,27 +133,71 @@ class CorrectedBands(FrozenMappings):
             (band, y, x) variance of measured minus rendered, DN^2, with the scatter so far.
         used
             (band, y, x) True for the samples used.
-        step
-            (rows, columns) distance of neighbours with the same filter, px.
+        cell
+            (rows, columns) of one repeat of the mosaic, px; (1, 1) without one.
 
         Returns
         -------
         CorrectedBands
             With scatter, flat fields and variances changed.
         """
-        if self.nominal_axis is None:
+        signal = self.images["signal"].values
+        shapes, before = self._scattering(expected_signal)
+        if not shapes:
             return self
-        signal, before = self.images["signal"].values, self.pixel_scatter**2
-        of_noise = variance - before * expected_signal**2
-        scatter = scatter_of_residuals(signal, expected_signal, of_noise, used, step)
-        if not np.isfinite(scatter):
+        so_far = sum(size**2 * shape**2 for size, shape in zip(before, shapes, strict=True))
+        scatter = scatter_of_residuals(signal, expected_signal, variance - so_far, used, shapes, cell)
+        if not np.isfinite(scatter).all():
             return self
-        coefficients = self.coefficients.copy()
-        coefficients[:, 2] += scatter**2 - before
-        images = self.images.copy()
-        images["variance"] = images["variance"] + (scatter**2 - before) * signal**2
-        flats = {band: with_pixel_scatter(flat, scatter) for band, flat in self.flats.items()}
-        return replace(self, images=images, coefficients=coefficients, flats=flats, pixel_scatter=scatter)
+        coefficients, flats, images = self.coefficients.copy(), dict(self.flats), self.images.copy()
+        of_pixels, of_darks, further = self.pixel_scatter, self.dark_scatter_dn, scatter**2 - before**2
+        if self.nominal_axis is not None:
+            of_pixels = float(scatter[0])
+            coefficients[:, 2] += further[0]
+            flats = {band: with_pixel_scatter(flat, of_pixels) for band, flat in flats.items()}
+        if self.dark_sigma_dn.any():
+            of_darks = float(scatter[-1])
+            coefficients[:, 0] += further[-1] * shapes[-1] ** 2
+        images["variance"] = self.images["variance"] + evaluate_variance(coefficients - self.coefficients, signal)
+        return replace(
+            self,
+            images=images,
+            coefficients=coefficients,
+            flats=flats,
+            pixel_scatter=of_pixels,
+            dark_scatter_dn=of_darks,
+        )
+
+    def with_dark_levels_of(
+        self, expected_signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CorrectedBands:
+        """Bands whose dark levels are fitted to a comparison, where no darks measured them.
+
+        Parameters
+        ----------
+        expected_signal
+            (band, y, x) rendered signals, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CorrectedBands
+            With the signals changed; unchanged with darks.
+        """
+        if not self.dark_sigma_dn.any():
+            return self
+        images, by_level = self.images.copy(), self.by_dark_level
+        signal = self.images["signal"].values
+        if self.further_dark_dn.size:
+            signal = signal + self.further_dark_dn[:, None, None] * by_level
+        levels = fitted_dark_levels(
+            signal, by_level, self.dark_sigma_dn, signal=expected_signal, variance=variance, used=used
+        )
+        images["signal"] = self.images["signal"].copy(data=signal - levels[:, None, None] * by_level)
+        return replace(self, images=images, further_dark_dn=levels)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -158,6 +243,8 @@ class CorrectedBands(FrozenMappings):
         total = np.asarray(variance, float)[used]
         c0, c1, c2 = (each[used] for each in np.moveaxis(self.coefficients, -3, 0))
         with_light = signal * (c1 + signal * (c2 - self.pixel_scatter**2))
+        if self.dark_scatter_dn:
+            c0 = c0 - (self.dark_scatter_dn * self.by_dark_level[used]) ** 2
         return noise.relative_sigma(float(np.mean(c0 / total)), float(np.mean(with_light / total)))
 
 
@@ -230,7 +317,7 @@ def _nominal_flats(
         usable = ~frames.saturated if in_channel is None else ~frames.saturated & in_channel
         scatters.append(pixel_scatter(frames.signal, variance, usable, capture.cell or (1, 1)))
     finite = [scatter for scatter in scatters if np.isfinite(scatter)]
-    scatter = float(np.median(finite)) if finite else 0.0
+    scatter = min(float(np.median(finite)), _LARGEST_FIRST_SCATTER) if finite else _LARGEST_FIRST_SCATTER
     return dict.fromkeys(capture.band_ids, with_pixel_scatter(flat, scatter)), scatter
 
 
@@ -267,7 +354,7 @@ def _frame_notes(capture: Capture) -> list[str]:
             "no dark frames: a dark level of 0 was assumed"
             if black is None
             else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
-            "dark current and hot pixels are not corrected"
+            "a model fits its error and dark current; hot pixels are not corrected"
         )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")
@@ -396,5 +483,14 @@ def correct_bands(
     if channels is not None:
         images = images.assign_coords(channel=("band", [channels[band] for band in capture.band_ids]))
     return CorrectedBands(
-        images, coefficients, flats, tuple(dict.fromkeys(notes)), nominal_axis, scatter, merged, findings, faint
+        images,
+        coefficients,
+        flats,
+        tuple(dict.fromkeys(notes)),
+        nominal_axis,
+        scatter,
+        dark_level_sigmas(capture, noise.shot_dn),
+        merged=merged,
+        exposure_findings=findings,
+        faint=faint,
     )

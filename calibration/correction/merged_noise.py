@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from ..capture import Capture, FrameTable
 from .noise import NoiseModel, NoiseSource
-from .picture_noise import clipped_variance, second_differences, smooth_pixels
+from .picture_noise import clipped_variance, second_differences, smooth_pixels, steps_of_cells
 
 __all__ = ["measure_merged_noise"]
 
@@ -53,10 +53,10 @@ def _by_repeats(capture: Capture, table: FrameTable) -> Iterator[tuple[float, fl
 
 def _by_neighbours(capture: Capture, table: FrameTable) -> Iterator[tuple[float, float, float]]:
     """Variances of one picture by level of light, from neighbouring pixels."""
-    step = capture.cell or (1, 1)
+    steps = steps_of_cells(capture.cell)
     picture = capture.frames(table)[0]
     usable = (picture < capture.saturation_dn) & (picture > 0)
-    differences, means = second_differences(picture, smooth_pixels(picture, usable, step), step)
+    differences, means = second_differences(picture, smooth_pixels(picture, usable, steps), steps)
     yield from _levels(differences, means, _INDEPENDENT_SHARE)
 
 

@@ -27,7 +27,7 @@ from .noise_line import (
     fit_noise_line,
     samples_of_repeats,
 )
-from .picture_noise import clipped_variance, second_differences
+from .picture_noise import clipped_variance, second_differences, steps_of_cells
 from .repeat_light import LIGHT_CHANGE_NOTED, light_change
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
@@ -244,8 +244,7 @@ def _samples_of_picture(capture: Capture, table: FrameTable, bias: NDArray[np.fl
     """Charge and variance of one frame by its neighbouring pixels, in levels of equally many."""
     frame = capture.frames(table)[0].astype(float)
     usable = (frame < capture.saturation_dn) & (frame > 0)
-    step = capture.cell or (1, 1)
-    differences, means = second_differences(frame - bias, usable, step)
+    differences, means = second_differences(frame - bias, usable, steps_of_cells(capture.cell))
     samples = []
     for level in np.array_split(np.argsort(means), _PICTURE_LEVELS):
         variance = clipped_variance(differences[level])

@@ -4,21 +4,35 @@ The second difference x(i - s) - 2 x(i) + x(i + s) along a row or a column remov
 pixels of variance v its variance is 6 v. Edges and texture make some differences larger; pixels near these are left
 out.
 
-Without flats the scatter of the pixels' sensitivities is a part of this noise. It is estimated from the differences in
-the pictures, which shading and edges widen, and again from those of the residuals of a comparison. The rendering takes
-shading and edges away. What the model lacks changes gradually or at few edges, and stays visible.
+Without flats the scatter of the pixels' sensitivities is a part of this noise, without darks that of their dark
+levels. The first is estimated from the differences in the pictures, which shading and edges widen. Both are estimated
+from those of the residuals of a comparison: the rendering takes shading and edges away. What the model lacks changes
+gradually or at few edges, and stays visible.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from cboxlab.utils.distributions import normal_density
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
+from scipy.optimize import nnls
 from scipy.special import ndtr
 
-__all__ = ["clipped_variance", "pixel_scatter", "scatter_of_residuals", "second_differences", "smooth_pixels"]
+__all__ = [
+    "clipped_variance",
+    "pixel_scatter",
+    "scatter_of_residuals",
+    "second_differences",
+    "smooth_pixels",
+    "steps_of_cells",
+    "steps_within",
+]
 
+#: (rows, columns) from a pixel to its neighbour, px.
+Step = tuple[int, int]
 #: Variance of a second difference over that of one pixel: 1 + 4 + 1.
 _GAIN = 6.0
 #: Standard deviations beyond which a difference is an edge and no noise.
@@ -31,6 +45,8 @@ _EDGE_ROUNDS = 8
 _ROUNDS = 20
 #: Standard deviation of a normal distribution over its median absolute deviation.
 _MAD_TO_SIGMA = 1.4826
+#: Differences for each pixel of a channel at which no longer steps are added: rows and columns have nearly two.
+_DIFFERENCES_A_PIXEL = 1.5
 #: Fewest differences from which a variance is taken: its relative error is then a tenth.
 _FEWEST = 200
 #: Second difference of the rendering, relative and scaled to one pixel's variance, from which on three pixels lie
@@ -68,16 +84,70 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
     return sigma**2
 
 
-def _triples(picture: NDArray, axis: int, size: int) -> list[NDArray]:
-    """Three copies of a picture (y, x), shifted by 0, 1 and 2 steps along an axis."""
-    ends = max(picture.shape[axis] - 2 * size, 0)
-    return [np.take(picture, np.arange(k, k + ends), axis) for k in (0, size, 2 * size)]
+def _triples(picture: NDArray, step: Step) -> list[NDArray]:
+    """Three copies of a picture (y, x), shifted by 0, 1 and 2 steps; empty if too small."""
+    copies = []
+    for number in range(3):
+        part = picture
+        for axis, size in enumerate(step):
+            length = max(picture.shape[axis] - 2 * abs(size), 0)
+            first = number * size if size >= 0 else (number - 2) * size
+            part = np.take(part, np.arange(first, first + length), axis)
+        copies.append(part)
+    return copies
+
+
+def steps_of_cells(cell: tuple[int, int] | None) -> tuple[Step, ...]:
+    """Steps along rows and columns to the same place in the next repeat of a mosaic.
+
+    Parameters
+    ----------
+    cell
+        (rows, columns) of one repeat, px; None without a mosaic.
+
+    Returns
+    -------
+    tuple
+        (rows, columns) of each step.
+    """
+    rows, columns = cell or (1, 1)
+    return (rows, 0), (0, columns)
+
+
+def steps_within(usable: NDArray[np.bool_], cell: tuple[int, int]) -> tuple[Step, ...]:
+    """Shortest steps between pixels of one channel, on which enough differences lie.
+
+    Parameters
+    ----------
+    usable
+        (y, x) True for pixels used, all of one channel.
+    cell
+        (rows, columns) of one repeat of the mosaic, px; (1, 1) without one.
+
+    Returns
+    -------
+    tuple
+        (rows, columns) of each step: along rows and columns, and slanted where a mosaic has nearer neighbours so.
+    """
+    if cell == (1, 1):
+        return steps_of_cells(cell)
+    down, right = cell
+    every = [(y, x) for y in range(down + 1) for x in range(-right, right + 1) if y > 0 or x > 0]
+    steps: list[Step] = []
+    missing = _DIFFERENCES_A_PIXEL * np.count_nonzero(usable)
+    for step in sorted(every, key=lambda step: (step[0] ** 2 + step[1] ** 2, step)):
+        count = np.count_nonzero(np.logical_and.reduce(_triples(usable, step)))
+        if count:
+            steps, missing = [*steps, step], missing - count
+        if missing <= 0:
+            break
+    return tuple(steps)
 
 
 def second_differences(
-    picture: NDArray[np.float64], usable: NDArray[np.bool_], step: tuple[int, int] = (1, 1)
+    picture: NDArray[np.float64], usable: NDArray[np.bool_], steps: Sequence[Step]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Second differences along rows and columns, scaled to the variance of one pixel.
+    """Second differences along steps, scaled to the variance of one pixel.
 
     Parameters
     ----------
@@ -85,8 +155,8 @@ def second_differences(
         (y, x) values.
     usable
         (y, x) True for pixels used; a difference needs all its three.
-    step
-        (rows, columns) distance of the neighbours, px: the repeat of a mosaic.
+    steps
+        (rows, columns) from a pixel to its neighbours, px.
 
     Returns
     -------
@@ -95,18 +165,16 @@ def second_differences(
     NDArray
         (n,) mean of the three pixels.
     """
-    differences, means = [], []
-    for axis, size in enumerate(step):
-        first, middle, last = _triples(picture, axis, size)
-        used = np.logical_and.reduce(_triples(usable, axis, size))
+    differences, means = [np.zeros(0)], [np.zeros(0)]
+    for step in steps:
+        first, middle, last = _triples(picture, step)
+        used = np.logical_and.reduce(_triples(usable, step))
         differences.append(((first - 2 * middle + last) / np.sqrt(_GAIN))[used])
         means.append(((first + middle + last) / 3)[used])
     return np.concatenate(differences), np.concatenate(means)
 
 
-def smooth_pixels(
-    picture: NDArray[np.float64], usable: NDArray[np.bool_], step: tuple[int, int] = (1, 1)
-) -> NDArray[np.bool_]:
+def smooth_pixels(picture: NDArray[np.float64], usable: NDArray[np.bool_], steps: Sequence[Step]) -> NDArray[np.bool_]:
     """Usable pixels away from edges and outliers.
 
     Parameters
@@ -115,8 +183,8 @@ def smooth_pixels(
         (y, x) signal.
     usable
         (y, x) True for pixels used.
-    step
-        (rows, columns) distance of the neighbours, px: the repeat of a mosaic.
+    steps
+        (rows, columns) from a pixel to its neighbours, px.
 
     Returns
     -------
@@ -124,20 +192,20 @@ def smooth_pixels(
         (y, x) True where no second difference nearby exceeds three standard deviations of those at its level of light.
     """
     smooth = usable
-    reach = np.ones([2 * size + 1 for size in step], bool)
+    reach = np.ones([2 * max(abs(step[axis]) for step in steps) + 1 for axis in range(2)] if steps else (1, 1), bool)
     for _ in range(_EDGE_ROUNDS):
-        level, sigma = _sigma_by_level(*second_differences(picture, smooth, step))
+        level, sigma = _sigma_by_level(*second_differences(picture, smooth, steps))
         if not level.size:
             break
         edges = np.zeros(picture.shape, bool)
-        for axis, size in enumerate(step):
-            first, middle, last = _triples(picture, axis, size)
+        for step in steps:
+            first, middle, last = _triples(picture, step)
             expected = np.interp((first + middle + last) / 3, level, sigma)
             large = np.abs(first - 2 * middle + last) > _CLIP * np.sqrt(_GAIN) * expected
-            large &= np.logical_and.reduce(_triples(usable, axis, size))
-            inside = [slice(None), slice(None)]
-            inside[axis] = slice(size, picture.shape[axis] - size)
-            edges[tuple(inside)] |= large
+            large &= np.logical_and.reduce(_triples(usable, step))
+            sides = zip(step, picture.shape, strict=True)
+            inside = tuple(slice(abs(size), length - abs(size)) for size, length in sides)
+            edges[inside] |= large
         remaining = usable & ~binary_dilation(edges, reach)
         if np.count_nonzero(remaining) < _FEWEST:
             break
@@ -160,7 +228,7 @@ def pixel_scatter(
     signal: NDArray[np.float64],
     variance: NDArray[np.float64],
     usable: NDArray[np.bool_],
-    step: tuple[int, int] = (1, 1),
+    cell: tuple[int, int] = (1, 1),
 ) -> float:
     """Relative scatter of the pixels' sensitivities in the bright half of a picture.
 
@@ -172,8 +240,8 @@ def pixel_scatter(
         (y, x) variance of its temporal noise, DN^2.
     usable
         (y, x) True for pixels used.
-    step
-        (rows, columns) distance of neighbours with the same filter, px.
+    cell
+        (rows, columns) of one repeat of the mosaic, px; (1, 1) without one.
 
     Returns
     -------
@@ -183,11 +251,12 @@ def pixel_scatter(
     if not usable.any():
         return float("nan")
     bright = usable & (signal >= max(float(np.median(signal[usable])), 0.0)) & (signal > 0)
-    smooth = smooth_pixels(signal, bright, step)
-    differences, means = second_differences(signal, smooth, step)
+    steps = steps_within(bright, cell)
+    smooth = smooth_pixels(signal, bright, steps)
+    differences, means = second_differences(signal, smooth, steps)
     if differences.size < _FEWEST:
         return float("nan")
-    _, temporal = second_differences(variance, smooth, step)
+    _, temporal = second_differences(variance, smooth, steps)
     relative = clipped_variance(differences / means) - float(np.median(temporal / means**2))
     return float(np.sqrt(max(relative, 0.0)))
 
@@ -197,12 +266,13 @@ def scatter_of_residuals(
     rendered: NDArray[np.float64],
     variance: NDArray[np.float64],
     usable: NDArray[np.bool_],
-    step: tuple[int, int] = (1, 1),
-) -> float:
-    """Relative scatter of the pixels' sensitivities in the residuals of a comparison.
+    shapes: Sequence[NDArray[np.float64]],
+    cell: tuple[int, int] = (1, 1),
+) -> NDArray[np.float64]:
+    """Scatter of the pixels in the residuals of a comparison.
 
-    The variance of a difference is that of its noise and of the scatter. The scatter that makes the differences most
-    probable counts, without those beyond three standard deviations.
+    The variance of a difference is that of its noise and of what scatters from pixel to pixel. The sizes that make the
+    differences most probable count, without differences beyond three standard deviations.
 
     Parameters
     ----------
@@ -214,29 +284,35 @@ def scatter_of_residuals(
         (band, y, x) variance of measured minus rendered, without the scatter, DN^2.
     usable
         (band, y, x) True for pixels used; those without rendered light are left out.
-    step
-        (rows, columns) distance of neighbours with the same filter, px.
+    shapes
+        (band, y, x) each, change of the signal by one unit of what scatters, DN: the signal for sensitivities.
+    cell
+        (rows, columns) of one repeat of the mosaic, px; (1, 1) without one.
 
     Returns
     -------
-    float
-        Standard deviation, 0 where noise explains the differences; NaN with too few pixels.
+    NDArray
+        (shape,) standard deviations in the units of the shapes, 0 where the others explain the differences; NaN with
+        too few pixels.
     """
     positive = usable & (rendered > 0)
     unit = np.where(positive, rendered, 1.0)
-    differences, noises = [], []
+    differences, noises, parts = [], [], []
     for band, used in enumerate(positive):
-        curvature, level = second_differences(rendered[band], used, step)
+        steps = steps_within(used, cell)
+        curvature, level = second_differences(rendered[band], used, steps)
         inside = np.abs(curvature) < _EDGE * level
-        differences.append(second_differences(measured[band] / unit[band], used, step)[0][inside])
-        noises.append(second_differences(variance[band] / unit[band] ** 2, used, step)[1][inside])
-    difference, of_noise = np.concatenate(differences), np.concatenate(noises)
+        differences.append(second_differences(measured[band] / unit[band], used, steps)[0][inside])
+        noises.append(second_differences(variance[band] / unit[band] ** 2, used, steps)[1][inside])
+        squares = [(shape[band] / unit[band]) ** 2 for shape in shapes]
+        parts.append(np.array([second_differences(square, used, steps)[1][inside] for square in squares]))
+    difference, of_noise, of_shapes = np.concatenate(differences), np.concatenate(noises), np.concatenate(parts, axis=1)
     if difference.size < _FEWEST:
-        return float("nan")
+        return np.full(len(shapes), np.nan)
     square, truncated = difference**2, _truncated_variance(_CLIP)
-    scatter = clipped_variance(difference)
+    sizes = np.full(len(shapes), clipped_variance(difference / np.sqrt(of_shapes.sum(axis=0))))
     for _ in range(_SCATTER_ROUNDS):
-        total = of_noise + scatter
-        weight = (square <= _CLIP**2 * total) / total**2
-        scatter = max(float(np.sum(weight * (square / truncated - of_noise)) / np.sum(weight)), 0.0)
-    return float(np.sqrt(scatter))
+        total = of_noise + sizes @ of_shapes
+        weight = (square <= _CLIP**2 * total) / total
+        sizes = nnls((weight * of_shapes).T, weight * (square / truncated - of_noise))[0]
+    return np.sqrt(sizes)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from cboxlab.scenes import load_scene
+from cboxlab.scenes import PHYSICAL_LIMITS, load_scene, numbers_of
 from cboxlab.scenes.spectra import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from ..capture import BandTable, BracketTable, Capture
 from .suspicion import Suspicion
@@ -52,14 +53,8 @@ LONGEST_ANGSTROM = 15000
 #: Plausible width of a sensor, mm: 1 to 100 mm, and a factor of three.
 SENSOR_WIDTH_MM = (0.3, 300)
 
-#: Plausible focal length, mm.
-FOCAL_LENGTH_MM = (1, 3000)
-
 #: Plausible image distance over the focal length.
 IMAGE_DISTANCE_RATIO = (0.95, 4)
-
-#: Plausible f-number: lenses have 0.7 to 45.
-F_NUMBER = (0.5, 64)
 
 #: Smallest relative uncertainty that is in per cent.
 UNCERTAINTY_PER_CENT = 0.5
@@ -309,19 +304,11 @@ def check_numbers(capture: Capture) -> Iterator[Suspicion]:
     Yields
     ------
     Suspicion
-        For pixel pitch, focal length, the first image distance, f-numbers, and the lamp's uncertainties.
+        For the sensor's width, the first image distance, numbers of an unusual size, and the lamp's uncertainties.
     """
-    lit_tables = _lit_tables(capture)
     yield from _check_sensor_width(capture)
-    yield from _check_image_distance(capture, lit_tables)
-    numbers = [table.f_number for _, table in lit_tables if table.f_number]
-    smallest, largest = F_NUMBER
-    if numbers and not smallest <= min(numbers) <= max(numbers) <= largest:
-        yield Suspicion(
-            "the f-number is no f-number",
-            "band.f_number",
-            f"They run from {min(numbers):g} to {max(numbers):g}; lenses have 0.7 to 45.",
-        )
+    yield from _check_image_distance(capture, _lit_tables(capture))
+    yield from _check_usual(capture.manifest)
     yield from _check_lamp_uncertainty(capture)
 
 
@@ -337,9 +324,9 @@ def _lit_tables(capture: Capture) -> list[tuple[str, BandTable | BracketTable]]:
 
 
 def _check_sensor_width(capture: Capture) -> Iterator[Suspicion]:
-    """Pixel pitch by the width of the sensor, and focal length."""
+    """Pixel pitch by the width of the sensor."""
     manifest = capture.manifest
-    camera, focal = manifest.camera, manifest.lens.focal_length_mm
+    camera = manifest.camera
     if camera.pixel_pitch_um is not None:
         width = (manifest.crop.full_width_px if manifest.crop else camera.width_px) * camera.pixel_pitch_um / 1e3
         if not SENSOR_WIDTH_MM[0] < width < SENSOR_WIDTH_MM[1]:
@@ -348,8 +335,34 @@ def _check_sensor_width(capture: Capture) -> Iterator[Suspicion]:
                 "camera.pixel_pitch_um",
                 f"With {camera.pixel_pitch_um:g} um the sensor is {width:.3g} mm wide; sensors are 1 to 100 mm wide.",
             )
-    if focal is not None and not FOCAL_LENGTH_MM[0] < focal < FOCAL_LENGTH_MM[1]:
-        yield Suspicion("the focal length is in another unit than mm", "lens.focal_length_mm", f"It is {focal:g} mm.")
+
+
+def _check_usual(manifest: BaseModel) -> Iterator[Suspicion]:
+    """Numbers that are possible, and that hardly a laboratory has, once for each key."""
+    unusual: dict[str, tuple[str, float]] = {}
+    for where, key, value in _numbers(manifest, ""):
+        if not PHYSICAL_LIMITS[key].is_usual(value):
+            unusual.setdefault(key, (where, value))
+    for key, (where, value) in unusual.items():
+        limits = PHYSICAL_LIMITS[key]
+        unit = f" {limits.unit}" if limits.unit else ""
+        name = key.removesuffix("_mm").removesuffix("_um").removesuffix("_px").removesuffix("_s").replace("_", " ")
+        yield Suspicion(
+            f"the {name} is in another unit, or mistyped", where, f"It is {value:g}{unit}; {limits.reason}."
+        )
+
+
+def _numbers(table: BaseModel, where: str) -> Iterator[tuple[str, str, float]]:
+    """Place in capture.toml, key and value of every number with limits."""
+    for key in type(table).model_fields:
+        value, inner = getattr(table, key), f"{where}{key}"
+        if isinstance(value, BaseModel):
+            yield from _numbers(value, f"{inner}.")
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+            for index, each in enumerate(value):
+                yield from _numbers(each, f"{inner}[{index}].")
+        elif key in PHYSICAL_LIMITS:
+            yield from ((inner, key, number) for number in numbers_of(value))
 
 
 def _check_image_distance(

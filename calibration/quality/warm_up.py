@@ -1,4 +1,4 @@
-"""Check of the bands' repeats for a lamp that warms up."""
+"""Check of the repeats of bands and brackets for a lamp that warms up."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ SMALLEST_CHANGE = 0.005
 #: Time constants that are tried, min: from less than a series takes to where it looks like a straight drift.
 TIME_CONSTANTS_MIN = np.geomspace(0.2, 20.0, 60)
 
-#: Fewest degrees of freedom of the repeats about an exponential: four bands of two repeats, or one band of five.
+#: Kinds of tables whose frames the scene's lamp lights.
+OF_THE_LAMP = ("band", "bracket")
+
+#: Fewest degrees of freedom of the repeats about an exponential: four exposures of two repeats, or one of five. With
+#: three exposures of two, three differences are left: a trembling by 0.3 % explains what a straight drift does not.
 FEWEST_DEGREES = 2
 
 
@@ -32,7 +36,7 @@ def check_warm_up(
 ) -> Iterator[Suspicion]:
     """Detect a lamp whose repeats brighten less and less in the order of time.
 
-    The light of the repeats, relative to the mean of their band, is compared with a straight line in time, as of a
+    The light of the repeats, relative to the mean of their exposure, is compared with a straight line in time, as of a
     drift, and with an exponential.
 
     Parameters
@@ -51,7 +55,7 @@ def check_warm_up(
     Suspicion
         At most one.
     """
-    bands = [s for s in stacks if s.kind == "band" and s.start_s is not None and len(s.frames) > 1]
+    bands = [s for s in stacks if s.kind in OF_THE_LAMP and s.start_s is not None and len(s.frames) > 1]
     first_of = {stack.paths: stack for stack in reversed(bands)}  # channels of a mosaic share their frames
     measured = [each for s in first_of.values() if (each := _light(s, dark, saturation_dn, readout_s)) is not None]
     degrees = sum(minutes.size - 1 for minutes, _ in measured) - 2
@@ -74,7 +78,7 @@ def check_warm_up(
             "the lamp had not warmed up" if change > 0 else "the lamp fades after it was switched on",
             "band.frames",
             f"Its power changes by {change:+.1%} during the series, with a time constant of {constant:.2g} min, by the "
-            "repeats of the bands. Let it burn until repeats agree.",
+            "repeats of bands and brackets. Let it burn until repeats agree.",
         )
 
 

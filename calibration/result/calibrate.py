@@ -232,16 +232,17 @@ def _chain(
 
 
 def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
-    """Axis of the lens, for a capture with a free scale.
+    """Axis of the lens, for a capture without flats.
 
-    It follows from the fitted camera, else from the nominal focal length.
+    It follows from the fitted camera. With a free scale it may follow from the nominal focal length; with an absolute
+    one a rendering has to correct the nominal fall-off, which needs a camera.
     """
     manifest = capture.manifest
-    if manifest.is_absolute:
-        return None
     if fit is not None:
         u, v = fit.camera.principal_point_px
         return LensAxis(fit.camera.focal_length_px, float(u), float(v))
+    if manifest.is_absolute:
+        return None
     focal, pitch, crop = manifest.lens.focal_length_mm, manifest.camera.pixel_pitch_um, manifest.crop
     if focal is None or pitch is None:
         return None

@@ -1,9 +1,9 @@
-"""Free factors and fall-off of a capture without absolute scale, by a rendering.
+"""Free factors without an absolute scale, and fall-off without flats, by a rendering.
 
 The photograph of band b is taken as g_b (1 + a_1 q + a_2 q^2 + a_3 x + a_4 y) times the rendering. g is one factor of
 all bands or one of each. q is the squared distance from the lens's axis, 1 in the farthest corner, x and y are the
 distances along rows and columns. These terms stand only where no flats were taken. The lamp's power is a part of g: it
-is not known, and neither is what changes a band as a whole.
+is not known, and neither is what changes a band as a whole. With an absolute scale the terms alone are kept.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _ROUNDS = 6
 
 @dataclass(frozen=True, eq=False)
 class FreeScale:
-    """Estimated factors of a capture without absolute scale."""
+    """Estimated factors of a capture without absolute scale, and fall-off of one without flats."""
 
     #: Whether each band has its own factor.
     by_band: bool
@@ -46,17 +46,23 @@ class FreeScale:
     fall_off: NDArray[np.float64]
     #: (4,) their standard deviations.
     fall_off_sigma: NDArray[np.float64]
+    #: Whether the scale is absolute, so that the fall-off alone is free.
+    absolute: bool = False
 
     @property
     def not_known(self) -> tuple[str, ...]:
         """Quantities that the capture cannot show, in a few words each."""
         gains = ("the bands' gains",) if self.by_band else ()
         fall_off = ("the lens's fall-off beyond cos^4",) if self.nominal_fall_off else ()
+        if self.absolute:
+            return fall_off
         return ("the lamp's power", *gains, *fall_off)
 
     @property
     def sentence(self) -> str:
         """The factors with their uncertainty, and what is not known."""
+        if self.absolute:
+            return "No flats were taken: the lens's fall-off beyond cos^4 is fitted, and not judged."
         low, high = float(self.constant.min()), float(self.constant.max())
         value = f"C = {low:.4g}" if low == high else f"C = {low:.4g} to {high:.4g}"
         of = "each band has a free factor" if self.by_band else "all bands have one free factor"
@@ -80,8 +86,10 @@ class FreeScale:
             Factors and fall-off with standard deviations, and what is not known.
         """
         pairs = zip(bands, self.constant.tolist(), self.relative_sigma.tolist(), strict=True)
+        if self.absolute:
+            pairs = zip((), (), (), strict=True)
         return {
-            "claim": "free-by-band" if self.by_band else "free",
+            "claim": "absolute" if self.absolute else "free-by-band" if self.by_band else "free",
             "factors": {band: {"value": value, "relative_sigma": sigma} for band, value, sigma in pairs},
             "fall_off": [
                 {"term": term, "value": value, "sigma": sigma}
@@ -98,34 +106,43 @@ class FreeScale:
         return (len(self.constant) - 1 if self.by_band else 0) + (len(_FALL_OFF_TERMS) if self.nominal_fall_off else 0)
 
 
-def _terms(bands: CorrectedBands) -> NDArray[np.float64]:
-    """(k, y, x) shapes of the further fall-off; k = 0 where flats were taken."""
+def _terms(bands: CorrectedBands, so_far: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, y, x) relative changes by the terms next to those so far; k = 0 with flats.
+
+    A fall-off 1 + (a + b) q is 1 + a q times 1 + b q / (1 + a q).
+    """
     height, width = bands.images["signal"].shape[1:]
     shape = height, width
-    return np.zeros((0, *shape)) if bands.nominal_axis is None else fall_off_terms(bands.nominal_axis, shape)
+    if bands.nominal_axis is None:
+        return np.zeros((0, *shape))
+    terms = fall_off_terms(bands.nominal_axis, shape)
+    return np.asarray(terms / (1 + np.tensordot(so_far, terms, 1)))
 
 
-def free_columns(calibration: Calibration, signal: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def free_columns(
+    calibration: Calibration, scale: FreeScale | None, signal: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
     """Changes of the picture that free factors and fall-off make, in addition to the lamp's.
 
     Parameters
     ----------
     calibration
         Calibration of a capture.
+    scale
+        Its free scale so far; None for a capture with an absolute scale and flats.
     signal
         (band, y, x) predicted signals, DN.
 
     Returns
     -------
     list of NDArray
-        (band, y, x) DN each; empty for a capture with an absolute scale.
+        (band, y, x) DN each; empty for a capture with an absolute scale and flats.
     """
-    manifest = calibration.capture.manifest
-    if manifest.is_absolute:
+    if scale is None:
         return []
     unit = np.eye(len(signal))[:, :, None, None]
-    by_band = [band * signal for band in unit[1:]] if manifest.is_free_by_band else []
-    return [*by_band, *(term * signal for term in _terms(calibration.bands))]
+    by_band = [band * signal for band in unit[1:]] if scale.by_band else []
+    return [*by_band, *(term * signal for term in _terms(calibration.bands, scale.fall_off))]
 
 
 def starting_scale(calibration: Calibration) -> FreeScale | None:
@@ -139,13 +156,13 @@ def starting_scale(calibration: Calibration) -> FreeScale | None:
     Returns
     -------
     FreeScale | None
-        With infinite standard deviations; None for a capture with an absolute scale.
+        With infinite standard deviations; None for a capture with an absolute scale and flats.
     """
     manifest, constant = calibration.capture.manifest, calibration.radiometry.constant
-    if manifest.is_absolute or constant is None:
+    nominal = calibration.bands.nominal_axis is not None
+    if (manifest.is_absolute and not nominal) or constant is None:
         return None
     unknown = np.full(len(manifest.band), np.inf)
-    nominal = calibration.bands.nominal_axis is not None
     terms = np.zeros(len(_FALL_OFF_TERMS) if nominal else 0)
     return FreeScale(
         manifest.is_free_by_band,
@@ -154,6 +171,7 @@ def starting_scale(calibration: Calibration) -> FreeScale | None:
         nominal,
         terms,
         _FALL_OFF_SIGMA[: terms.size].copy(),
+        manifest.is_absolute,
     )
 
 
@@ -189,7 +207,7 @@ def refined_scale(
     NDArray
         (y, x) factor on the flat fields so far.
     """
-    measured, terms = calibration.images["signal"].values, _terms(calibration.bands)
+    measured, terms = calibration.images["signal"].values, _terms(calibration.bands, scale.fall_off)
     count = len(signal)
     owner = np.arange(count) if scale.by_band else np.zeros(count, int)
     total = owner.max() + 1
@@ -222,7 +240,9 @@ def refined_scale(
     sigma = np.sqrt(excess * np.diag(np.linalg.inv(information)))
     bent = 1 + np.tensordot(further, terms, 1)
     of_bands = factors[owner]
-    # two fall-offs after each other are one, to first order in the later, smaller one
+    if scale.absolute:  # the factor is the lamp's, and a flat has mean 1
+        of_bands, bent = np.ones(count), bent / bent.mean()
+        return replace(scale, fall_off=scale.fall_off + further, fall_off_sigma=sigma[total:]), of_bands, bent
     refined = replace(
         scale,
         constant=scale.constant * of_bands,

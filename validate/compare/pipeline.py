@@ -269,7 +269,7 @@ def _fitted_to_draft(
 ) -> tuple[CalibratedCapture, Camera, float | None]:
     """Capture and camera fitted to a draft, and the noise of the draft's pilot.
 
-    The draft is rendered through ``camera``. Of the capture only a free scale is fitted.
+    The draft is rendered through ``camera``.
     """
     settings = replace(model.render, noise=max(_DRAFT_NOISE, model.render.noise))
     draft = rendered_from(prepared, light, camera, settings, model.effects, progress, pilot)
@@ -277,10 +277,9 @@ def _fitted_to_draft(
         level = prepared.measured[draft.used].sum() / draft.signal[draft.used].sum()
         require_level(prepared.picture.path, float(level))
     fit = refitted(prepared, draft, model.effects)
-    if prepared.free_scale is not None:
+    if prepared.is_partly_unknown:
         signal = draft.signal + warp_change(draft.predictor.warp, fit.camera)
-        variance = prepared.calibration.predicted_variance(prepared.noise_reference_signal(signal)) + draft.variance
-        prepared = prepared.with_scale_of(signal, variance, draft.used)
+        prepared = prepared.fitted_to(signal, draft.variance, draft.used)
     return prepared, fit.camera, draft.pilot
 
 

@@ -59,8 +59,44 @@ class CalibratedCapture:
     picture: ExternalPicture | None = None
     #: Folder of rendered pictures and fits; None for no cache.
     cache: Path | None = None
-    #: Factors of a capture that claims no absolute scale, as far as they were estimated; None with an absolute scale.
+    #: Free factors and fall-off, as far as they were estimated; None with an absolute scale and flats.
     free_scale: FreeScale | None = None
+
+    @property
+    def is_partly_unknown(self) -> bool:
+        """Whether a rendering has to show what references, flats or darks would have measured."""
+        return self.free_scale is not None or bool(self.calibration.bands.dark_sigma_dn.any())
+
+    @property
+    def unknown_sentences(self) -> tuple[str, ...]:
+        """What a rendering showed in place of references, flats and darks."""
+        of_scale = () if self.free_scale is None else (self.free_scale.sentence,)
+        of_darks = self.calibration.bands.dark_sentence
+        return of_scale if of_darks is None else (*of_scale, of_darks)
+
+    def fitted_to(
+        self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture with what is unknown of it fitted to a rendering.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal with the scale so far, DN.
+        rendering_variance
+            (band, y, x) variance of the rendering, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            With scatter of its pixels, dark levels, scale and fall-off changed.
+        """
+        scattering = self.with_scatter_of(signal, rendering_variance, used)
+        noise = scattering.calibration.predicted_variance(self.noise_reference_signal(signal))
+        variance = noise + rendering_variance
+        return scattering.with_dark_levels_of(signal, variance, used).with_scale_of(signal, variance, used)
 
     def with_scale_of(
         self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
@@ -90,10 +126,32 @@ class CalibratedCapture:
         responses = calibration.responses or self.responses
         return replace(self, calibration=calibration, responses=responses, free_scale=scale)
 
+    def with_dark_levels_of(
+        self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture with dark levels fitted to a rendering; itself with darks.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) rendered signal, DN.
+        variance
+            (band, y, x) variance of measured minus rendered, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            With calibration changed.
+        """
+        bands = self.calibration.bands.with_dark_levels_of(signal, variance, used)
+        return replace(self, calibration=replace(self.calibration, bands=bands))
+
     def with_scatter_of(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:
-        """The same capture with the scatter of its pixels fitted to a rendering; itself with flats.
+        """The same capture with its pixels' scatter fitted; itself with flats and darks.
 
         Parameters
         ----------
@@ -111,8 +169,8 @@ class CalibratedCapture:
         """
         calibration = self.calibration
         variance = calibration.predicted_variance(signal) + rendering_variance
-        step = calibration.capture.cell or (1, 1)
-        bands = calibration.bands.with_scatter_of(signal, variance, used, step)
+        cell = calibration.capture.cell or (1, 1)
+        bands = calibration.bands.with_scatter_of(signal, variance, used, cell)
         return replace(self, calibration=replace(calibration, bands=bands))
 
     @property

@@ -56,7 +56,7 @@ from .linearised_fit import (
     residual_with_rendered,
 )
 from .ranking import UNKNOWN, Ranked, ranking
-from .search import Candidate, Signature, scale_notes, without_imitated
+from .search import Candidate, Signature, unknown_notes, without_imitated
 from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
 
@@ -257,7 +257,7 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=scale_notes(prepared.free_scale, judged.imitated) + notes,
+        notes=unknown_notes(prepared, judged.imitated) + notes,
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
@@ -432,10 +432,10 @@ def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[C
     applied = tuple(c.applied for c in effects)
     signal = linearised.predictor.signal((*linearised.model_effects, *applied))
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
+    prepared = prepared.with_dark_levels_of(signal, variance, rendered.used)
+    before, prepared = prepared.free_scale, prepared.with_scale_of(signal, variance, rendered.used)
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
-    before = prepared.free_scale
-    if before is not None:
-        prepared = prepared.with_scale_of(signal, variance, rendered.used)
+    if before is not None and not before.absolute:
         factors = ((prepared.free_scale or before).constant / before.constant)[:, None, None]
         scale, signal = 1.0, factors * signal
         lamp = replace(rendered.fit, lamp_scale=1.0)

@@ -61,7 +61,7 @@ class LinearisedFit:
     base: NDArray[np.float64]
     #: (10, band, y, x) derivatives of the signals by the camera's parameters.
     derivative: NDArray[np.float32]
-    #: (n,) DN each, changes of the used samples by free factors and fall-off; None with an absolute scale.
+    #: (n,) DN each, changes of the used samples by free factors and fall-off; None with an absolute scale and flats.
     free_changes: tuple[NDArray[np.float64], ...] | None = None
 
     @property
@@ -168,11 +168,10 @@ def linearised_fit(
             [nuisances.lamp_scale * derivative, _by_lamp_scale(predictor, (*model_effects, *added))[None]]
         ),
         lamp_sigma=prepared.lamp_sigma,
-        band_errors=BandErrors(
-            tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
-        ),
+        band_errors=BandErrors(tabulation_errors(prepared.responses, lamp), _dark_errors(prepared)),
     )
-    free = tuple(c[rendered.used] for c in free_columns(prepared.calibration, nuisances.lamp_scale * base))
+    columns = free_columns(prepared.calibration, prepared.free_scale, nuisances.lamp_scale * base)
+    free = tuple(column[rendered.used] for column in columns)
     model = model.marginalised_over([model.whiten_used(change) for change in free])
     if prepared.calibration.capture.cell is not None:
         in_channel = (prepared.calibration.images.mask.values & Mask.OTHER_CHANNEL) == 0
@@ -180,6 +179,15 @@ def linearised_fit(
     single = derivative.astype(np.float32)
     free_changes = None if prepared.free_scale is None else free
     return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single, free_changes)
+
+
+def _dark_errors(prepared: CalibratedCapture) -> NDArray[np.float64]:
+    """Standard deviations of the dark levels, (band, y, x) or with darks (1, 1, 1), DN."""
+    calibration, rounding = prepared.calibration, np.full((1, 1, 1), prepared.calibration.noise.rounding_error_dn)
+    unmeasured = calibration.bands.dark_sigma_dn
+    if not unmeasured.any():
+        return rounding
+    return np.asarray(np.hypot(rounding, unmeasured[:, None, None]) * calibration.bands.by_dark_level)
 
 
 def _by_lamp_scale(predictor: Predictor, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:

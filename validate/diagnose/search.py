@@ -19,7 +19,7 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ..compare import FreeScale
+from ..compare import CalibratedCapture, Nuisances
 from ..predict import Predictor
 from .hypotheses import Hypothesis
 from .linear_model import LinearModel
@@ -35,10 +35,10 @@ __all__ = [
     "columns_of",
     "judged_by_priors",
     "least_squares",
-    "scale_notes",
     "screen",
     "signature",
     "steps_of",
+    "unknown_notes",
     "without_imitated",
 ]
 
@@ -477,25 +477,28 @@ def without_imitated(
     model
         Linear model of the capture.
     free_changes
-        (n,) DN each, changes by free factors and fall-off; None with an absolute scale.
+        (n,) DN each, changes by free factors and fall-off; None with an absolute scale and flats.
     signatures
         Signatures of the hypotheses.
 
     Returns
     -------
     list of Signature
-        The others; all of them for a capture with an absolute scale.
+        The others; all of them for a capture with an absolute scale and flats.
     tuple of str
         Identifiers of the effects left out, in order.
     """
     if free_changes is None:
         return list(signatures), ()
-    factors = np.array([change / model.sigma for change in (model.by_lamp, *free_changes)]).T
+    lamp_is_free = model.priors[Nuisances.of_lamp, Nuisances.of_lamp] == 0
+    changes = (model.by_lamp, *free_changes) if lamp_is_free else free_changes
+    factors = np.array([change / model.sigma for change in changes]).T
     basis = np.linalg.qr(factors / np.linalg.norm(factors, axis=0))[0]
     others: list[Signature] = []
     imitated: dict[str, None] = {}
     for signature in signatures:
-        if signature.hypothesis.effect.imitates_lamp_power or _is_imitated(basis, signature, model.sigma):
+        of_lamp = lamp_is_free and signature.hypothesis.effect.imitates_lamp_power
+        if of_lamp or _is_imitated(basis, signature, model.sigma):
             imitated[signature.hypothesis.effect.id] = None
         else:
             others.append(signature)
@@ -513,24 +516,23 @@ def _is_imitated(basis: NDArray[np.float64], signature: Signature, sigma: NDArra
     return bool(np.all(np.sum(remainder**2, axis=1) <= _MIN_LEFT_SHARE * np.maximum(sizes, 1e-300)))
 
 
-def scale_notes(scale: FreeScale | None, imitated: Sequence[str]) -> tuple[str, ...]:
-    """Note on the free scale of a capture; none for an absolute scale.
+def unknown_notes(prepared: CalibratedCapture, imitated: Sequence[str]) -> tuple[str, ...]:
+    """Notes on what references, flats and darks would have shown; none with all of them.
 
     Parameters
     ----------
-    scale
-        The free scale; None for an absolute one.
+    prepared
+        The calibrated capture.
     imitated
-        Identifiers of the effects that it imitates.
+        Identifiers of the effects that its free scale or fall-off imitates.
 
     Returns
     -------
     tuple[str, ...]
-        At most one sentence.
+        At most one for the scale, with the effects, and one for the darks.
     """
-    if scale is None:
-        return ()
-    sentence = scale.sentence
-    if imitated:
-        sentence += f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
-    return (sentence,)
+    notes = prepared.unknown_sentences
+    if not imitated or not notes:
+        return notes
+    effects = f" Effects that do the same to the picture are no candidates: {', '.join(imitated)}."
+    return (notes[0] + effects, *notes[1:])

@@ -69,8 +69,9 @@ def _assumptions(result: Validation) -> list[str]:
         "and dark.",
         f"Effects in the model: {effects}.",
         f"The lamp's spectrum is that of the capture. Its power was fitted {lamp}."
-        if prepared.free_scale is None
-        else f"The lamp's spectrum is that of the capture. {prepared.free_scale.sentence}",
+        if prepared.free_scale is None or prepared.free_scale.absolute
+        else "The lamp's spectrum is that of the capture.",
+        *prepared.unknown_sentences,
         "The camera was fitted to the surveyed points, then refitted to the picture with the survey's covariance as "
         f"prior. The refit moved the box's corners by {moved:.2f} px (rms per coordinate).",
         f"{light}. All results include {error}.",
@@ -82,6 +83,7 @@ def _assumptions(result: Validation) -> list[str]:
 def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]) -> ValidationFacts:
     """Data of a validation besides the comparison."""
     prepared, fit = result.prepared, result.fit
+    lamp_is_free = prepared.free_scale is not None and not prepared.free_scale.absolute
     return ValidationFacts(
         capture=prepared.calibration.capture.manifest.name or prepared.calibration.capture.folder.name,
         model=result.model.name,
@@ -89,8 +91,8 @@ def _run(result: Validation, failed: Sequence[Failure], path: Sequence[PathStep]
         camera=fit.camera,
         calibrated_camera=prepared.calibrated_camera,
         reprojection_rms_px=prepared.camera_fit.reprojection_rms_px,
-        lamp_scale=fit.lamp_scale if prepared.free_scale is None else float("nan"),
-        lamp_scale_sigma=fit.lamp_scale_sigma if prepared.free_scale is None else float("nan"),
+        lamp_scale=float("nan") if lamp_is_free else fit.lamp_scale,
+        lamp_scale_sigma=float("nan") if lamp_is_free else fit.lamp_scale_sigma,
         lamp_scale_prior_sigma=prepared.lamp_sigma if prepared.lamp_sigma is not None else float("nan"),
         path=path,
         failures=failed,

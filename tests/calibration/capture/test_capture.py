@@ -1,16 +1,21 @@
 """The loader of the capture format: what it accepts, and what it says about each mistake."""
 
 import os
+import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
-from cboxlab.calibration.capture import band_channels, chosen_channel_notes
+from cboxlab.calibration.capture import band_channels, chosen_channel_notes, manifest
 from cboxlab.calibration.capture.capture import load_capture
+from cboxlab.calibration.capture.manifest_faults import checked_keys
+from cboxlab.scenes import PHYSICAL_LIMITS
 from cboxlab.utils.errors import InputError
 from helpers.fakes.capture import FakeCapture
 from PIL import Image
+from pydantic import BaseModel
 
 
 @pytest.fixture(scope="module")
@@ -215,10 +220,40 @@ def test_all_faults_are_named_in_one_pass(folder):
     assert message.count("\n") == 3
 
 
-def test_an_impossible_size_is_refused(folder):
-    edit(folder, "gain_e_per_dn = 12.0", "gain_e_per_dn = 1e300")
-    message = fault(folder)
-    assert "camera.gain_e_per_dn" in message and "1e+300" in message and "1e+15" in message
+def test_numbers_that_no_laboratory_has_are_refused_with_the_possible_ones():
+    """Other units, mistyped zeros and dates in place of seconds; one table holds all limits."""
+    camera = {"width_px": 64, "height_px": 64, "bit_depth": 12}
+    band = {"id": "a", "frames": ["a.tif"], "exposure_s": 1.0, "f_number": 8.0}
+    sound = {"format": "capture/1", "camera": camera, "band": [band]}
+    assert checked_keys(Path("c.toml"), sound)[1] == []
+    for table, key, value, possible in (
+        ("camera", "pixel_pitch_um", 1953125.0, "0.05 to 20000 um"),
+        ("camera", "gain_e_per_dn", 1e300, "0.0001 to 1e+06 e-/DN"),
+        ("camera", "black_level_dn", {"R": 512.0, "G": 1e9, "B": 512.0}, "0 to 65535 DN"),
+        ("camera", "width_px", 10**9, "1 to 1.04858e+06 px"),
+        ("band", "f_number", 1e-9, "0.1 to 5000"),
+        ("band", "exposure_s", 1.8e12, "1e-09 to 1e+06 s"),
+        ("band", "start_s", -1.8e12, "-1e+10 to 1e+10 s"),
+        ("lens", "focal_length_mm", 3.5e7, "0.1 to 100000 mm"),
+        ("lens", "distortion", [0.1, -1e300, 0.0, 0.0, 0.0], "-10000 to 10000"),
+    ):
+        content = {"camera": {**camera}, "band": {**band}, "lens": {}}
+        content[table][key] = value
+        data = {**sound, "camera": content["camera"], "band": [content["band"]], "lens": content["lens"]}
+        (error,) = checked_keys(Path("c.toml"), data)[1]
+        assert key in error.where and error.expected.startswith(f"{possible}:")
+
+
+def test_every_number_of_the_manifest_has_limits():
+    """But for bits, which are a choice, and unit vectors, whose length is checked."""
+    tables = [model for model in vars(manifest).values() if isinstance(model, type) and issubclass(model, BaseModel)]
+    numbers = {
+        key
+        for table in tables
+        for key, field in table.model_fields.items()
+        if re.search(r"\b(int|float)\b", str(field.annotation))
+    }
+    assert len(numbers) > 25 and numbers - {*PHYSICAL_LIMITS} == {"bit_depth", "right", "down"}
 
 
 def test_all_faulty_files_are_named_in_one_pass(folder):

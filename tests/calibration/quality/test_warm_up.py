@@ -15,8 +15,8 @@ class NoDark:
         return np.zeros((64, 64))
 
 
-def series(seed, power, flicker=0.0, repeats=2, bands=BANDS):
-    """Repeats of bands of a lamp of power(minutes), with shot noise."""
+def series(seed, power, flicker=0.0, repeats=2, bands=BANDS, brackets=0):
+    """Repeats of bands of a lamp of power(minutes), with shot noise; the last ones are brackets."""
     generator, stacks = np.random.default_rng(seed), []
     for band in range(bands):
         start, frames = band * (repeats * (EXPOSURE_S + READOUT_S) + CHANGE_S), []
@@ -25,14 +25,15 @@ def series(seed, power, flicker=0.0, repeats=2, bands=BANDS):
             light = 1500 * power(minutes) * (1 + flicker * generator.standard_normal())
             frames.append((generator.poisson(12 * light, (64, 64)) / 12).round().astype(np.uint16))
         paths = tuple(f"{band}-{k}.tif" for k in range(repeats))
-        stacks.append(Stack("band", f"band[{band}]", str(band), EXPOSURE_S, start, paths, np.stack(frames), None))
+        kind = "bracket" if band >= bands - brackets else "band"
+        stacks.append(Stack(kind, f"band[{band}]", str(band), EXPOSURE_S, start, paths, np.stack(frames), None))
     return stacks
 
 
-@pytest.mark.parametrize(("bands", "repeats"), [(5, 2), (7, 2), (7, 4), (1, 30)])
-def test_a_lamp_that_warms_up_is_named_with_its_size(bands, repeats):
+@pytest.mark.parametrize(("bands", "repeats", "brackets"), [(5, 2, 3), (7, 2, 0), (7, 4, 0), (1, 30, 0)])
+def test_a_lamp_that_warms_up_is_named_with_its_size(bands, repeats, brackets):
     """A colour camera may take many repeats of one band, which has all its channels."""
-    stacks = series(1, lambda m: 1 - 0.1 * np.exp(-m / 0.8), repeats=repeats, bands=bands)
+    stacks = series(1, lambda m: 1 - 0.1 * np.exp(-m / 0.8), repeats=repeats, bands=bands, brackets=brackets)
     (suspicion,) = check_warm_up(stacks, NoDark(), 4095, READOUT_S)
     change = float(re.search(r"changes by ([-+0-9.]+)%", suspicion.why).group(1))
     assert change == pytest.approx(9.3, abs=1.5) and "warmed up" in suspicion.what

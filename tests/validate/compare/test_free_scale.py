@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tomli_w
 from cboxlab.calibration.capture import load_capture
-from cboxlab.calibration.correction import CorrectedBands, LensAxis, evaluate_variance
+from cboxlab.calibration.correction import CorrectedBands, LensAxis, evaluate_variance, fall_off_terms
 from cboxlab.calibration.correction.correction import FlatField
 from cboxlab.calibration.instrument import band_images
 from cboxlab.rendering.model import Model
@@ -85,6 +85,18 @@ def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
     np.testing.assert_allclose(fitted.fall_off, [-0.08, -0.03, 0.0, 0.01] if nominal else [], atol=1e-6)
 
 
+def test_with_an_absolute_scale_the_fall_off_alone_is_free():
+    """A lamp 20 % too strong stays so, in a picture whose flat keeps the mean 1."""
+    signal, square = rendering(), (AXIS.radius_px(SHAPE) / AXIS.radius_px(SHAPE).max()) ** 2
+    measured = 1.2 * signal * (1 - 0.1 * square)
+    noise = {"variance": np.full(signal.shape, 1e-4), "used": np.ones(signal.shape, bool)}
+    first = replace(start(False, True), absolute=True)
+    fitted, of_bands, bent = refined_scale(first, calibration(measured, AXIS), signal=signal, **noise)
+    assert (of_bands == 1).all() and (fitted.constant == first.constant).all()
+    np.testing.assert_allclose(bent, (1 - 0.1 * square) / (1 - 0.1 * square).mean(), rtol=1e-6)
+    assert fitted.not_known == ("the lens's fall-off beyond cos^4",) and not fitted.record(BANDS)["factors"]
+
+
 def test_the_stated_uncertainty_is_the_scatter():
     signal, pulls = rendering(), []
     for seed in range(60):
@@ -108,12 +120,34 @@ def test_a_flaw_of_the_model_hardly_moves_the_factor():
 
 def test_the_columns_of_the_diagnosis_span_the_free_factors():
     signal = rendering()
-    columns = free_columns(calibration(signal, AXIS, "free-by-band"), signal)
+    by_band = start(True, True)
+    columns = free_columns(calibration(signal, AXIS, "free-by-band"), by_band, signal)
     assert len(columns) == 2 + 4
     assert np.array_equal(columns[0][1], signal[1]) and not columns[0][[0, 2]].any()
-    assert len(free_columns(calibration(signal, None, "free"), signal)) == 0
-    brighter = free_columns(calibration(signal, AXIS, "free-by-band"), 2 * signal)
+    assert len(free_columns(calibration(signal, None, "free"), start(False, False), signal)) == 0
+    assert free_columns(calibration(signal), None, signal) == []
+    brighter = free_columns(calibration(signal, AXIS, "free-by-band"), by_band, 2 * signal)
     np.testing.assert_allclose(brighter, 2 * np.array(columns))
+
+
+def test_a_second_fit_corrects_the_first_one_exactly():
+    """The first one took a dark wall on the left for a tilt of 6 %; products of both would leave 0.4 %."""
+    signal, terms = rendering(), fall_off_terms(AXIS, SHAPE)
+    truth, first = np.array([-0.1, 0.02, 0.0, 0.01]), np.array([-0.06, 0.0, 0.06, 0.02])
+    bent = [1 + np.tensordot(each, terms, 1) for each in (truth, first)]
+    begun = replace(start(False, True), fall_off=first)
+    fitted, _, further = refined_scale(
+        begun,
+        calibration(2 * signal * bent[0] / bent[1], AXIS),
+        signal=signal,
+        variance=np.full(signal.shape, 1e-4),
+        used=np.ones(signal.shape, bool),
+    )
+    np.testing.assert_allclose(further * bent[1], bent[0], rtol=1e-6)
+    np.testing.assert_allclose(fitted.fall_off, truth, atol=1e-6)
+    columns = free_columns(calibration(signal, AXIS), begun, signal)
+    change = np.tensordot(truth - first, np.array(columns), 1)
+    np.testing.assert_allclose(signal + change, signal * bent[0] / bent[1])
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     calibration = SimpleNamespace(
         predicted_variance=lambda signal_given: 2 * signal_given + 5,
         noise=SimpleNamespace(rounding_error_dn=0.0),
-        bands=SimpleNamespace(shared_variance=lambda signal_given: 0.0),
+        bands=SimpleNamespace(shared_variance=lambda signal_given: 0.0, dark_sigma_dn=np.zeros(2)),
         capture=SimpleNamespace(cell=None),
     )
     prepared = SimpleNamespace(

@@ -75,10 +75,10 @@ def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
 
 
 def _rivals(fit_input: FitInput) -> Iterator[FittedExplanation]:
-    """The same forms, and light of a single wavelength in one channel of a mosaic.
+    """The same forms, and light of a single wavelength in one channel of a mosaic, or in each.
 
-    Such is the second pass band of a dye. Few channels stand for few wavelengths, so that the picture of each follows
-    the light exchange.
+    Such is the second pass band of a dye, or an infrared filter that lets the ends of the spectrum through. Few
+    channels stand for few wavelengths, so that the picture of each follows the light exchange.
     """
     yield from _generate(fit_input)
     data, t = fit_input.data, fit_input.data.transport
@@ -95,13 +95,25 @@ def _rivals(fit_input: FitInput) -> Iterator[FittedExplanation]:
         return (level[band, :, None] * pictures[band]).astype(np.float32)
 
     n = equations_in_all_bands(data, columns)
-    for band in range(bands):
-        fits = [(_of_two(n, band, [0, 1 + line]), t.line_nm[line]) for line in range(lines)]
-        fit, nm = max(fits, key=lambda pair: pair[0].evidence)
-        form = f"light of {nm:.0f} nm in {data.bands[band]}"
-        yield FittedExplanation(
-            FAMILY, form, fit, columns, "previous", ImageMaps("cosines"), sharp=True, num_choices=bands * lines
+
+    def explanation(form: str, fit: FieldFit, num_choices: int) -> FittedExplanation:
+        return FittedExplanation(
+            FAMILY, form, fit, columns, "previous", ImageMaps("cosines"), sharp=True, num_choices=num_choices
         )
+
+    likeliest = []
+    for band in range(bands):
+        fits = [_of_two(n, band, [0, 1 + line]) for line in range(lines)]
+        line = max(range(lines), key=lambda index: fits[index].evidence)
+        likeliest.append(1 + line)
+        yield explanation(f"light of {t.line_nm[line]:.0f} nm in {data.bands[band]}", fits[line], bands * lines)
+    alike = [_of_two_in_each(n, [1 + line] * bands) for line in range(lines)]
+    line = max(range(lines), key=lambda index: alike[index].evidence)
+    # each channel may leak or not, so that one alone is the simpler form
+    yield explanation(f"light of {t.line_nm[line]:.0f} nm in all channels", alike[line], lines * 2**bands)
+    yield explanation(
+        "light of another wavelength in each of all channels", _of_two_in_each(n, likeliest), lines**bands
+    )
 
 
 def _unlike_places(fit_input: FitInput, mixed: Columns, parts: NDArray[np.float64]) -> Iterator[FittedExplanation]:
@@ -162,6 +174,20 @@ def _of_two(n: NormalEquations, band: int, some: list[int]) -> FieldFit:
     coefficients, of_trial = np.zeros(n.b.shape), np.zeros(n.b.shape)
     coefficients[band, some], of_trial[band, some] = x, trial
     return fit_result(n, coefficients, of_trial, evidence, freedom)
+
+
+def _of_two_in_each(n: NormalEquations, others: list[int]) -> FieldFit:
+    """Fit of two columns in each band: its own level, and one of others (band,)."""
+    some = [[0, other] for other in others]
+    parts = [
+        (n.a[b][np.ix_(s, s)], n.b[b][s], n.c[b][:, s], n.trial_a[b][np.ix_(s, s)], n.trial_b[b][s])
+        for b, s in enumerate(some)
+    ]
+    fit = each_band(NormalEquations(*(np.array(values) for values in zip(*parts, strict=True))))
+    coefficients = np.zeros(n.b.shape)
+    for band, (columns, values) in enumerate(zip(some, fit.coefficients, strict=True)):
+        coefficients[band, columns] = values
+    return replace(fit, coefficients=coefficients)
 
 
 #: Words for the laboratory.

@@ -439,13 +439,13 @@ class BandErrors:
 
     #: (band,) relative to the signal, by the tabulation of spectra.
     relative: NDArray[np.float64]
-    #: Of the dark level by rounding, DN.
-    dark_dn: float
+    #: (band, y, x) or a shape that suits it, of the dark level in the signal, DN.
+    dark_dn: NDArray[np.float64]
 
     @property
     def dark_counts(self) -> bool:
         """Whether the error of the dark level is large enough to be counted."""
-        return self.dark_dn > _MIN_DARK_ERROR_DN
+        return bool(np.max(self.dark_dn) > _MIN_DARK_ERROR_DN)
 
 
 def build_linear_model(
@@ -528,7 +528,7 @@ def _shared_errors(
     bands = [
         size * band * signal for size, band in zip(np.hypot(_BAND_ERROR, errors.relative), unit_bands, strict=True)
     ]
-    darks = [errors.dark_dn * band * np.ones_like(signal) for band in unit_bands] if errors.dark_counts else []
+    darks = [band * np.broadcast_to(errors.dark_dn, signal.shape) for band in unit_bands] if errors.dark_counts else []
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
     rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*darks, *bands, *faces)]
     return np.array(rows).T

@@ -89,14 +89,21 @@ def test_other_sensitivities_of_the_channels_are_no_paint_that_glows(dyes):
         assert "all channels" in rival_forms(data)[0].form
 
 
-def test_a_second_pass_band_of_a_colour_filter_is_found_at_its_wavelength():
-    """Light of 540 nm in one channel, by a third paint on the right half that no channel's own picture shows."""
+@pytest.mark.parametrize("leaks", [(0, 1, 0, 0), (1, 0.6, 1.3, 0.8)])
+def test_a_second_pass_band_of_colour_filters_is_found_at_its_wavelength(leaks):
+    """Light of 540 nm, by a third paint on the right half that no channel's own picture shows."""
     lines = small_excess(np.zeros_like(SIGNAL)).transport.lines
-    leak = np.zeros_like(SIGNAL)
-    leak[1] = 0.06 * 1000 * lines[1]
-    first, second, *_ = rival_forms(_behind_mosaic(leak))
-    assert first.form == "light of 540 nm in b1"
-    assert first.evidence > second.evidence + 20
+    leak = 0.06 * 1000 * np.array(leaks)[:, None, None] * lines[1]
+    every = rival_forms(_behind_mosaic(leak))
+    in_all = next(form for form in every if form.form == "light of 540 nm in all channels")
+    in_one, other, *_ = [form for form in every if "all channels" not in form.form]
+    if all(leaks):
+        assert in_all is every[0] and in_all.evidence > in_one.evidence + 20
+        size = np.sqrt(in_all.fit.size / np.array(leaks) ** 2)
+        assert size.max() < 1.5 * size.min()
+    else:
+        assert in_one.form == "light of 540 nm in b1" and in_one.evidence > other.evidence + 20
+        assert in_all.fit.size.argmax() == 1
     assert not any(" nm in " in form.form for form in rival_forms(small_excess(leak)))
 
 

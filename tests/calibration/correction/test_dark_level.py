@@ -1,0 +1,54 @@
+"""Dark levels of a capture without darks, by a rendering."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from cboxlab.calibration.correction.black_level import dark_level_sigmas
+from cboxlab.calibration.correction.corrected_bands import CorrectedBands
+
+SHAPE = (2, 40, 40)
+RESPONSE = np.linspace(0.6, 1.4, 1600).reshape(40, 40)
+SIGMAS = np.array([0.5, 2.0])
+
+
+def bands_of(signal):
+    images = xr.Dataset({"signal": (("band", "y", "x"), signal)}, {"band": ["a", "b"]})
+    images["variance"] = images["signal"] * 0 + 1.0
+    flats = dict.fromkeys("ab", SimpleNamespace(response=RESPONSE))
+    return CorrectedBands(images, np.zeros((2, 3, 40, 40)), flats, (), dark_sigma_dn=SIGMAS)
+
+
+@pytest.mark.parametrize("levels", [(0.3, -1.4), (0.0, 0.0)])
+def test_the_levels_are_found_next_to_factors_of_the_bands(levels):
+    """Next to a lamp 3 % too strong; the levels are those of raw counts, before the division by the flat."""
+    rng = np.random.default_rng(4)
+    rendered = rng.uniform(2, 200, SHAPE)
+    added = np.array(levels)[:, None, None] / RESPONSE
+    measured = 1.03 * rendered + added + 0.5 * rng.standard_normal(SHAPE)
+    measured[0, 3, 4] += 500.0
+    arguments = rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool)
+    corrected = bands_of(measured).with_dark_levels_of(*arguments)
+    fitted = corrected.further_dark_dn
+    np.testing.assert_allclose(fitted, levels, atol=0.07)
+    np.testing.assert_allclose(corrected.images.signal.values, measured - fitted[:, None, None] / RESPONSE)
+    again = corrected.with_dark_levels_of(*arguments)
+    np.testing.assert_allclose(again.images.signal.values, corrected.images.signal, atol=1e-9)
+
+
+def test_a_level_beyond_what_was_stated_stays_in_the_photograph():
+    rendered = np.random.default_rng(5).uniform(2, 200, SHAPE)
+    measured = rendered + np.array([12.0, 0.0])[:, None, None] / RESPONSE
+    corrected = bands_of(measured).with_dark_levels_of(rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool))
+    np.testing.assert_allclose(corrected.further_dark_dn, [2 * SIGMAS[0], 0.0], atol=1e-3)
+
+
+def test_dark_current_of_long_exposures_adds_to_the_rounding_of_a_stated_level():
+    """10 e-/s over 6 s at 12 electrons a count are 5 counts; darks measure them."""
+    bands = [SimpleNamespace(exposure_s=0.01), SimpleNamespace(exposure_s=6.0)]
+    manifest = SimpleNamespace(band=bands, darks=(), dark=())
+    capture = SimpleNamespace(manifest=manifest, is_merged=False)
+    np.testing.assert_allclose(dark_level_sigmas(capture, 1 / 12), [0.2888, 5.0083], rtol=1e-3)
+    manifest.darks = (None,)
+    assert not dark_level_sigmas(capture, 1 / 12).any()
