@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose.field_fit import NormalEquations, each_band, fixed_spectrum, next_to_common_field
+from cboxlab.validation.diagnose.field_fit.field import _PixelPrior, _pixels_under_prior
 from cboxlab.validation.diagnose.field_fit.fitted_explanation import scaled
 from numpy.testing import assert_allclose
 from scipy.sparse import csr_matrix
+from scipy.stats import norm
 
 BANDS, PIXELS, NUMBERS, NUISANCES = 3, 60, 4, 2
 
@@ -94,3 +96,14 @@ def test_equations_of_sums_of_images_are_those_of_their_columns():
     sums, expected = products(columns).of_sums(parts), products(columns @ parts.T)
     for name in ("a", "b", "c", "trial_a", "trial_b"):
         assert_allclose(getattr(sums, name), getattr(expected, name), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("part", [0.05, 0.6, 1.0])
+def test_pixels_under_a_prior_are_by_bayes_theorem(part):
+    """A number is 0, or normal with the prior's width; it is measured with variance 1 / h."""
+    h, measured, width = np.array([0.5, 2.0, 8.0]), np.array([-3.0, 0.4, 1.5]), 1.7
+    deviating, silent = (norm(0, np.sqrt(v)).pdf(measured) for v in (width + 1 / h, 1 / h))
+    probability = part * deviating / (part * deviating + (1 - part) * silent)
+    mean, probabilities = _pixels_under_prior(h, h * measured, _PixelPrior(width, part, 0.0))
+    assert_allclose(probabilities, probability)
+    assert_allclose(mean, probability * measured * width / (width + 1 / h))
