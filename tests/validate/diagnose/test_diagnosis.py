@@ -1,8 +1,9 @@
 """The demo end to end: the hidden effect of the bundled capture is named, sized, added, and the error falls."""
 
+import importlib
 import json
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from cboxlab.rendering.model.stages import displacement
 from cboxlab.rendering.perturbation import warp_change
 from cboxlab.scenes import cornell_box
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import run_demo
@@ -42,6 +44,8 @@ from helpers.programs.manual_commands import described
 from PIL import Image
 from scipy import stats
 from scipy.ndimage import convolve
+
+diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
 
 
 def test_probabilities_follow_the_difference_of_chi2():
@@ -388,3 +392,59 @@ def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
     bands = {h.fixed["band"] for h in complete if h.effect.id == "band-gain"}
     assert bands == {"f400", "f550"}
     assert all(np.isfinite(p.step) for h in complete for p in h.free)
+
+
+class _Reached(Exception):
+    """The end of what a test looks at."""
+
+
+@pytest.mark.parametrize(
+    ("remains", "next_to_flaws", "single_pixels", "taken_off"),
+    [(True, False, False, [True]), (True, True, False, [False]), (False, True, True, [False, True])],
+    ids=["flaws explain it", "more remains", "single pixels are flaws"],
+)
+def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
+    monkeypatch, remains, next_to_flaws, single_pixels, taken_off
+):
+    """Of the residual, of that with the rendering's errors, and of the one without effects that it is compared with."""
+    residual, rendered, change = np.array([3.0, 1.0]), np.array([5.0, 0.5]), np.array([1.0, -2.0])
+    without = residual - change
+
+    @dataclass(frozen=True)
+    class Start:
+        residual: np.ndarray
+
+        def whiten_used(self, change_dn):
+            return 0.5 * change_dn
+
+        @property
+        def chi2(self):
+            return float(self.residual @ self.residual)
+
+    def something_remains(model, part, with_rendered):
+        if np.array_equal(part, residual):
+            return remains
+        np.testing.assert_allclose((part, with_rendered), (without, rendered - change))
+        return next_to_flaws
+
+    def to_report(several, model, rest, by_effects, any_remains):
+        np.testing.assert_allclose(rest, without if taken_off[-1] else residual)
+        start = np.array([7.0, 4.0]) - (change if taken_off[-1] else 0)
+        assert by_effects == pytest.approx(start @ start - rest @ rest)
+        assert any_remains == (remains and not taken_off[-1])
+        raise _Reached
+
+    explained = []
+    monkeypatch.setattr(diagnosis_module, "residual_with_rendered", lambda linearised, effects: rendered)
+    monkeypatch.setattr(diagnosis_module, "something_remains", something_remains)
+    monkeypatch.setattr(diagnosis_module.unexplained, "residual_data_of", lambda linearised, rest, capture: rest)
+    monkeypatch.setattr(diagnosis_module.unexplained, "explanation_to_report", to_report)
+    monkeypatch.setattr(diagnosis_module, "explain_masked_families", lambda excess: ())
+    best = SimpleNamespace(single_pixels=single_pixels)
+    monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: explained.append(excess) or best)
+    start = Start(np.array([7.0, 4.0]))
+    answer = SimpleNamespace(linearised=SimpleNamespace(model=start), residual=residual, effects=[])
+    judged = SimpleNamespace(flaws=SimpleNamespace(small=True, change_dn=2 * change), unlisted=0.0)
+    with pytest.raises(_Reached):
+        diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)
+    np.testing.assert_allclose(explained, [without if taken else residual for taken in taken_off])
