@@ -127,7 +127,7 @@ def chart_sensitivities(capture: Capture, bands: CorrectedBands, noise: NoiseMod
 
 
 def _optics(capture: Capture, band: BandTable) -> float:
-    """Light t / (N d)^2 that exposure, f-number and image distance let through; 1 stands for what is not stated."""
+    """Factor t / (N d)^2 of a band's frames; what is not stated is 1."""
     return band.exposure_s / ((capture.f_number(band) or 1.0) * (capture.image_distance_mm(band) or 1.0)) ** 2
 
 

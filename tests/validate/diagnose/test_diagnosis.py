@@ -27,11 +27,9 @@ from cboxlab.validation.diagnose.fitting import fit
 from cboxlab.validation.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
-from cboxlab.validation.diagnose.ranking import _shares
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import residual_data_of
-from cboxlab.validation.predict.predictor import averaged_on_faces
 from cboxlab.validation.report.diagnosis import (
     diagnosis_record,
     path_steps,
@@ -46,21 +44,6 @@ from scipy import stats
 from scipy.ndimage import convolve
 
 diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
-
-
-def test_probabilities_follow_the_difference_of_chi2():
-    """exp(-d / 2) over what differences scatter by: the dispersion, and a hundredth of what the best one explains.
-
-    Each number costs 4.6: the second has one more than the others, and so much less of chi2.
-    """
-    trials = [
-        SimpleNamespace(chi2=chi2 - 4.6 * numbers, hypothesis=SimpleNamespace(free=(None,) * numbers))
-        for chi2, numbers in ((510.0, 1), (514.0, 2), (540.0, 1))
-    ]
-    scatter = 2.0 + 0.01 * (1510.0 - 510.0)
-    weights = np.exp(-np.array([0.0, 4.0, 30.0]) / 2 / scatter)
-    assert _shares(trials, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
-    assert _shares(trials[:1], 100.0, 1.0) == [1.0]
 
 
 @pytest.fixture(scope="module")
@@ -306,18 +289,6 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     assert len(excess.transport.reflectance) == len(predictor.scene.materials) + 2  # the new paint and the lamp
 
 
-def test_averaged_changes_stay_on_their_face():
-    """A mean of neighbours keeps what is even, halves of a picture do not mix, and noise falls."""
-    face = np.where(np.arange(40) < 20, 3, 5) * np.ones((30, 1), int)
-    face[10, 10] = -1
-    steps = np.where(face == 5, 1.2, 0.9)[None]
-    np.testing.assert_allclose(averaged_on_faces(steps, face), steps, rtol=1e-12)
-    noise = 1 + 0.01 * np.random.default_rng(0).standard_normal((2, 30, 40))
-    evened = averaged_on_faces(noise, face)
-    assert np.std(evened - 1) < 0.4 * 0.01
-    np.testing.assert_array_equal(evened[:, 10, 10], noise[:, 10, 10])
-
-
 def test_a_capped_frame_separates_an_offset_from_glare(outcome):
     """Glare needs light, an offset does not: frames with the lens capped and the lamp on separate the two.
 
@@ -447,4 +418,4 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
     judged = SimpleNamespace(flaws=SimpleNamespace(small=True, change_dn=2 * change), unlisted=0.0)
     with pytest.raises(_Reached):
         diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)
-    np.testing.assert_allclose(explained, [without if taken else residual for taken in taken_off])
+    np.testing.assert_allclose(explained, [without if is_taken_off else residual for is_taken_off in taken_off])
