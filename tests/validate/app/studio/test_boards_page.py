@@ -56,11 +56,11 @@ def test_a_wrong_view_is_seen_and_removed_in_the_browser(bench):
         longest = int(np.argmax(np.linalg.norm(residuals, axis=1)))
         red, _, blue = colour_at(page, *(corners[longest] - 60 * residuals[longest]))
         assert blue > red + 50
-        left, top, zoom = page.run(
+        x_px, y_px, zoom = page.run(
             "(() => {photograph.canvas.scrollIntoView(); const b = photograph.canvas.getBoundingClientRect();"
             "return [b.left, b.top, photograph.zoom]})()"
         )
-        page.click(left + (corners[17][0] + 0.5) * zoom, top + (corners[17][1] + 0.5) * zoom)
+        page.click(x_px + (corners[17][0] + 0.5) * zoom, y_px + (corners[17][1] + 0.5) * zoom)
         assert "Point 18 of 35" in page.run("$('saved').textContent")
         # two views less: the lens is less certain at once
         sigma = page.run("page.fit.focal_length_px[1]")
