@@ -3,6 +3,7 @@
 # make lint   style and types alone
 # make oldest, make newest   tests with the oldest or the newest allowed dependencies, in an environment of their own;
 #                            TESTS="tests/utils tests/scenes" runs some of them
+# make audit   known weaknesses of the dependencies, and the bill of materials build/bom.json; needs the network
 
 PYTHON ?= python3
 VENV := .venv
@@ -11,7 +12,7 @@ INSTALLED := $(VENV)/.installed
 TYPECHECK := build/typecheck
 TESTS ?= tests
 
-.PHONY: demo test lint style types suite oldest newest
+.PHONY: demo test lint style types suite oldest newest audit
 
 demo: $(INSTALLED)
 	$(BIN)/cbox demo
@@ -47,6 +48,15 @@ oldest newest:
 	build/uv/bin/uv venv --quiet --clear --python $(PYTHON) build/$@
 	build/uv/bin/uv pip install --quiet --python build/$@ --resolution $(RESOLUTION) -e '.[dev]'
 	OMP_NUM_THREADS=1 build/$@/bin/python -m pytest $(TESTS)
+
+audit:
+	$(PYTHON) -m venv --clear build/audit
+	$(PYTHON) -m venv build/audit-tools
+	build/audit/bin/python -m pip install --quiet --disable-pip-version-check .
+	build/audit-tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit cyclonedx-bom
+	build/audit-tools/bin/cyclonedx-py environment --pyproject pyproject.toml --output-file build/bom.json build/audit/bin/python
+	build/audit/bin/python -m pip freeze --exclude cboxlab >build/audited.txt
+	build/audit-tools/bin/pip-audit --strict --disable-pip --no-deps --requirement build/audited.txt
 
 $(INSTALLED): pyproject.toml .ci/prepare
 	.ci/prepare $(PYTHON)

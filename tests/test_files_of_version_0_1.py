@@ -3,6 +3,7 @@
 They lie in ``version_0_1`` and never change. A format that can no longer be read names the command that converts it.
 """
 
+import json
 import shutil
 
 import cboxlab
@@ -11,17 +12,23 @@ import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.rendering.effects import apply_checked
+from cboxlab.rendering.export import read_camera
 from cboxlab.rendering.files import read_cube
 from cboxlab.rendering.fitted_fields import load_effect_file
 from cboxlab.rendering.model import load_model
+from cboxlab.scenes.lens import Lens
 from cboxlab.scenes.scene_file import load_scene
 from cboxlab.validation.api import verify
+from cboxlab.validation.app.studio.autosave import AUTOSAVE_FOLDER, unsaved_studies
+from cboxlab.validation.app.studio.first_entries import FirstEntries, read_entries, store_entries
 from cboxlab.validation.compare_renders.stored_references import read_reference, require_same_light
+from cboxlab.validation.report import read_trend_result
 from cboxlab.validation.study import read_study
-from cboxlab.validation.synthetic.blind import read_diagnosis
+from cboxlab.validation.synthetic.blind import open_seal, read_diagnosis
 from helpers.places import ROOT
 
 OLD = ROOT / "tests" / "version_0_1"
+METRICS = json.loads((OLD / "result" / "metrics.json").read_text())
 
 
 def test_a_capture():
@@ -53,6 +60,50 @@ def test_a_diagnosis():
     diagnosis = read_diagnosis(OLD / "diagnosis.json")
     assert diagnosis["ranking"][0]["effect"] == "veiling-glare"
     assert diagnosis["ranking"][0]["parameters"]["fraction"] == pytest.approx(0.00407, abs=1e-5)
+
+
+def test_the_answer_of_a_blind_capture():
+    answer = open_seal(OLD / "capture")
+    assert answer.effects == (("veiling-glare", {"fraction": 0.004}),)
+
+
+def test_the_figures_of_a_result():
+    result = read_trend_result(OLD / "result")
+    assert result.numbers["χ² per degree of freedom"][0] == pytest.approx(METRICS["chi2_per_dof"])
+
+
+def test_a_camera_file_with_its_lens():
+    camera = read_camera(OLD / "camera.json")
+    assert camera.lens == Lens(k2=1e-3, p1=2e-4) and camera.k1 == pytest.approx(-0.01897, abs=1e-5)
+    # the point on the axis
+    axis = camera.position_mm + 100 * camera.rotation[2]
+    np.testing.assert_allclose(camera.project(axis[None])[0], camera.principal_point_px, atol=1e-6)
+
+
+def test_unsaved_work_of_the_workbench(tmp_path):
+    """A study, and entries for a first manifest: their name is by the folder of frames, which is elsewhere now."""
+    shutil.copytree(OLD / "capture", tmp_path / "capture")
+    unsaved = tmp_path / AUTOSAVE_FOLDER
+    shutil.copytree(OLD / "workbench" / "unsaved", unsaved)
+    (work,) = unsaved_studies(tmp_path)
+    assert work["name"] == "capture"
+    study = read_study(tmp_path / work["path"] / "study.json")
+    assert study.captures == ((tmp_path / "capture").resolve(),) and study.history.can_undo
+    assert load_model(tmp_path / work["path"] / "model.toml").name == "glossy box"
+
+    frames = tmp_path / "frames"
+    store_entries(tmp_path, frames, FirstEntries())
+    (stored,) = set(unsaved.glob("first-capture-*.json"))
+    shutil.move(unsaved / "first-capture.json", stored)
+    entries = read_entries(tmp_path, frames)
+    assert [(entry.where, entry.key, entry.value) for entry in entries.values] == [
+        ("[camera]", "bit_depth", "12"),
+        ("", "scene", "cornell-box"),
+    ]
+    assert [(role.file, role.kind, role.filter, role.exposure_s) for role in entries.roles] == [
+        ("IMG_0001.tif", "scene", "f550", 0.6),
+        ("IMG_0002.tif", "dark", "", None),
+    ]
 
 
 def test_an_effect_file_acts():

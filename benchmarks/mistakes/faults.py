@@ -34,7 +34,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,7 +53,8 @@ def kill(folder: Path, command: Command, plain: Undisturbed, moment: float, numb
     process = start(folder, command)
     time.sleep(max(first + moment * (last - first), 0))
     if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it ended by itself
+            (os.killpg if _in_own_group(process.pid) else os.kill)(process.pid, signal.SIGKILL)
     process.communicate()
     if half := plain.unlike(finished(folder)):
         return f"half-written: {half}"

@@ -115,6 +115,15 @@ EQUIVALENT = {
         "validate/compare_renders/regress/explanations.py",
         "exponent / e",
     ): "the list holds each exponent and its inverse",
+    (
+        "validate/diagnose/field_fit/field.py",
+        "1 / width + _TRIAL_RIDGE * np.trace(a)",
+    ): "rounding: the system is regular with either sign",
+    (
+        "validate/diagnose/field_fit/light_exchange.py",
+        "weight.T + np.float32(1e-9)",
+    ): "weights of 0 count alike with either sign, and others are far larger",
+    ("validate/diagnose/field_fit/field.py", "s - before"): "all six rounds: the same fit within its tolerance",
 }
 
 

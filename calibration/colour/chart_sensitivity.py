@@ -16,7 +16,7 @@ from cboxlab.scenes.wavelength_grid import WavelengthGrid
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ..capture import Capture, split_channel
+from ..capture import BandTable, Capture, split_channel
 from ..correction import CorrectedBands, NoiseModel
 from ..instrument import quanta_per_joule
 from ..radiometry import NarrowBandReadings, smooth_wiener
@@ -102,11 +102,10 @@ def chart_sensitivities(capture: Capture, bands: CorrectedBands, noise: NoiseMod
         shading = fit_shading([patch for patch in patches if patch is not None])
         level, sigma = (each[tabulated] for each in patch_levels(patches, shading, labels.index(white)))
         clear = np.ones(_GRID.nm.size) if band.transmittance is None else capture.light(band.transmittance).at(_GRID.nm)
-        factor = band.exposure_s / ((capture.f_number(band) or 1.0) * (capture.image_distance_mm(band) or 1.0)) ** 2
         usable = np.isfinite(level)
         letter, _ = split_channel(str(bands.images["channel"].values[index]))
         readings.setdefault(letter, []).append(
-            (np.where(usable[:, None], factor * lamp * clear * paints, 0.0), level, sigma)
+            (np.where(usable[:, None], _optics(capture, band) * lamp * clear * paints, 0.0), level, sigma)
         )
     curves, held_out = {}, {}
     for letter, of_bands in readings.items():
@@ -125,6 +124,11 @@ def chart_sensitivities(capture: Capture, bands: CorrectedBands, noise: NoiseMod
     largest = max(float(curve.max()) for curve in curves.values())
     spectra = {letter: Spectrum(_GRID.nm, curve / largest, "zero") for letter, curve in curves.items()}
     return ChartSensitivities(spectra, held_out, len(tabulated))
+
+
+def _optics(capture: Capture, band: BandTable) -> float:
+    """Factor t / (N d)^2 of a band's frames; what is not stated is 1."""
+    return band.exposure_s / ((capture.f_number(band) or 1.0) * (capture.image_distance_mm(band) or 1.0)) ** 2
 
 
 def _estimate(of_bands: Sequence[tuple[NDArray, NDArray, NDArray]]) -> tuple[NDArray[np.float64], float] | None:

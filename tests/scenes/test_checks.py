@@ -1,9 +1,9 @@
-"""Triangles without area, each by its longest edge, and surfaces that a medium fills."""
+"""Textures beyond 0 and 1, triangles without area, and surfaces that a medium fills."""
 
 import numpy as np
 import pytest
-from cboxlab.scenes.checks import SMALLEST_AREA, inside_faults, surface_faults
-from cboxlab.scenes.scene import Material, Surface
+from cboxlab.scenes.checks import ROUNDING, SMALLEST_AREA, inside_faults, surface_faults, texture_faults
+from cboxlab.scenes.scene import Material, Surface, Texture
 from cboxlab.scenes.spectra import Spectrum
 
 GLASS = Material("glass", Spectrum(np.array([400.0]), np.array([1.0])), bsdf={"type": "null"})
@@ -38,3 +38,13 @@ TURNED = np.concatenate([CUBE[:5], CUBE[5:6, ::-1], CUBE[6:]])
 def test_what_a_medium_fills_is_closed_and_not_inside_out(faces, fault):
     faults = inside_faults(Surface("s", "glass", CORNERS, faces), GLASS, "s")
     assert [fault in str(each) for each in faults] == [True] * bool(fault)
+
+
+@pytest.mark.parametrize(
+    ("weight", "faults"), [(0.0, 0), (1.0, 0), (-0.9, 0), (-1.1, 1), (1e9 + 0.9, 0), (1e9 + 1.1, 1)]
+)
+def test_a_texture_reflects_from_nothing_to_everything(weight, faults):
+    """Beyond both only by rounding; weights in units of it, but 0 and 1."""
+    weight = weight if weight in (0.0, 1.0) else weight * ROUNDING
+    white = Spectrum(np.array([400.0]), np.array([1.0]))
+    assert len(texture_faults(Texture(np.array([[[0.5], [weight]]]), (white,)), "t")) == faults

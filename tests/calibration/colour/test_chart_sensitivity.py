@@ -1,10 +1,13 @@
 """Sensitivities from a chart in the picture of a colour camera, and the colour chain held against its patches."""
 
+from types import SimpleNamespace
+
 import colour
 import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture import channel_mask, load_capture
+from cboxlab.calibration.colour.chart_sensitivity import _optics
 from cboxlab.calibration.colour.radiance_ensemble import evaluation_radiances
 from cboxlab.calibration.radiometry.broad_light_sensitivity import smooth_wiener
 from cboxlab.calibration.radiometry.spectral_sensitivity import NarrowBandReadings
@@ -125,3 +128,12 @@ def test_broad_lights_give_the_sensitivity_without_a_start(channel):
     radiances = evaluation_radiances({"lamp": lamp(2900.0)}).values[:, ::5]
     assert np.sqrt(np.mean((radiances @ estimate / (radiances @ truth) - 1) ** 2)) < 0.01
     assert estimate.min() >= 0
+
+
+@pytest.mark.parametrize(
+    ("f_number", "distance_mm", "expected"), [(None, None, 0.5), (4.0, None, 0.5 / 16), (4.0, 5.0, 0.5 / 400)]
+)
+def test_light_of_a_band_is_that_of_its_exposure_and_optics(f_number, distance_mm, expected):
+    """By the sensor equation: t / (N d)^2; what no band states is the same for all."""
+    capture = SimpleNamespace(f_number=lambda band: f_number, image_distance_mm=lambda band: distance_mm)
+    assert _optics(capture, SimpleNamespace(exposure_s=0.5)) == pytest.approx(expected)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.radiometry.spectral_sensitivity import (
     NarrowBandReadings,
+    _curvature,
     band_constant,
     convex_sets,
     least_squares,
@@ -108,3 +109,12 @@ def test_readings_that_make_no_sense_are_refused(change):
     fields = {name: getattr(data, name) for name in ("wavelength_nm", "stimuli", "response", "sigma")}
     with pytest.raises(InputError, match="readings"):
         NarrowBandReadings(**{**fields, **change})
+
+
+def test_curvature_on_an_uneven_grid_is_that_of_the_function():
+    """None for a straight line, and 2 for a square, in units of the mean step."""
+    nm = np.array([400.0, 405.0, 420.0, 430.0, 440.0])
+    position = nm / 10.0
+    rows = _curvature(nm)
+    np.testing.assert_allclose(rows @ (3 + 2 * position), 0, atol=1e-9)
+    np.testing.assert_allclose(rows @ position**2, 2)

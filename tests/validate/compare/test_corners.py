@@ -12,6 +12,7 @@ from cboxlab.calibration.result import calibrate_capture
 from cboxlab.rendering.visibility import build_tracer, facet_coverage, part_of_lamps
 from cboxlab.scenes import cornell_camera, load_scene
 from cboxlab.validation.compare import locate_corners, scene_corners
+from cboxlab.validation.compare.corners import _MARGIN_PX, _RAYS_ACROSS, _Square
 from cboxlab.validation.compare.edge_offsets import are_visible
 from cboxlab.validation.synthetic import perturbed_camera
 from scipy.ndimage import gaussian_filter
@@ -104,3 +105,23 @@ def test_the_part_of_the_lamp_that_a_position_sees_is_that_of_many_rays():
     np.testing.assert_allclose(parts, rays, atol=0.08)
     assert abs(np.mean(parts - rays)) < 0.02
     assert np.sum((parts > 0.1) & (parts < 0.9)) >= 3 and parts.min() == 0 and parts.max() == 1
+
+
+def test_a_corners_error_is_that_of_its_noise_also_where_few_pixels_determine_it():
+    """Of 25 pixels the position and the brightness of two faces take 8 degrees of freedom."""
+    v, u = np.mgrid[-2:3, -2:3].reshape(2, -1).astype(float)
+    rays = (np.arange((2 * _MARGIN_PX + 1) * _RAYS_ACROSS) - (_RAYS_ACROSS - 1) / 2) / _RAYS_ACROSS - _MARGIN_PX
+
+    def face(u, v):
+        """A quarter of the picture, blurred by a pixel."""
+        return np.clip(0.5 + u, 0, 1) * np.clip(0.5 + v, 0, 1)
+
+    square = object.__new__(_Square)
+    shares = [face(rays[None], rays[:, None]), 1 - face(rays[None], rays[:, None])]
+    square._at, square._of_blur = np.stack([v, u]), lambda blur: shares
+    fits = []
+    for noise in 1e-3 * np.random.default_rng(4).standard_normal((400, v.size)):
+        square._measured = 1 + face(u, v) + noise
+        fits.append(square._fit(0.0, 1, 2.0, np.zeros(2))[:2])
+    shifts, sigmas = (np.array(values) for values in zip(*fits, strict=True))
+    assert np.std(shifts, axis=0).mean() == pytest.approx(np.sqrt(np.mean(sigmas**2)), rel=0.12)

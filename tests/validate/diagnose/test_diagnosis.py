@@ -1,8 +1,9 @@
 """The demo end to end: the hidden effect of the bundled capture is named, sized, added, and the error falls."""
 
+import importlib
 import json
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from cboxlab.rendering.model.stages import displacement
 from cboxlab.rendering.perturbation import warp_change
 from cboxlab.scenes import cornell_box
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.api import verify
 from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import run_demo
@@ -25,11 +27,9 @@ from cboxlab.validation.diagnose.fitting import fit
 from cboxlab.validation.diagnose.further_captures import distance, further_captures, separations
 from cboxlab.validation.diagnose.hypotheses import hypotheses
 from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearised_fit, residual_with
-from cboxlab.validation.diagnose.ranking import _shares
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import residual_data_of
-from cboxlab.validation.predict.predictor import averaged_on_faces
 from cboxlab.validation.report.diagnosis import (
     diagnosis_record,
     path_steps,
@@ -43,20 +43,7 @@ from PIL import Image
 from scipy import stats
 from scipy.ndimage import convolve
 
-
-def test_probabilities_follow_the_difference_of_chi2():
-    """exp(-d / 2) over what differences scatter by: the dispersion, and a hundredth of what the best one explains.
-
-    Each number costs 4.6: the second has one more than the others, and so much less of chi2.
-    """
-    trials = [
-        SimpleNamespace(chi2=chi2 - 4.6 * numbers, hypothesis=SimpleNamespace(free=(None,) * numbers))
-        for chi2, numbers in ((510.0, 1), (514.0, 2), (540.0, 1))
-    ]
-    scatter = 2.0 + 0.01 * (1510.0 - 510.0)
-    weights = np.exp(-np.array([0.0, 4.0, 30.0]) / 2 / scatter)
-    assert _shares(trials, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
-    assert _shares(trials[:1], 100.0, 1.0) == [1.0]
+diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
 
 
 @pytest.fixture(scope="module")
@@ -302,18 +289,6 @@ def test_a_users_effect_may_give_a_surface_another_paint(outcome):
     assert len(excess.transport.reflectance) == len(predictor.scene.materials) + 2  # the new paint and the lamp
 
 
-def test_averaged_changes_stay_on_their_face():
-    """A mean of neighbours keeps what is even, halves of a picture do not mix, and noise falls."""
-    face = np.where(np.arange(40) < 20, 3, 5) * np.ones((30, 1), int)
-    face[10, 10] = -1
-    steps = np.where(face == 5, 1.2, 0.9)[None]
-    np.testing.assert_allclose(averaged_on_faces(steps, face), steps, rtol=1e-12)
-    noise = 1 + 0.01 * np.random.default_rng(0).standard_normal((2, 30, 40))
-    evened = averaged_on_faces(noise, face)
-    assert np.std(evened - 1) < 0.4 * 0.01
-    np.testing.assert_array_equal(evened[:, 10, 10], noise[:, 10, 10])
-
-
 def test_a_capped_frame_separates_an_offset_from_glare(outcome):
     """Glare needs light, an offset does not: frames with the lens capped and the lamp on separate the two.
 
@@ -388,3 +363,59 @@ def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
     bands = {h.fixed["band"] for h in complete if h.effect.id == "band-gain"}
     assert bands == {"f400", "f550"}
     assert all(np.isfinite(p.step) for h in complete for p in h.free)
+
+
+class _Reached(Exception):
+    """The end of what a test looks at."""
+
+
+@pytest.mark.parametrize(
+    ("remains", "next_to_flaws", "single_pixels", "taken_off"),
+    [(True, False, False, [True]), (True, True, False, [False]), (False, True, True, [False, True])],
+    ids=["flaws explain it", "more remains", "single pixels are flaws"],
+)
+def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
+    monkeypatch, remains, next_to_flaws, single_pixels, taken_off
+):
+    """Of the residual, of that with the rendering's errors, and of the one without effects that it is compared with."""
+    residual, rendered, change = np.array([3.0, 1.0]), np.array([5.0, 0.5]), np.array([1.0, -2.0])
+    without = residual - change
+
+    @dataclass(frozen=True)
+    class Start:
+        residual: np.ndarray
+
+        def whiten_used(self, change_dn):
+            return 0.5 * change_dn
+
+        @property
+        def chi2(self):
+            return float(self.residual @ self.residual)
+
+    def something_remains(model, part, with_rendered):
+        if np.array_equal(part, residual):
+            return remains
+        np.testing.assert_allclose((part, with_rendered), (without, rendered - change))
+        return next_to_flaws
+
+    def to_report(several, model, rest, by_effects, any_remains):
+        np.testing.assert_allclose(rest, without if taken_off[-1] else residual)
+        start = np.array([7.0, 4.0]) - (change if taken_off[-1] else 0)
+        assert by_effects == pytest.approx(start @ start - rest @ rest)
+        assert any_remains == (remains and not taken_off[-1])
+        raise _Reached
+
+    explained = []
+    monkeypatch.setattr(diagnosis_module, "residual_with_rendered", lambda linearised, effects: rendered)
+    monkeypatch.setattr(diagnosis_module, "something_remains", something_remains)
+    monkeypatch.setattr(diagnosis_module.unexplained, "residual_data_of", lambda linearised, rest, capture: rest)
+    monkeypatch.setattr(diagnosis_module.unexplained, "explanation_to_report", to_report)
+    monkeypatch.setattr(diagnosis_module, "explain_masked_families", lambda excess: ())
+    best = SimpleNamespace(single_pixels=single_pixels)
+    monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: explained.append(excess) or best)
+    start = Start(np.array([7.0, 4.0]))
+    answer = SimpleNamespace(linearised=SimpleNamespace(model=start), residual=residual, effects=[])
+    judged = SimpleNamespace(flaws=SimpleNamespace(small=True, change_dn=2 * change), unlisted=0.0)
+    with pytest.raises(_Reached):
+        diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)
+    np.testing.assert_allclose(explained, [without if is_taken_off else residual for is_taken_off in taken_off])

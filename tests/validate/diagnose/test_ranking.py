@@ -91,3 +91,18 @@ def test_shares_are_odds_widened_by_the_errors_of_shapes(monkeypatch):
         first, second = _shares([100.0, 106.0], without, 1.5)
         assert first + second == pytest.approx(1.0)
         assert np.log(first / second) == pytest.approx(3.0 / (1.5 + SHAPE_ERROR * explained))
+
+
+def test_probabilities_follow_the_difference_of_chi2():
+    """exp(-d / 2) over what differences scatter by: the dispersion, and a hundredth of what the best one explains.
+
+    Each number costs 4.6: the second has one more than the others, and so much less of chi2.
+    """
+    trials = [
+        SimpleNamespace(chi2=chi2 - 4.6 * numbers, hypothesis=SimpleNamespace(free=(None,) * numbers))
+        for chi2, numbers in ((510.0, 1), (514.0, 2), (540.0, 1))
+    ]
+    scatter = 2.0 + 0.01 * (1510.0 - 510.0)
+    weights = np.exp(-np.array([0.0, 4.0, 30.0]) / 2 / scatter)
+    assert _shares(trials, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
+    assert _shares(trials[:1], 100.0, 1.0) == [1.0]

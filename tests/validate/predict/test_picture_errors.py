@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.validation.predict import picture_errors
+from cboxlab.validation.predict.predictor import averaged_on_faces
 
 SHAPE = (2, 48, 48)
 
@@ -69,3 +70,15 @@ def test_likeliest_errors_of_cells_are_those_of_a_normal_prior(parts):
     pixels = np.random.default_rng(2).standard_normal(len(weight))
     np.testing.assert_allclose(errors.of_cells(pixels), cells @ np.linalg.solve(with_noise, pixels), atol=1e-5)
     assert errors.volume_of_cells == pytest.approx(np.linalg.slogdet(with_noise)[1], rel=1e-5)
+
+
+def test_averaged_changes_stay_on_their_face():
+    """A mean of neighbours keeps what is even, halves of a picture do not mix, and noise falls."""
+    face = np.where(np.arange(40) < 20, 3, 5) * np.ones((30, 1), int)
+    face[10, 10] = -1
+    steps = np.where(face == 5, 1.2, 0.9)[None]
+    np.testing.assert_allclose(averaged_on_faces(steps, face), steps, rtol=1e-12)
+    noise = 1 + 0.01 * np.random.default_rng(0).standard_normal((2, 30, 40))
+    evened = averaged_on_faces(noise, face)
+    assert np.std(evened - 1) < 0.4 * 0.01
+    np.testing.assert_array_equal(evened[:, 10, 10], noise[:, 10, 10])

@@ -16,6 +16,7 @@ from helpers.captures.board_capture import (
 )
 from helpers.pages.axe import nameless, violations
 from helpers.pages.browser import open_browser
+from helpers.pages.canvas import colour_at
 from helpers.pages.page_faults import FAULTS
 from helpers.pages.server import served
 from starlette.testclient import TestClient
@@ -47,6 +48,20 @@ def test_a_wrong_view_is_seen_and_removed_in_the_browser(bench):
         page.run("photograph.canvas.focus()")
         page.key("ArrowRight")
         assert "Point 2 of 35" in page.run("$('saved').textContent")
+        for step, number in (("ArrowLeft", 1), ("ArrowLeft", 35), ("ArrowDown", 1)):
+            page.key(step)
+            assert f"Point {number} of 35" in page.run("$('saved').textContent")
+        # a residual is drawn from its point, a hundred times as long, towards where the camera sees it
+        residuals = np.array(page.run("page.fit.views[page.chosen].residuals_px"))
+        longest = int(np.argmax(np.linalg.norm(residuals, axis=1)))
+        red, _, blue = colour_at(page, *(corners[longest] - 60 * residuals[longest]))
+        assert blue > red + 50
+        x_px, y_px, zoom = page.run(
+            "(() => {photograph.canvas.scrollIntoView(); const b = photograph.canvas.getBoundingClientRect();"
+            "return [b.left, b.top, photograph.zoom]})()"
+        )
+        page.click(x_px + (corners[17][0] + 0.5) * zoom, y_px + (corners[17][1] + 0.5) * zoom)
+        assert "Point 18 of 35" in page.run("$('saved').textContent")
         # two views less: the lens is less certain at once
         sigma = page.run("page.fit.focal_length_px[1]")
         page.run("document.querySelectorAll('#views input')[0].click()")

@@ -6,6 +6,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.validation.app.studio import Workbench, build_app
 from helpers.captures.glare_capture import glare_capture
 from helpers.pages.browser import open_browser
+from helpers.pages.canvas import colour_at, grey_at
 from helpers.pages.page_faults import FAULTS
 from helpers.pages.server import served
 from starlette.testclient import TestClient
@@ -70,6 +71,14 @@ def test_labels_are_drawn_and_written_in_the_browser(bench):
         settle()
         assert "19" not in page.run("$('progress').textContent")
         assert "228 px, 44 px without a rim" in page.run("$('labels').innerText").replace("\xa0", " ")
+        # the rectangle is seen where it is, and the photograph is brighter when that is asked for
+        assert [grey_at(page, u, 10) for u in (1, 4, 20, 23)] == [True, False, False, True]
+        assert [grey_at(page, 12, v) for v in (2, 5, 14, 17)] == [True, False, False, True]
+        before = colour_at(page, 28, 28)
+        page.run("photograph.gain.value = 1; photograph.gain.dispatchEvent(new Event('input'))")
+        brighter = colour_at(page, 28, 28)
+        assert brighter[0] > 1.2 * before[0] and grey_at(page, 28, 28)
+        page.run("photograph.gain.value = 0; photograph.gain.dispatchEvent(new Event('input'))")
         # by keys: a triangle of another label, its corners 8 px apart from the middle of the picture, 15.5 px
         label("wall")
         page.run("document.querySelector('input[value=polygon]').click(); photograph.canvas.focus()")
@@ -107,6 +116,8 @@ def test_labels_are_drawn_and_written_in_the_browser(bench):
         # files are replaced only after a question; labels of the capture are the ground of a second drawing
         page.open(f"{address}labels.html?capture=capture")
         page.until("page.names.length === 2 && document.body.dataset.busy === 'false'")
+        assert [grey_at(page, u, 10) for u in (2, 3, 21, 22)] == [True, False, False, True]
+        assert [grey_at(page, 5, v) for v in (3, 4, 15, 16)] == [True, False, False, True]
         page.run("$('exclude').click()")
         click(25.5, 1.5)
         click(29.5, 5.5)

@@ -11,6 +11,7 @@ from cboxlab.validation.compare import scene_corners
 from cboxlab.validation.synthetic import perturbed_camera
 from helpers.captures.glare_capture import glare_capture
 from helpers.pages.browser import open_browser
+from helpers.pages.canvas import colour_at, grey_at
 from helpers.pages.page_faults import FAULTS
 from helpers.pages.server import served
 from starlette.testclient import TestClient
@@ -20,6 +21,8 @@ CORNERS = {corner.id: corner for corner in scene_corners(Model().scene)}
 CAMERA = perturbed_camera(32, 3)
 #: Corners in view, at several depths.
 IDS = ("c02", "c03", "c06", "c08", "c10", "c12", "c18", "c22", "c24")
+#: Longest side of the scene, which fills the plan.
+SPAN_MM = np.ptp([corner.position_mm for corner in CORNERS.values()], axis=0).max()
 POSITIONS = {name: CAMERA.project(CORNERS[name].position_mm[None])[0] for name in CORNERS}
 
 
@@ -70,6 +73,21 @@ def test_corners_are_clicked_and_written_in_the_browser(bench):
         np.testing.assert_allclose(page.run("page.expected.c16"), POSITIONS["c16"], atol=0.5)
         assert "residual" in page.run("document.querySelector('input[value=c02]').parentElement.innerText")
         assert page.run("[0.004, -0.004, -0.126, 0.3].map(signed)") == ["0.00", "0.00", "−0.13", "+0.30"]
+        # marks are crosses at their place, and the plan shows the corner from the front and from above
+        u, v = POSITIONS["c03"]
+        assert not grey_at(page, u, v) and colour_at(page, u, v)[0] > colour_at(page, u, v)[2]
+        circles = {}
+        for name in ("c02", "c24"):
+            page.run(f"document.querySelector('input[value={name}]').click()")
+            circles[name] = page.run(
+                "[...document.querySelectorAll('#plan circle')].map((c) => [c.cx.baseVal.value, c.cy.baseVal.value])"
+            )
+        (front, above), (other_front, other_above) = circles["c02"], circles["c24"]
+        x, y, z = CORNERS["c24"].position_mm - CORNERS["c02"].position_mm
+        np.testing.assert_allclose(np.subtract(other_front, front), np.array([-x, -y]) * 130 / SPAN_MM, atol=0.01)
+        np.testing.assert_allclose(np.subtract(other_above, above), np.array([-x, -z]) * 130 / SPAN_MM, atol=0.01)
+        sides = page.run("[...document.querySelectorAll('#plan polygon')].map((p) => p.points.length)")
+        assert max(sides) == 4 and min(sides) >= 2
         sizes = page.run("[...document.querySelectorAll('#corners input')].map((i) => i.offsetWidth)")
         assert len(set(sizes)) == 1  # also next to text of two lines
         page.run("document.getElementById('photograph').focus()")

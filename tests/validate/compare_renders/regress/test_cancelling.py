@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.validation.compare_renders.regress import UNKNOWN, regress_pictures, regress_sides
-from cboxlab.validation.compare_renders.regress.patterns import Difference, textures
+from cboxlab.validation.compare_renders.regress.patterns import Difference, Finding, pool_of_finding, textures
 from pictures import SIZE, noisy, rendered
 from scipy.ndimage import gaussian_filter, median_filter
+from scipy.stats import norm
 
 ROWS, COLUMNS = np.indices((SIZE, SIZE))
 
@@ -103,3 +104,26 @@ def test_structure_that_a_factor_carries_is_no_texture(factor, is_found):
     total = (factor - 1) * level + grains + sigma * random.standard_normal(smooth.shape)
     (finding,) = textures(Difference(level, total, sigma**2, np.ones(smooth.shape, bool), {"smooth parts": level > 0}))
     assert (finding.probability < 1e-3) == is_found
+
+
+def test_pixels_that_a_filter_makes_one_count_once():
+    """Each pixel four times, where four are said to be one: as sure as the picture of single ones."""
+    excess = 0.1 * np.random.default_rng(4).standard_normal((16, 16))
+
+    def probability(picture, alike):
+        level = np.ones(picture.shape)
+        groups = {"edges": np.ones(picture.shape, bool)}
+        (finding,) = textures(Difference(level, picture, 0.003 * level, ~groups["edges"], groups, alike))
+        return finding.probability
+
+    single = probability(excess, 1.0)
+    assert 1e-12 < single < 1e-4
+    assert probability(np.kron(excess, np.ones((2, 2))), 4.0) == pytest.approx(single, rel=1e-6)
+
+
+def test_nine_of_ten_patterns_of_the_stated_size_are_seen():
+    """By the probability of normal noise, two-sided, beyond the size that decides."""
+    finding = Finding("waves", 100, 0.02, 0.003, 1e6, 0.5)
+    pool = pool_of_finding("waves", finding, 0.01)
+    smallest = norm.isf(0.01 / 2) * 0.003
+    assert norm.sf(smallest, pool.detectable, 0.003) == pytest.approx(0.9, abs=1e-4)

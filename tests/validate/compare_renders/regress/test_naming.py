@@ -20,7 +20,7 @@ from cboxlab.validation.compare_renders.regress import (
 )
 from cboxlab.validation.compare_renders.regress.evidence import build_evidence
 from cboxlab.validation.compare_renders.regress.explanations import from_pictures
-from cboxlab.validation.compare_renders.regress.naming import named_changes
+from cboxlab.validation.compare_renders.regress.naming import _further_changes, named_changes
 from cboxlab.validation.compare_renders.regress.variants import mismatch, with_lamp_size
 from pictures import SIZE, WAVELENGTHS, noisy, remembered_variants, rendered, variants
 from scipy.ndimage import convolve1d
@@ -320,3 +320,15 @@ def test_without_a_compiler_the_pictures_alone_are_judged(monkeypatch):
     outcome = regress_pictures(*sides)
     assert not outcome.same
     assert any("LLVM" in note for note in outcome.notes)
+
+
+def test_a_picture_that_is_brighter_slowly_and_on_a_surface_is_a_further_change():
+    """To one side, downwards by the square, and on the second surface: nothing of it remains."""
+    _, comparison = regress_sides(noisy(1), noisy(2))
+    evidence = build_evidence(comparison)
+    further = _further_changes(comparison, evidence, None)
+    y, x = np.meshgrid(*[np.linspace(-1, 1, SIZE)] * 2, indexing="ij")
+    _, mask, *_ = comparison.strata.surfaces.values()
+    change = evidence.features(evidence.baseline * (0.02 * x - 0.01 * y**2 + 0.03 * mask)[..., None])
+    remainder = change - further @ np.linalg.lstsq(further, change, rcond=None)[0]
+    assert np.linalg.norm(remainder) < 1e-6 * np.linalg.norm(change)

@@ -3,13 +3,14 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from cboxlab.validation.diagnose.base_flaws.slopes import slopes
 
 SIZE = 12
 LAMP = np.array([80.0, 300.0, 150.0])
 
 
-def _wall(facet_surface=(0,)):
+def _wall(facet_surface=(0,), lamp=LAMP):
     """A wall in the plane z = 0 that a lamp shines on, in two bands; its columns by form."""
     v, u = np.indices((SIZE, SIZE)).reshape(2, -1) / (SIZE - 1)
     position = np.stack([200 * u, 200 * v, np.zeros(SIZE**2)], axis=1)
@@ -20,7 +21,7 @@ def _wall(facet_surface=(0,)):
         normal=np.tile([0.0, 0.0, 1.0], (SIZE**2, 1)),
         direct=np.ones((SIZE**2, 1)),
         light=SimpleNamespace(
-            lamps=[SimpleNamespace(centre=LAMP)], tracer=SimpleNamespace(facet_surface=np.array(facet_surface))
+            lamps=[SimpleNamespace(centre=lamp)], tracer=SimpleNamespace(facet_surface=np.array(facet_surface))
         ),
     )
     return position, transport
@@ -45,6 +46,20 @@ def test_a_wall_that_leans_changes_direct_light_as_its_turned_normal_does():
         assert np.abs(fitted - change).max() < 2e-3 * np.abs(change).max()
 
 
+@pytest.mark.parametrize("height_mm", [150.0, 12.0])
+def test_a_lean_has_its_stated_size_also_where_light_grazes_the_wall(height_mm):
+    """2 mrad in each direction: the part of the light along the wall over that on it, which counts as 0.1 at least."""
+    lamp = np.array([80.0, 300.0, height_mm])
+    position, transport = _wall(lamp=lamp)
+    direct = np.full((1, SIZE, SIZE), 100.0)
+    columns = slopes(direct, direct, np.ones(direct.shape, bool), np.zeros((SIZE, SIZE), int), transport)
+    lean = [change for form, change in columns if form == "slopes:lean"]
+    cosine = height_mm / np.linalg.norm(lamp - position, axis=1)
+    expected = 0.002 * np.sqrt(1 - cosine**2) / np.maximum(cosine, 0.1) * 100
+    np.testing.assert_allclose(np.hypot(*lean), expected, rtol=1e-9)
+    assert (cosine < 0.1).any() == (height_mm < 100)
+
+
 def test_a_bulge_turns_both_sides_of_a_wall_apart_and_neither_faces_of_a_body_nor_without_direct_light():
     position, transport = _wall()
     signal = np.full((1, SIZE, SIZE), 100.0)
@@ -58,5 +73,6 @@ def test_a_bulge_turns_both_sides_of_a_wall_apart_and_neither_faces_of_a_body_no
         away = (position - middle)[:, axis]
         finite = np.isfinite(ratio)
         assert np.abs(np.corrcoef(ratio[finite], away[finite])[0, 1]) > 1 - 1e-9
+        np.testing.assert_allclose((np.nanmin(ratio), np.nanmax(ratio)), (-2, 2), rtol=1e-9)
     assert list(slopes(signal, 0.05 * signal, used, face, transport)) == []
     assert list(slopes(signal, signal, used, face, _wall((0, 0))[1])) == []

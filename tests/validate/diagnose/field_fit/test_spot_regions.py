@@ -47,3 +47,12 @@ def test_bells_on_a_wide_region_are_about_as_many_as_allowed(side):
     maps = bells_on(np.pad(np.ones((side, side), bool), 5), None)
     assert 0.8 * _MAX_BELLS < len(maps.centres) < 1.3 * _MAX_BELLS
     assert maps.pitch == pytest.approx(side / np.sqrt(_MAX_BELLS))
+
+
+@pytest.mark.parametrize("side", [59, 60, 61, 63])
+def test_bells_reach_every_end_of_a_region(side):
+    """No pixel is further from a centre than the pitch, along rows and columns."""
+    maps = bells_on(np.pad(np.ones((side, side + 2), bool), 5), None)
+    u, v = np.array(maps.centres).T
+    for end, positions in ((side + 4, v), (side + 6, u)):
+        assert positions.min() == 5 and end - positions.max() <= maps.pitch

@@ -110,3 +110,32 @@ def test_lobes_of_a_lamp_are_powers_of_the_cosine_and_their_first_order():
     assert np.stack([even, narrow, narrower]) == pytest.approx(np.array([[1, 1, 1], [1, 0.5, 0], [1, 0.25, 0]]))
     assert first[:2] == pytest.approx((np.array([1, 0.5]) ** 1e-6 - 1) / 1e-6, abs=1e-5)
     assert -10 < first[2] < first[1]
+
+
+def test_brighter_lamps_light_what_the_walls_reflect_too(excess):
+    """By the radiosity solved again: light of the lamps in four forms, at patches and at pixels."""
+    t, band = excess.transport, 1
+    direct = np.full(t.arriving.shape, LIGHT)
+    t = replace(t, direct=direct, patch_direct=np.repeat(PATCH_LIGHT[:, None], len(excess.bands), 1))
+    excess = replace(excess, transport=t)
+    lobes = smooth_surface_maps(excess).lamp_lobe(band)
+    rho, patch_rho = t.reflectance[t.material, band], t.reflectance[t.patch_material, band]
+    system = np.eye(len(patch_rho)) - patch_rho[:, None] * t.form_factors
+    pairs = zip(lobes, _lamp_lobes(t.emission), _lamp_lobes(t.patch_emission), strict=True)
+    for lobe, of_pixels, of_patches in pairs:
+        exact = of_pixels * LIGHT + t.gather @ np.linalg.solve(system, patch_rho * PATCH_LIGHT * of_patches)
+        np.testing.assert_allclose(lobe, lamp_dn(excess, band) * rho * exact, rtol=1e-4)
+
+
+def test_maps_of_a_surface_lie_side_by_side(excess):
+    maps = smooth_surface_maps(excess)
+    by_surface = maps.by_surface()
+    assert sorted(by_surface) == sorted(set(maps.surface))
+    for surface, some in by_surface.items():
+        np.testing.assert_array_equal(some, np.flatnonzero(maps.surface == surface))
+
+
+@pytest.mark.parametrize(("height", "highest"), [(0.0, 4), (250.0, 3)])
+def test_a_body_has_waves_of_one_order_less_than_a_wall(height, highest):
+    waves = np.array([m.waves[0] for m in _cosines("body", np.array([[0.0, 0, 0], [400, height, 300]]))])
+    assert waves.sum(axis=1).max() == highest

@@ -60,6 +60,7 @@ def reused_numbers(difference: Difference) -> Finding | None:
     overlap = (1 - down[:, None] / height) * (1 - right[None] / width)
     tested = (np.hypot(down[:, None], right[None]) >= _LEAST_PX) & (overlap >= _COMMON)
     tested[:, repeated.shape[1] // 2 :] = False  # each distance once
+    tested[repeated.shape[0] // 2 :, 0] = False
     clear = np.where(tested, np.abs(repeated) / np.sqrt(np.maximum(overlap, _COMMON)), 0.0)
     looks, findings = int(tested.sum()), []
     for index in np.argsort(clear, axis=None)[: -_CANDIDATES - 1 : -1]:
@@ -68,8 +69,9 @@ def reused_numbers(difference: Difference) -> Finding | None:
         before, after = (block_sums(_overlapping(side, by)) for side in (first, second))
         terms = after - before
         statistic, share = self_normalised(terms)
-        weaker, stronger = sorted(abs(float(part.sum())) for part in (before, after))
-        probability = min(1.0, looks * share) if stronger > _CLEARLY * weaker else 1.0
+        weaker, stronger = sorted((float(part.sum()) for part in (before, after)), key=abs)
+        # noise that repeats is alike; next to noise that a filter spreads it is the other way round
+        probability = min(1.0, looks * share) if stronger > _CLEARLY * abs(weaker) else 1.0
         size = float(terms.sum()) / max(float((first**2).sum() + (second**2).sum()) / 2, 1e-300)
         side = "candidate" if statistic > 0 else "baseline"
         name = f"reused random numbers: noise of the {side} repeats {by[1]} px right, {by[0]} px down"
