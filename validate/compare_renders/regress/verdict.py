@@ -16,6 +16,7 @@ from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_va
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
 from .patterns import (
+    MEANS,
     Difference,
     Finding,
     block_changes,
@@ -61,6 +62,8 @@ _BATCH_MARGIN = 1.5
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
+#: Kinds of pools that find a pattern all over the picture.
+_EVERYWHERE = ("grid", "wave", "steps", "reused", "shared")
 #: Probability of a layer that differs over its critical one.
 _CERTAIN = 1e-6
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
@@ -339,6 +342,10 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
     names = comparison.common.baseline.bands
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
+    # a test of squares knows the place better than noise that is estimated pixel by pixel
+    of_means = any(row.kind in MEANS for row in outcome.deciding)
+    place = None if of_means else next((row.place for row in outcome.deciding if row.place is not None), None)
+    systematic = (pooling.systematic * pooling.level) ** 2
     excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
     parts = {**strata.surfaces, "the lamp": strata.lamp}
     spots = []
@@ -346,8 +353,11 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
         sums = pooling.band(names.index(band)) if band else pooling.summed
         # variances of few batches, or of few neighbours at a border, may be far too small in single pixels
         variance = excess * np.maximum(sums.variance, smooth_variance(sums.level, sums.variance, noise.degrees))
-        spots.append(spot_of(sums.difference, sums.level, variance, strata.used, noise.clustering, parts, band))
-    return min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
+        pictures = sums.difference, sums.level, variance + systematic * sums.part**2, strata.used
+        spots.append(spot_of(*pictures, noise.clustering, parts, band, place))
+    spot = min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
+    everywhere = all(row.kind in _EVERYWHERE for row in outcome.deciding)
+    return replace(spot, probability=1.0) if spot is not None and everywhere else spot
 
 
 def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[PooledMean, ...]:
