@@ -366,10 +366,13 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
-    squares = float(weight**2 @ variance)
+    squares, degrees = float(weight**2 @ variance), min(float(level.size), independent) - 1.0
     if noise.reaches_far:
-        _, by_cells, _, _ = common_size(weight * difference, np.maximum(weight * level, 0.0))
-        squares = max(squares, (by_cells * norm_) ** 2 if np.isfinite(by_cells) else 0.0)
+        # noise over several cells makes neighbouring ones alike, and quiet ones that rule the mean are few
+        alike = 1 + noise.clustering * level.size / float(pixels[used].sum())
+        _, by_cells, count, _ = common_size(weight * difference, np.maximum(weight * level, 0.0), alike)
+        if np.isfinite(by_cells) and (by_cells * norm_) ** 2 > squares:
+            squares, degrees = (by_cells * norm_) ** 2, min(degrees, count)
     sigma = np.sqrt(squares + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(
@@ -379,7 +382,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
             int(pixels[used].sum()),
             difference=float(weight @ difference) / norm_,
             sigma=float(np.hypot(sigma, allowed)),
-            degrees=min(float(level.size), independent) - 1.0,
+            degrees=degrees,
             count=1,
         )
     ]
