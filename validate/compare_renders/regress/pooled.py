@@ -31,6 +31,7 @@ from .patterns import (
     mirror_order,
     pool_of_finding,
     scatter_of_blocks,
+    shared_variance,
 )
 from .strata import BLOCKS, Strata
 
@@ -314,21 +315,33 @@ def _pool_of(
 
 
 def _steadied(pooling: Pooling, blocks: list[PooledMean]) -> list[PooledMean]:
-    """Blocks whose standard deviations fit the scatter of all blocks, where noise is estimated.
+    """Blocks whose standard deviations fit those and the scatter of all blocks, where noise is estimated.
 
-    Noise that reaches over a block scatters all of them. A change of a few blocks does not.
+    Noise that reaches over a block scatters all of them. A change of a few blocks does not. Where pixels are alike, a
+    block that a filter left flat does not show its noise: the variances of other blocks count, too.
     """
     if not pooling.noise.estimated or len(blocks) < _MIN_PIXELS:
         return blocks
-    statistics = np.array([block.statistic for block in blocks])
+    sigmas = np.array([block.sigma for block in blocks])
+    if pooling.noise.clustering > 1:
+        typical, added = shared_variance(sigmas**2, _MAX_BLOCK_DEGREES)
+        moderated = (_MAX_BLOCK_DEGREES * sigmas**2 + added * typical) / (_MAX_BLOCK_DEGREES + added)
+        sigmas = np.sqrt(np.maximum(moderated, sigmas**2))
+    statistics = np.array([block.difference for block in blocks]) / sigmas
     spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
-    if spread <= _MOST_SPREAD:
-        return blocks
-    factor, count = min(spread, _WIDEST_SPREAD), BLOCKS**2
-    by_name = {block.name: (block.pixels, block.difference, factor * block.sigma, block.degrees) for block in blocks}
+    factor = min(spread, _WIDEST_SPREAD) if spread > _MOST_SPREAD else 1.0
     return [
-        _row(pooling, "block", name, pixels, difference=difference, sigma=sigma, degrees=degrees, count=count)
-        for name, (pixels, difference, sigma, degrees) in by_name.items()
+        _row(
+            pooling,
+            "block",
+            block.name,
+            block.pixels,
+            difference=block.difference,
+            sigma=factor * float(sigma),
+            degrees=block.degrees,
+            count=BLOCKS**2,
+        )
+        for block, sigma in zip(blocks, sigmas, strict=True)
     ]
 
 

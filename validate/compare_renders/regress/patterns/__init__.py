@@ -12,7 +12,7 @@ from .odd_parts import moved_part, odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, MEANS, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change, without_slow
-from .spread import block_changes, block_spread, scatter_of_blocks
+from .spread import block_changes, block_spread, scatter_of_blocks, shared_variance
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
@@ -51,6 +51,7 @@ __all__ = [
     "ripple",
     "scatter_of_blocks",
     "shared_numbers",
+    "shared_variance",
     "slow_change",
     "small_part",
     "textures",

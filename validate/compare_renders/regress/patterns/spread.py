@@ -20,7 +20,7 @@ from scipy.special import bdtrc, digamma, polygamma
 from .difference import Finding, common_size, sigma_of
 from .pooled_mean import PooledMean
 
-__all__ = ["block_changes", "block_spread", "scatter_of_blocks"]
+__all__ = ["block_changes", "block_spread", "scatter_of_blocks", "shared_variance"]
 
 #: Standard deviations from which a block counts.
 _SIGMAS = 2.0
@@ -127,7 +127,7 @@ def block_changes(
     if with_light.sum() < _MIN_BLOCKS:
         return ()
     difference = (second.mean(axis=0) - level)[with_light] / level[with_light]
-    typical, added = _shared_variance(per_cube[with_light], own_degrees)
+    typical, added = shared_variance(per_cube[with_light], own_degrees)
     moderated = (own_degrees * per_cube[with_light] + added * typical) / (own_degrees + added)
     is_own = per_cube[with_light] > moderated
     variance = np.where(is_own, per_cube[with_light], moderated) * (1 / len(first) + 1 / len(second))
@@ -153,8 +153,23 @@ def _of_blocks(cubes: NDArray[np.float64], block: NDArray[np.int64]) -> NDArray[
     return np.stack([np.bincount(block.ravel(), cube.sum(axis=-1).ravel()) for cube in cubes])
 
 
-def _shared_variance(variance: NDArray[np.float64], degrees: float) -> tuple[float, float]:
-    """Typical variance and the degrees of freedom that it adds, by logarithms (Smyth 2004)."""
+def shared_variance(variance: NDArray[np.float64], degrees: float) -> tuple[float, float]:
+    """Typical variance of some, and the degrees of freedom that it adds to each, by logarithms (Smyth 2004).
+
+    Parameters
+    ----------
+    variance
+        (n,) estimates, above 0.
+    degrees
+        Degrees of freedom of each.
+
+    Returns
+    -------
+    typical
+        The typical variance.
+    added
+        Its degrees of freedom: many where the estimates scatter as equal variances do.
+    """
     logs = np.log(variance) - digamma(degrees / 2) + np.log(degrees / 2)
     excess = float(np.var(logs, ddof=1)) - float(polygamma(1, degrees / 2))
     if excess <= polygamma(1, _MOST_DEGREES / 2):
