@@ -249,7 +249,10 @@ def difference_of(pooling: Pooling) -> Difference:
 
 
 def cancelling_patterns(
-    pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
+    pooling: Pooling,
+    baseline: NDArray[np.float64],
+    candidate: NDArray[np.float64],
+    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> tuple[PooledMean, ...]:
     """Tests of patterns whose means cancel, and of those that need no known noise.
 
@@ -259,6 +262,8 @@ def cancelling_patterns(
         Difference, noise and parts of the picture.
     baseline, candidate
         (y, x) pictures with their outliers, summed over wavelengths.
+    cubes
+        (b, y, x) independent pictures of each side, as many of either, summed over wavelengths.
 
     Returns
     -------
@@ -266,7 +271,7 @@ def cancelling_patterns(
         One for each kind of pattern, at its clearest instance.
     """
     steps = _steps(pooling), pooling.rounding
-    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, *steps)
+    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, cubes, *steps)
 
 
 def _steps(pooling: Pooling) -> float:

@@ -303,7 +303,8 @@ def regress_sides(
     """
     as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
-    cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
+    totals = _total(_sides(as_found)[0]), _total(_sides(as_found)[1])
+    cancelling = cancelling_patterns(as_found.pooling, *totals, _cubes(*_sides(as_found)))
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -390,6 +391,13 @@ def _sides(comparison: RegressionData) -> tuple[Side, Side]:
 def _total(side: Side) -> NDArray[np.float64]:
     """(y, x) radiance summed over wavelengths."""
     return np.asarray(side.radiance.sum(axis=-1))
+
+
+def _cubes(baseline: Side, candidate: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(b, y, x) cubes of both sides, summed over wavelengths, in equal number; their means for other numbers."""
+    if baseline.batches is None or candidate.batches is None or len(baseline.batches) != len(candidate.batches):
+        return _total(baseline)[None], _total(candidate)[None]
+    return baseline.batches.sum(axis=-1), candidate.batches.sum(axis=-1)
 
 
 def _remarks(comparison: RegressionData) -> list[str]:

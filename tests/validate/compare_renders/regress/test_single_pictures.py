@@ -278,12 +278,12 @@ def test_negative_lobes_cut_off_on_one_side_alone_are_seen():
     rng = np.random.default_rng(10)
     lobes = np.where(rng.random((SIZE, SIZE)) < 0.2, -0.05, 1.0)
     pictures = [lobes * (1 + 0.1 * rng.standard_normal((SIZE, SIZE))) for _ in range(2)]
-    result = cut_values(pictures[0], np.maximum(pictures[1], 0))
+    result = cut_values(pictures[0][None], np.maximum(pictures[1], 0)[None])
     assert result.probability < 1e-6
     assert result.name == "values of the candidate cut off below 0"
     empty = [p * (rng.random((SIZE, SIZE)) < 0.7) for p in pictures]
     for equal in (pictures, empty, [np.maximum(p, 0) for p in pictures]):
-        finding = cut_values(*equal)
+        finding = cut_values(*np.array(equal)[:, None])
         assert finding is None or finding.probability > 1e-3
 
 

@@ -33,6 +33,7 @@ def all_patterns(
     baseline: NDArray[np.float64],
     candidate: NDArray[np.float64],
     false_alarms: float,
+    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
     steps: float = 0.0,
     rounding: float = 0.0,
 ) -> tuple[PooledMean, ...]:
@@ -46,6 +47,8 @@ def all_patterns(
         (y, x) pictures with their outliers, summed over wavelengths.
     false_alarms
         Rate of false alarms of the verdict.
+    cubes
+        (b, y, x) independent pictures of each side, as many of either, summed over wavelengths.
     steps
         Relative standard deviation that pixels have in common from the steps of files; 0 for fine steps.
     rounding
@@ -64,7 +67,7 @@ def all_patterns(
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
         ("dark", _dark(difference, baseline, candidate, critical["dark"])),
-        ("cut", cut_values(baseline, candidate)),
+        ("cut", cut_values(*cubes)),
         ("place", moved_texture(baseline, candidate)),
         ("slow", slow_change(difference)),
         ("contrast", other_contrast(difference, rounding)),

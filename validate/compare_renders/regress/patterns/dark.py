@@ -84,13 +84,14 @@ def cut_values(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) ->
     Parameters
     ----------
     baseline, candidate
-        (y, x) pictures with their outliers.
+        (b, y, x) independent pictures with their outliers, as many of each side.
 
     Returns
     -------
     Finding or None
         The size is the part of the pixels that are cut. None where no side has a value twice.
     """
+    baseline, candidate = (side.reshape(-1, side.shape[-1]) for side in (baseline, candidate))
     findings = []
     for sign, end in ((1.0, "below"), (-1.0, "above")):
         sides = sign * baseline, sign * candidate
