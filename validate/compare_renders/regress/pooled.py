@@ -385,8 +385,8 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
     squares, degrees = float(weight**2 @ variance), min(float(level.size), independent) - 1.0
-    if noise.reaches_far:
-        # noise over several cells makes neighbouring ones alike, and quiet ones that rule the mean are few
+    if noise.estimated and noise.clustering > 1:
+        # the scatter inside a cell does not show noise that its pixels share, and quiet cells that rule the mean are few
         alike = 1 + noise.clustering * level.size / float(pixels[used].sum())
         _, by_cells, count, _ = common_size(weight * difference, np.maximum(weight * level, 0.0), alike)
         if np.isfinite(by_cells) and (by_cells * norm_) ** 2 > squares:
