@@ -386,7 +386,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
     squares, degrees = float(weight**2 @ variance), min(float(level.size), independent) - 1.0
     if noise.estimated and noise.clustering > 1:
-        # the scatter inside a cell does not show noise that its pixels share, and quiet cells that rule the mean are few
+        # the scatter inside a cell does not show noise that its pixels share, and few quiet cells may rule the mean
         alike = 1 + noise.clustering * level.size / float(pixels[used].sum())
         _, by_cells, count, _ = common_size(weight * difference, np.maximum(weight * level, 0.0), alike)
         if np.isfinite(by_cells) and (by_cells * norm_) ** 2 > squares:

@@ -33,6 +33,8 @@ _LEAST_PX = 6
 _CANDIDATES = 4
 #: Scatters at which fine differences are cut.
 _CUT = 4.0
+#: Scatters at which a sum is cut: far more than counts, and its square is a number.
+_LARGE = 1e6
 #: Scatters of a sum from which it is structure of the scene, and counts less the larger it is.
 _STRUCTURE = 4.0
 #: The same where blocks of structure count less, too.
@@ -249,9 +251,11 @@ def _in_scale(apart: NDArray[np.float64], both: NDArray[np.float64], structure: 
     structure : scatters of the sum from which it is structure.
     """
     scale = median_filter(np.abs(apart), _SCALE_PX, mode="nearest") / _MEDIAN
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = (np.where(scale > 0, side / scale, 0.0) for side in (apart, both))
-    first, weight = np.clip(first, -_CUT, _CUT), 1 / (1 + (second / structure) ** 2)
+    first, second = (
+        np.clip(np.divide(side, scale, out=np.zeros_like(side), where=scale > 0), -limit, limit)
+        for side, limit in ((apart, _CUT), (both, _LARGE))
+    )
+    weight = 1 / (1 + (second / structure) ** 2)
     return _Sides(first, weight * second, weight * first)
 
 
