@@ -87,7 +87,7 @@ def reused_numbers(difference: Difference) -> Finding | None:
     pictures = _apart_and_both(difference)
     if pictures is None:
         return None
-    sides = _in_scale(*(p - uniform_filter(p, _WINDOW_PX, mode="nearest") for p in pictures))
+    sides = _fine(pictures, _WINDOW_PX)
     height, width = sides.apart.shape
     repeated, of_difference = _products(sides.apart, sides.both), _products(sides.apart, sides.apart_alike)
     down, right = (np.minimum(np.arange(n), n - np.arange(n)) for n in repeated.shape)
@@ -95,7 +95,9 @@ def reused_numbers(difference: Difference) -> Finding | None:
     tested = (np.hypot(down[:, None], right[None]) >= _LEAST_PX) & (overlap >= _COMMON)
     tested[:, repeated.shape[1] // 2 :] = False  # each distance once
     tiles = range(_LEAST_PX, min(height, width) // 2 + 1)
-    distances = {f"in tiles of {px} px": ((0, px), (px, 0), (px, px), (px, -px)) for px in tiles}
+    distances: dict[str, tuple[tuple[int, int], ...]] = {
+        f"in tiles of {px} px": ((0, px), (px, 0), (px, px), (px, -px)) for px in tiles
+    }
     for products in (repeated, of_difference):
         clear = np.where(tested, np.abs(products) / np.sqrt(np.maximum(overlap, _COMMON)), 0.0)
         for index in np.argsort(clear, axis=None)[: -_CANDIDATES - 1 : -1]:
@@ -139,13 +141,13 @@ def shared_numbers(difference: Difference) -> Finding | None:
     if pictures is None:
         return None
     looks, findings = sum(2 * px + px**2 for px in _SHARED_PX), []
-    steps = [_in_scale(*(_steps(picture, axis) for picture in pictures)) for axis in (0, 1)]
+    steps = [_in_scale(_steps(pictures[0], axis), _steps(pictures[1], axis)) for axis in (0, 1)]
     for block_px in _SHARED_PX:
         by_axis = [[_contrast(steps[axis], axis, block_px, border) for border in range(block_px)] for axis in (0, 1)]
         rows, columns = by_axis
         tests = [(f"{block_px} rows", *test) for test in rows] + [(f"{block_px} columns", *test) for test in columns]
         tests += [
-            (f"{block_px} x {block_px} pixels", *(p + q for p, q in zip(row, column, strict=True)))
+            (f"{block_px} x {block_px} pixels", row[0] + column[0], row[1] + column[1])
             for row in rows
             for column in columns
         ]
@@ -191,8 +193,7 @@ def filtered_noise(difference: Difference) -> Finding | None:
 
 def _neighbours_alike(pictures: tuple[NDArray[np.float64], NDArray[np.float64]], window_px: int) -> list[Finding]:
     """Comparison of the sides' correlations, and of either side's with that of the difference."""
-    fine = (p - uniform_filter(p, window_px, mode="nearest") for p in pictures)
-    sides = _in_scale(*fine, structure=_STRUCTURE_OF_BLOCKS)
+    sides = _fine(pictures, window_px, _STRUCTURE_OF_BLOCKS)
     moves = ((0, 1), (1, 0))
     near, near_apart = (
         block_sums(np.sum([_moved_products(sides.apart, other, by) for by in moves], axis=0))
@@ -243,6 +244,14 @@ def _steps(picture: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     step = np.diff(picture, axis=axis, append=np.take(picture, [-1], axis))
     beside = median_filter(step, (1, _BESIDE) if axis == 0 else (_BESIDE, 1), mode="nearest")
     return np.asarray(step - beside)
+
+
+def _fine(
+    pictures: tuple[NDArray[np.float64], NDArray[np.float64]], window_px: int, structure: float = _STRUCTURE
+) -> _Sides:
+    """Difference and sum less their means over a window, over the local scatter of the difference."""
+    apart, both = (picture - uniform_filter(picture, window_px, mode="nearest") for picture in pictures)
+    return _in_scale(apart, both, structure)
 
 
 def _in_scale(apart: NDArray[np.float64], both: NDArray[np.float64], structure: float = _STRUCTURE) -> _Sides:
