@@ -31,7 +31,7 @@ from .patterns import (
     mirror_order,
     pool_of_finding,
     scatter_of_blocks,
-    shared_variance,
+    steady_sigmas,
 )
 from .strata import BLOCKS, Strata
 
@@ -62,10 +62,6 @@ _MIN_PIXELS = 12
 _MIN_INDEPENDENT = 6.0
 #: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
 _MAX_BLOCK_DEGREES = 12.0
-#: Scatter of the statistics of blocks, from which their standard deviations are too small.
-_MOST_SPREAD = 1.2
-#: Largest factor by which they are enlarged: what scatters more is a change all over the picture.
-_WIDEST_SPREAD = 3.0
 #: Kinds of pools of few pixels.
 _SMALL_POOLS = ("block", "stratum")
 #: Kinds of pools of the entire picture.
@@ -320,33 +316,15 @@ def _pool_of(
 
 
 def _steadied(pooling: Pooling, blocks: list[PooledMean]) -> list[PooledMean]:
-    """Blocks whose standard deviations fit those and the scatter of all blocks, where noise is estimated.
-
-    Noise that reaches over a block scatters all of them. A change of a few blocks does not. Where pixels are alike, a
-    block that a filter left flat does not show its noise: the variances of other blocks count, too.
-    """
+    """Blocks whose standard deviations fit those of all blocks, where noise is estimated."""
     if not pooling.noise.estimated or len(blocks) < _MIN_PIXELS:
         return blocks
-    sigmas = np.array([block.sigma for block in blocks])
-    if pooling.noise.clustering > 1:
-        typical, added = shared_variance(sigmas**2, _MAX_BLOCK_DEGREES)
-        moderated = (_MAX_BLOCK_DEGREES * sigmas**2 + added * typical) / (_MAX_BLOCK_DEGREES + added)
-        sigmas = np.sqrt(np.maximum(moderated, sigmas**2))
-    statistics = np.array([block.difference for block in blocks]) / sigmas
-    spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
-    factor = min(spread, _WIDEST_SPREAD) if spread > _MOST_SPREAD else 1.0
+    differences, sigmas = (np.array([getattr(block, key) for block in blocks]) for key in ("difference", "sigma"))
+    steady = steady_sigmas(differences, sigmas, _MAX_BLOCK_DEGREES, alike=pooling.noise.clustering > 1)
+    by_name = {b.name: (b.pixels, b.difference, float(s), b.degrees) for b, s in zip(blocks, steady, strict=True)}
     return [
-        _row(
-            pooling,
-            "block",
-            block.name,
-            block.pixels,
-            difference=block.difference,
-            sigma=factor * float(sigma),
-            degrees=block.degrees,
-            count=BLOCKS**2,
-        )
-        for block, sigma in zip(blocks, sigmas, strict=True)
+        _row(pooling, "block", name, pixels, difference=difference, sigma=sigma, degrees=degrees, count=BLOCKS**2)
+        for name, (pixels, difference, sigma, degrees) in by_name.items()
     ]
 
 

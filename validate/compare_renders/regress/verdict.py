@@ -345,7 +345,7 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
     # a test of squares knows the place better than noise that is estimated pixel by pixel
     of_means = any(row.kind in MEANS for row in outcome.deciding)
-    place = None if of_means else next((row.place for row in outcome.deciding if row.place is not None), None)
+    squares = [row.bounds_px for row in outcome.deciding if row.bounds_px is not None and not of_means]
     systematic = (pooling.systematic * pooling.level) ** 2
     excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
     parts = {**strata.surfaces, "the lamp": strata.lamp}
@@ -355,7 +355,7 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
         # variances of few batches, or of few neighbours at a border, may be far too small in single pixels
         variance = excess * np.maximum(sums.variance, smooth_variance(sums.level, sums.variance, noise.degrees))
         pictures = sums.difference, sums.level, variance + systematic * sums.part**2, strata.used
-        spots.append(spot_of(*pictures, noise.clustering, parts, band, place))
+        spots.append(spot_of(*pictures, noise.clustering, parts, band, squares[0] if squares else None))
     spot = min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
     everywhere = all(row.kind in _EVERYWHERE for row in outcome.deciding)
     return replace(spot, probability=1.0) if spot is not None and everywhere else spot
@@ -394,7 +394,7 @@ def _total(side: Side) -> NDArray[np.float64]:
 
 
 def _cubes(baseline: Side, candidate: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(b, y, x) cubes of both sides, summed over wavelengths, in equal number; their means for other numbers."""
+    """(b, y, x) cubes of both sides over all wavelengths; their means where one has more."""
     if baseline.batches is None or candidate.batches is None or len(baseline.batches) != len(candidate.batches):
         return _total(baseline)[None], _total(candidate)[None]
     return baseline.batches.sum(axis=-1), candidate.batches.sum(axis=-1)

@@ -262,8 +262,8 @@ def test_a_small_object_that_moved_is_seen_in_its_place(by):
     light = LIGHT[..., 0] * np.kron(rng.uniform(0.7, 1.3, (3, 3)), np.ones((16, 16)))
     inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
     pictures = []
-    for place in (30.0, 30.0 + by):
-        covered = gaussian_filter(np.clip(4.5 - np.hypot(y - 14, x - place), 0, 1), 0.5)
+    for middle in (30.0, 30.0 + by):
+        covered = gaussian_filter(np.clip(4.5 - np.hypot(y - 14, x - middle), 0, 1), 0.5)
         pictures.append(light * (1 - 0.4 * covered) * (1 + 0.04 * rng.standard_normal((SIZE, SIZE))))
     result = moved_part(Difference(pictures[0], pictures[1] - pictures[0], None, inside, {}), *pictures)
     assert (result.probability < 1e-5) == (by > 0)

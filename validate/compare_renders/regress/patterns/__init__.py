@@ -12,7 +12,7 @@ from .odd_parts import moved_part, odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, MEANS, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change, without_slow
-from .spread import block_changes, block_spread, scatter_of_blocks, shared_variance
+from .spread import block_changes, block_spread, scatter_of_blocks, steady_sigmas
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
@@ -51,9 +51,9 @@ __all__ = [
     "ripple",
     "scatter_of_blocks",
     "shared_numbers",
-    "shared_variance",
     "slow_change",
     "small_part",
+    "steady_sigmas",
     "textures",
     "tile_steps",
     "without_period",

@@ -1,4 +1,4 @@
-"""Black pixels and cut values: dark pixels among lit neighbours, and a limit, of one side alone.
+"""Black pixels among lit neighbours, and values cut off at a limit, on one side alone.
 
 Noise of light is skewed towards the bright side. A mean of non-negative samples whose relative error is a seventh is
 never dark by chance: all samples would have to be. Values that are cut off are equal to the limit and to each other,
@@ -76,7 +76,7 @@ def dark_pixels(
 
 
 def cut_values(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
-    """Sign test of pixels at which one side has its least or largest value and the other lies beyond it.
+    """Sign test of pixels with the limit of one side and a value beyond it on the other.
 
     In equal pictures either side has such pixels, and blocks of them have either sign: a lobe of a pixel filter or an
     empty pixel may be on both. Negative lobes that one side cuts off at 0 have one sign.

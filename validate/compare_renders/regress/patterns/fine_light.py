@@ -143,8 +143,8 @@ def _common(
     for weight in weights:
         size, sigma, degrees, probability = common_size(weight * terms, weight * norms, alike)
         if degrees < _FEW_BLOCKS:
-            merged = (_merged(weight * values, difference.level.shape) for values in (terms, norms))
-            probability = max(probability, common_size(*merged)[3])
+            of_four = [_merged(weight * values, difference.level.shape) for values in (terms, norms)]
+            probability = max(probability, common_size(of_four[0], of_four[1])[3])
         _, by_sign = self_normalised(weight * terms, alike)
         share = min(1.0, 2 * len(weights) * min(probability, by_sign))
         tests.append((share, size, sigma, degrees))

@@ -1,4 +1,4 @@
-"""Noise of one side alone that repeats, that a block of pixels shares, or that a filter makes alike.
+"""Noise of one side alone: repeated, shared by a block of pixels, or made alike by a filter.
 
 A renderer that starts each tile with the same random numbers repeats its noise from tile to tile. One that gives a
 block of pixels the same numbers makes neighbours alike, but for those with a border of blocks between them. A wider
@@ -25,8 +25,8 @@ __all__ = ["filtered_noise", "reused_numbers", "shared_numbers"]
 _WINDOW_PX = 3
 #: Pixels a side of the window that gives the scatter of the difference around a pixel.
 _SCALE_PX = 7
-#: Steps beside a step whose median is subtracted, so that edges along rows and columns and gradients leave nothing.
-_BESIDE = 7
+#: Steps along the line of a step whose median is subtracted, so that straight edges and gradients leave nothing.
+_LINE_PX = 7
 #: Least distance at which noise may repeat, px: filters and denoisers correlate nearer pixels.
 _LEAST_PX = 6
 #: Distances that are compared, from the clearest on.
@@ -199,15 +199,15 @@ def _neighbours_alike(pictures: tuple[NDArray[np.float64], NDArray[np.float64]],
         block_sums(np.sum([_moved_products(sides.apart, other, by) for by in moves], axis=0))
         for other in (sides.both, sides.apart_alike)
     )
-    here, here_apart = (block_sums(sides.apart * other) for other in (sides.both, sides.apart_alike))
+    unmoved, unmoved_apart = (block_sums(sides.apart * other) for other in (sides.both, sides.apart_alike))
     with np.errstate(divide="ignore", invalid="ignore"):
-        weight = np.where(here_apart > 0, 1 / (1 + (block_sums(sides.both**2) / here_apart / _NOISY) ** 2), 0.0)
-    total = float((weight * here_apart).sum())
+        weight = np.where(unmoved_apart > 0, 1 / (1 + (block_sums(sides.both**2) / unmoved_apart / _NOISY) ** 2), 0.0)
+    total = float((weight * unmoved_apart).sum())
     if total <= 0:
         return []
     common = float((weight * near_apart).sum()) / total
-    terms, of_difference = near - common * here, near_apart - common * here_apart
-    noise = float((weight * here).sum())
+    terms, of_difference = near - common * unmoved, near_apart - common * unmoved_apart
+    noise = float((weight * unmoved).sum())
     correlation = [
         float((weight * (near_apart + sign * near)).sum()) / max(total + sign * noise, 1e-3 * total) for sign in (-1, 1)
     ]
@@ -224,7 +224,7 @@ def _neighbours_alike(pictures: tuple[NDArray[np.float64], NDArray[np.float64]],
 
 
 def _contrast(sides: _Sides, axis: int, block_px: int, border: int) -> tuple[NDArray[np.float64], float]:
-    """Steps of the candidate less those of the baseline, inside blocks less across borders; steps of the difference."""
+    """Contrast of steps, inside blocks less across borders, between the sides and of the difference."""
     position = np.arange(sides.apart.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
     inside = np.where(position % block_px == border, -1.0, 1.0 / (block_px - 1))
     return block_sums(sides.apart * sides.both * inside), float((np.abs(sides.apart) * inside).sum())
@@ -240,22 +240,22 @@ def _apart_and_both(difference: Difference) -> tuple[NDArray[np.float64], NDArra
 
 
 def _steps(picture: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """(y, x) step from each pixel to the next along an axis, less the median of those beside it; 0 for the last."""
+    """(y, x) step from each pixel to the next along an axis, less the median of its line."""
     step = np.diff(picture, axis=axis, append=np.take(picture, [-1], axis))
-    beside = median_filter(step, (1, _BESIDE) if axis == 0 else (_BESIDE, 1), mode="nearest")
-    return np.asarray(step - beside)
+    typical = median_filter(step, (1, _LINE_PX) if axis == 0 else (_LINE_PX, 1), mode="nearest")
+    return np.asarray(step - typical)
 
 
 def _fine(
     pictures: tuple[NDArray[np.float64], NDArray[np.float64]], window_px: int, structure: float = _STRUCTURE
 ) -> _Sides:
-    """Difference and sum less their means over a window, over the local scatter of the difference."""
+    """Difference and sum, less their means over a window, in units of the local scatter."""
     apart, both = (picture - uniform_filter(picture, window_px, mode="nearest") for picture in pictures)
     return _in_scale(apart, both, structure)
 
 
 def _in_scale(apart: NDArray[np.float64], both: NDArray[np.float64], structure: float = _STRUCTURE) -> _Sides:
-    """Fine difference and sum over the local scatter of the difference; the sum is bounded where it is structure.
+    """Fine difference and sum over the difference's local scatter, the sum bounded.
 
     structure : scatters of the sum from which it is structure.
     """

@@ -346,12 +346,12 @@ def _clearest(
     probability = min(1.0, float(shares[position])) if clear else 1.0
     size, (y, x) = float(mean[position]), (int(n) for n in position)
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
-    sigma, place = sigma_of(size, probability, _SQUARE_DEGREES), {"bounds_px": _bounds(y, x, edge, used.shape)}
-    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, place)
+    sigma, bounds = sigma_of(size, probability, _SQUARE_DEGREES), {"bounds_px": _bounds(y, x, edge, used.shape)}
+    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds)
 
 
 def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
-    """Square inside which the scene moved most clearly: a small object, or the texture of one surface.
+    """Square inside which the scene moved most clearly: an object, or one surface's texture.
 
     The difference is fitted by the slopes of both sides' mean, downwards and to the right, in squares at all positions.
     Products of noise with its own slopes have no sign, whichever side has more of it. A pixel's variance is that of its
@@ -437,8 +437,8 @@ def _moved_square(
     probability = min(1.0, looks * float(fisher_tail(peak**2 / 2, 2, degrees))) if peak > _CLEARER * others else 1.0
     size, (row, column) = float(np.hypot(down[position], right[position])), (int(n) for n in position)
     name = f"something moved in {edge} x {edge} px around x {column} y {row}"
-    sigma, place = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
-    return Finding(name, edge**2, size, sigma, degrees, probability, place, "px")
+    sigma, bounds = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
+    return Finding(name, edge**2, size, sigma, degrees, probability, bounds, "px")
 
 
 def _bounds(row: int, column: int, edge: int, shape: tuple[int, ...]) -> tuple[int, int, int, int]:

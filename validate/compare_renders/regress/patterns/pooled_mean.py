@@ -84,7 +84,7 @@ class PooledMean:
     #: Unit of ``difference``.
     unit: str = "1"
     #: First column and row of the place that it tests, and one after the last ones; None for all of the picture.
-    place: tuple[int, int, int, int] | None = None
+    bounds_px: tuple[int, int, int, int] | None = None
 
     @property
     def different(self) -> bool:

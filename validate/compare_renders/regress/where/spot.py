@@ -137,7 +137,7 @@ def spot_of(
     clustering: float = 1.0,
     surfaces: Mapping[str, NDArray[np.bool_]] | None = None,
     band: str = "",
-    place: tuple[int, int, int, int] | None = None,
+    within: tuple[int, int, int, int] | None = None,
 ) -> Spot | None:
     """Spot at which two pictures differ most clearly.
 
@@ -157,7 +157,7 @@ def spot_of(
         (y, x) pixels of each surface.
     band
         Name of the band that the pictures show; empty for the sum over all.
-    place
+    within
         First column and row of the part in which the peak is, and one after the last ones; None for all of the picture.
 
     Returns
@@ -167,7 +167,7 @@ def spot_of(
     """
     if not used.any():
         return None
-    searched = used & _inside(used.shape, place)
+    searched = used & _inside(used.shape, within)
     looks, best = float(searched.sum()), (np.inf, 0.0, 0.0, difference, (0, 0))
     for width in _WIDTHS_PX:
         if width > _WIDEST * min(used.shape):
@@ -205,9 +205,9 @@ def spot_of(
     )
 
 
-def _inside(shape: tuple[int, ...], place: tuple[int, int, int, int] | None) -> NDArray[np.bool_]:
-    """(y, x) pixels of a place; all without one."""
-    left, top, right, bottom = place or (0, 0, shape[1], shape[0])
+def _inside(shape: tuple[int, ...], bounds: tuple[int, int, int, int] | None) -> NDArray[np.bool_]:
+    """(y, x) pixels inside some bounds; all without any."""
+    left, top, right, bottom = bounds or (0, 0, shape[1], shape[0])
     inside = np.zeros(shape, bool)
     inside[top:bottom, left:right] = True
     return inside
