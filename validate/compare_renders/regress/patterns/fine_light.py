@@ -36,7 +36,7 @@ _LEAST_BLOCKS = 36
 _STRUCTURED = 2.0
 #: Squares of a block's difference over the median block's, below which it counts no more.
 _QUIET = 0.3
-#: Degrees of freedom below which few blocks agree.
+#: Blocks of equal weight below which few blocks agree.
 _FEW_BLOCKS = 30.0
 #: Correlation of both sides in a block from which it shows a common structure.
 _ALIKE = 0.3
@@ -141,11 +141,14 @@ def _common(
     """
     tests, alike = [], _alike(difference)
     for weight in weights:
-        size, sigma, degrees, probability = common_size(weight * terms, weight * norms, alike)
+        parts, sizes = weight * terms, weight * norms
+        of_four = [_merged(values, difference.level.shape) for values in (parts, sizes)]
+        size, sigma, degrees, probability = common_size(parts, sizes, alike)
         if degrees < _FEW_BLOCKS:
-            of_four = [_merged(weight * values, difference.level.shape) for values in (terms, norms)]
             probability = max(probability, common_size(of_four[0], of_four[1])[3])
-        _, by_sign = self_normalised(weight * terms, alike)
+        _, by_sign = self_normalised(parts, alike)
+        if float((parts**2).sum()) ** 2 < _FEW_BLOCKS * float((parts**4).sum()):
+            by_sign = max(by_sign, self_normalised(of_four[0])[1])
         share = min(1.0, 2 * len(weights) * min(probability, by_sign))
         tests.append((share, size, sigma, degrees))
     share, size, sigma, degrees = min(tests)

@@ -224,7 +224,7 @@ def _neighbours_alike(pictures: tuple[NDArray[np.float64], NDArray[np.float64]],
 
 
 def _contrast(sides: _Sides, axis: int, block_px: int, border: int) -> tuple[NDArray[np.float64], float]:
-    """Contrast of steps, inside blocks less across borders, between the sides and of the difference."""
+    """Contrast of steps inside blocks and across borders, between the sides and of both."""
     position = np.arange(sides.apart.shape[axis]).reshape((-1, 1) if axis == 0 else (1, -1))
     inside = np.where(position % block_px == border, -1.0, 1.0 / (block_px - 1))
     return block_sums(sides.apart * sides.both * inside), float((np.abs(sides.apart) * inside).sum())

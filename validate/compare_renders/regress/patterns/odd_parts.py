@@ -64,6 +64,8 @@ _CLEARER = 2.0
 _LEAST_PX = 24
 #: Edges of the squares in which something may have moved, px: an object with the surroundings that it uncovers.
 _MOVED_PX = (7, 11, 15)
+#: Pixels that correlation makes one, above which noise along an edge is alike, too.
+_MOST_ALIKE = 1.25
 #: Width of the Gaussian that smooths slopes, px: wide ones have less noise, narrow ones lose fewer edges.
 _SLOPE_PX = 0.8
 #: Part of the pixels with the steepest slopes, whose scatter shows the noise of places inside a pixel.
@@ -368,11 +370,12 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     Returns
     -------
     Finding or None
-        The size is the distance in px, to first order. None for small pictures, and for noise that reaches over more
-        than a few pixels.
+        The size is the distance in px, to first order. None for small pictures, and for noise that makes neighbours
+        alike: denoisers move edges of few samples as a whole.
     """
     used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
-    if min(used.shape) < _LEAST_PX or not used.any() or not difference.of_pixel_filter:
+    alike = difference.clustering > _MOST_ALIKE or not difference.of_pixel_filter
+    if min(used.shape) < _LEAST_PX or not used.any() or alike:
         return None
     half, total = 0.5 * (baseline + candidate), candidate - baseline
     slopes = np.stack(np.gradient(gaussian_filter(half, _SLOPE_PX, mode="nearest")))
