@@ -31,6 +31,7 @@ from .patterns import (
     mirror_order,
     pool_of_finding,
     scatter_of_blocks,
+    steady_sigmas,
 )
 from .strata import BLOCKS, Strata
 
@@ -61,10 +62,6 @@ _MIN_PIXELS = 12
 _MIN_INDEPENDENT = 6.0
 #: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
 _MAX_BLOCK_DEGREES = 12.0
-#: Scatter of the statistics of blocks, from which their standard deviations are too small.
-_MOST_SPREAD = 1.2
-#: Largest factor by which they are enlarged: what scatters more is a change all over the picture.
-_WIDEST_SPREAD = 3.0
 #: Kinds of pools of few pixels.
 _SMALL_POOLS = ("block", "stratum")
 #: Kinds of pools of the entire picture.
@@ -248,7 +245,10 @@ def difference_of(pooling: Pooling) -> Difference:
 
 
 def cancelling_patterns(
-    pooling: Pooling, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
+    pooling: Pooling,
+    baseline: NDArray[np.float64],
+    candidate: NDArray[np.float64],
+    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> tuple[PooledMean, ...]:
     """Tests of patterns whose means cancel, and of those that need no known noise.
 
@@ -258,6 +258,8 @@ def cancelling_patterns(
         Difference, noise and parts of the picture.
     baseline, candidate
         (y, x) pictures with their outliers, summed over wavelengths.
+    cubes
+        (b, y, x) independent pictures of each side, as many of either, summed over wavelengths.
 
     Returns
     -------
@@ -265,7 +267,7 @@ def cancelling_patterns(
         One for each kind of pattern, at its clearest instance.
     """
     steps = _steps(pooling), pooling.rounding
-    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, *steps)
+    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, cubes, *steps)
 
 
 def _steps(pooling: Pooling) -> float:
@@ -314,20 +316,14 @@ def _pool_of(
 
 
 def _steadied(pooling: Pooling, blocks: list[PooledMean]) -> list[PooledMean]:
-    """Blocks whose standard deviations fit the scatter of all blocks, where noise is estimated.
-
-    Noise that reaches over a block scatters all of them. A change of a few blocks does not.
-    """
+    """Blocks whose standard deviations fit those of all blocks, where noise is estimated."""
     if not pooling.noise.estimated or len(blocks) < _MIN_PIXELS:
         return blocks
-    statistics = np.array([block.statistic for block in blocks])
-    spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
-    if spread <= _MOST_SPREAD:
-        return blocks
-    factor, count = min(spread, _WIDEST_SPREAD), BLOCKS**2
-    by_name = {block.name: (block.pixels, block.difference, factor * block.sigma, block.degrees) for block in blocks}
+    differences, sigmas = (np.array([getattr(block, key) for block in blocks]) for key in ("difference", "sigma"))
+    steady = steady_sigmas(differences, sigmas, _MAX_BLOCK_DEGREES, alike=pooling.noise.clustering > 1)
+    by_name = {b.name: (b.pixels, b.difference, float(s), b.degrees) for b, s in zip(blocks, steady, strict=True)}
     return [
-        _row(pooling, "block", name, pixels, difference=difference, sigma=sigma, degrees=degrees, count=count)
+        _row(pooling, "block", name, pixels, difference=difference, sigma=sigma, degrees=degrees, count=BLOCKS**2)
         for name, (pixels, difference, sigma, degrees) in by_name.items()
     ]
 
@@ -366,10 +362,13 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     weight = np.minimum(weight, _MAX_CELL_WEIGHT * np.median(weight)) / level
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
-    squares = float(weight**2 @ variance)
-    if noise.reaches_far:
-        _, by_cells, _, _ = common_size(weight * difference, np.maximum(weight * level, 0.0))
-        squares = max(squares, (by_cells * norm_) ** 2 if np.isfinite(by_cells) else 0.0)
+    squares, degrees = float(weight**2 @ variance), min(float(level.size), independent) - 1.0
+    if noise.estimated and noise.clustering > 1:
+        # the scatter inside a cell does not show noise that its pixels share, and few quiet cells may rule the mean
+        alike = 1 + noise.clustering * level.size / float(pixels[used].sum())
+        _, by_cells, count, _ = common_size(weight * difference, np.maximum(weight * level, 0.0), alike)
+        if np.isfinite(by_cells) and (by_cells * norm_) ** 2 > squares:
+            squares, degrees = (by_cells * norm_) ** 2, min(degrees, count)
     sigma = np.sqrt(squares + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(
@@ -379,7 +378,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
             int(pixels[used].sum()),
             difference=float(weight @ difference) / norm_,
             sigma=float(np.hypot(sigma, allowed)),
-            degrees=min(float(level.size), independent) - 1.0,
+            degrees=degrees,
             count=1,
         )
     ]

@@ -16,6 +16,7 @@ from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_va
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
 from .patterns import (
+    MEANS,
     Difference,
     Finding,
     block_changes,
@@ -61,6 +62,8 @@ _BATCH_MARGIN = 1.5
 _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
+#: Kinds of pools that find a pattern all over the picture.
+_EVERYWHERE = ("grid", "wave", "steps", "reused", "shared")
 #: Probability of a layer that differs over its critical one.
 _CERTAIN = 1e-6
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
@@ -300,7 +303,8 @@ def regress_sides(
     """
     as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
-    cancelling = cancelling_patterns(as_found.pooling, *(_total(side) for side in _sides(as_found)))
+    totals = _total(_sides(as_found)[0]), _total(_sides(as_found)[1])
+    cancelling = cancelling_patterns(as_found.pooling, *totals, _cubes(*_sides(as_found)))
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -339,6 +343,10 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
     names = comparison.common.baseline.bands
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
+    # a test of squares knows the place better than noise that is estimated pixel by pixel
+    of_means = any(row.kind in MEANS for row in outcome.deciding)
+    squares = [row.bounds_px for row in outcome.deciding if row.bounds_px is not None and not of_means]
+    systematic = (pooling.systematic * pooling.level) ** 2
     excess = max(1.0, noise.ratio) if np.isfinite(noise.ratio) else 1.0
     parts = {**strata.surfaces, "the lamp": strata.lamp}
     spots = []
@@ -346,8 +354,11 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
         sums = pooling.band(names.index(band)) if band else pooling.summed
         # variances of few batches, or of few neighbours at a border, may be far too small in single pixels
         variance = excess * np.maximum(sums.variance, smooth_variance(sums.level, sums.variance, noise.degrees))
-        spots.append(spot_of(sums.difference, sums.level, variance, strata.used, noise.clustering, parts, band))
-    return min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
+        pictures = sums.difference, sums.level, variance + systematic * sums.part**2, strata.used
+        spots.append(spot_of(*pictures, noise.clustering, parts, band, squares[0] if squares else None))
+    spot = min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
+    everywhere = all(row.kind in _EVERYWHERE for row in outcome.deciding)
+    return replace(spot, probability=1.0) if spot is not None and everywhere else spot
 
 
 def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[PooledMean, ...]:
@@ -380,6 +391,13 @@ def _sides(comparison: RegressionData) -> tuple[Side, Side]:
 def _total(side: Side) -> NDArray[np.float64]:
     """(y, x) radiance summed over wavelengths."""
     return np.asarray(side.radiance.sum(axis=-1))
+
+
+def _cubes(baseline: Side, candidate: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(b, y, x) cubes of both sides over all wavelengths; their means where one has more."""
+    if baseline.batches is None or candidate.batches is None or len(baseline.batches) != len(candidate.batches):
+        return _total(baseline)[None], _total(candidate)[None]
+    return baseline.batches.sum(axis=-1), candidate.batches.sum(axis=-1)
 
 
 def _remarks(comparison: RegressionData) -> list[str]:

@@ -87,3 +87,12 @@ def test_a_surface_that_covers_the_place_lends_its_name():
     assert "on floor" in result.sentence
     assert "brighter in band 530" in result.sentence
     assert result.record()["surface"] == "floor"
+
+
+def test_a_known_place_is_where_the_peak_is_even_next_to_a_brighter_pixel():
+    change = np.zeros_like(LIGHT)
+    change[30:34, 6:10], change[5, 40] = 0.2, 3.0
+    assert spot(change).peak == (40, 5)
+    x, y = spot(change, within=(4, 28, 12, 36)).peak
+    assert 6 <= x < 10
+    assert 30 <= y < 34

@@ -2,23 +2,24 @@
 
 from .all_patterns import all_patterns
 from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
-from .dark import dark_pixels
+from .dark import cut_values, dark_pixels
 from .difference import Difference, Finding, common_size
 from .fine_light import moved_slightly, other_contrast
 from .mirror import mirror_order
 from .moved import moved_texture
-from .odd_parts import odd_lines, odd_tiles, small_part, tile_steps
+from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
+from .odd_parts import moved_part, odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic, without_period
-from .pooled_mean import CANCELLING, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
-from .reused import reused_numbers, shared_numbers
+from .pooled_mean import CANCELLING, MEANS, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change, without_slow
-from .spread import block_changes, block_spread, scatter_of_blocks
+from .spread import block_changes, block_spread, scatter_of_blocks, steady_sigmas
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
 __all__ = [
     "CANCELLING",
     "FIXED_TEXTURE",
+    "MEANS",
     "POWER",
     "SHARES",
     "STRUCTURE",
@@ -32,10 +33,13 @@ __all__ = [
     "clustering_of_blocks",
     "clustering_of_neighbours",
     "common_size",
+    "cut_values",
     "dark_pixels",
     "difference_variance",
+    "filtered_noise",
     "fine_structure",
     "mirror_order",
+    "moved_part",
     "moved_slightly",
     "moved_texture",
     "odd_lines",
@@ -49,6 +53,7 @@ __all__ = [
     "shared_numbers",
     "slow_change",
     "small_part",
+    "steady_sigmas",
     "textures",
     "tile_steps",
     "without_period",

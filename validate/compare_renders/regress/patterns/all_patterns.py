@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .dark import dark_pixels
+from .dark import cut_values, dark_pixels
 from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
 from .moved import moved_texture
-from .odd_parts import odd_lines, odd_tiles, small_part, tile_steps
+from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
+from .odd_parts import moved_part, odd_lines, odd_tiles, small_part, tile_steps
 from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
-from .reused import reused_numbers, shared_numbers
 from .slow import slow_change
 from .texture import textures
 from .wave import ripple
@@ -33,6 +33,7 @@ def all_patterns(
     baseline: NDArray[np.float64],
     candidate: NDArray[np.float64],
     false_alarms: float,
+    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
     steps: float = 0.0,
     rounding: float = 0.0,
 ) -> tuple[PooledMean, ...]:
@@ -46,6 +47,8 @@ def all_patterns(
         (y, x) pictures with their outliers, summed over wavelengths.
     false_alarms
         Rate of false alarms of the verdict.
+    cubes
+        (b, y, x) independent pictures of each side, as many of either, summed over wavelengths.
     steps
         Relative standard deviation that pixels have in common from the steps of files; 0 for fine steps.
     rounding
@@ -64,13 +67,16 @@ def all_patterns(
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
         ("dark", _dark(difference, baseline, candidate, critical["dark"])),
+        ("cut", cut_values(*cubes)),
         ("place", moved_texture(baseline, candidate)),
         ("slow", slow_change(difference)),
         ("contrast", other_contrast(difference, rounding)),
         ("displacement", moved_slightly(difference, rounding)),
         ("reused", reused_numbers(difference)),
         ("shared", shared_numbers(difference)),
+        ("filter", filtered_noise(difference)),
         ("part", small_part(difference, baseline, candidate)),
+        ("motion", moved_part(difference, baseline, candidate)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)

@@ -1,7 +1,8 @@
-"""Black pixels: dark ones among lit neighbours, of one side alone.
+"""Black pixels among lit neighbours, and values cut off at a limit, on one side alone.
 
 Noise of light is skewed towards the bright side. A mean of non-negative samples whose relative error is a seventh is
-never dark by chance: all samples would have to be.
+never dark by chance: all samples would have to be. Values that are cut off are equal to the limit and to each other,
+and those of the other side lie beyond it there.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
+from scipy.special import bdtrc
 
-from .difference import Finding
+from .difference import Finding, sigma_of
+from .fine_light import block_sums
 
-__all__ = ["dark_pixels"]
+__all__ = ["cut_values", "dark_pixels"]
 
 #: Part of the neighbours' median below which a pixel is dark; negative ones are of filters with negative lobes.
 _DARK_PART = 0.02
@@ -70,6 +73,43 @@ def dark_pixels(
     probability = critical / 1e6 if count else 1.0
     side = "" if not count else " of the candidate" if counts[1] else " of the baseline"
     return Finding(f"black pixels{side}", count, size, size / 10 if count else 1.0, 12.0, probability)
+
+
+def cut_values(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
+    """Sign test of pixels with the limit of one side and a value beyond it on the other.
+
+    In equal pictures either side has such pixels, and blocks of them have either sign: a lobe of a pixel filter or an
+    empty pixel may be on both. Negative lobes that one side cuts off at 0 have one sign.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (b, y, x) independent pictures with their outliers, as many of each side.
+
+    Returns
+    -------
+    Finding or None
+        The size is the part of the pixels that are cut. None where no side has a value twice.
+    """
+    baseline, candidate = (side.reshape(-1, side.shape[-1]) for side in (baseline, candidate))
+    findings = []
+    for sign, end in ((1.0, "below"), (-1.0, "above")):
+        sides = sign * baseline, sign * candidate
+        limits = [float(side.min()) for side in sides]
+        beyond = [
+            (sides[n] == limits[n]) & (sides[1 - n] < limits[n]) if (sides[n] == limits[n]).sum() > 1 else np.zeros(1)
+            for n in (0, 1)
+        ]
+        counts = [int((block_sums(cut) > 0).sum()) if cut.ndim == baseline.ndim else 0 for cut in beyond]
+        total, cut = sum(counts), int(np.argmax(counts))
+        if total == 0:
+            continue
+        probability = min(1.0, 4 * float(bdtrc(max(counts) - 1, total, 0.5)))
+        side, pixels = ("baseline", "candidate")[cut], int(beyond[cut].sum())
+        size = pixels / baseline.size
+        name = f"values of the {side} cut off {end} {sign * limits[cut]:.3g}"
+        findings.append(Finding(name, pixels, size, sigma_of(size, probability, total), float(total), probability))
+    return min(findings, key=lambda finding: finding.probability, default=None)
 
 
 def _by_noise(

@@ -36,6 +36,8 @@ _LEAST_BLOCKS = 36
 _STRUCTURED = 2.0
 #: Squares of a block's difference over the median block's, below which it counts no more.
 _QUIET = 0.3
+#: Blocks of equal weight below which few blocks agree.
+_FEW_BLOCKS = 30.0
 #: Correlation of both sides in a block from which it shows a common structure.
 _ALIKE = 0.3
 #: Median square of the difference over that of steps, up to which steps explain it: normal noise has 0.45 of its mean.
@@ -71,7 +73,7 @@ def _contrast(difference: Difference, steps: float, window_px: int) -> list[Find
     weights = alike * structured, quiet
     structure, findings = np.maximum(product, 0.0), []
     for name, weaker in (("weaker", after), ("stronger", before)):
-        size, sigma, degrees, share = _common(product - weaker, structure, weights, _alike(difference))
+        size, sigma, degrees, share = _common(product - weaker, structure, weights, difference)
         probability = min(1.0, len(_CONTRAST_PX) * share) if size > 0 else 1.0
         label = f"fine structure of the candidate {name}"
         findings.append(_finding(label, difference, max(size, 0.0), sigma, degrees, probability))
@@ -120,7 +122,7 @@ def _motions(difference: Difference, steps: float, window_px: int, width_px: flo
         along, sharply = ([down * slope[0] + right * slope[1] for slope in sides] for sides in (slopes, sharp))
         terms = block_sums(fine[0] * along[1] - fine[1] * along[0])
         squares = np.maximum(block_sums(sharply[0] * along[1] + sharply[1] * along[0]), 0.0)
-        size, sigma, degrees, share = _common(terms, squares, weights, _alike(difference))
+        size, sigma, degrees, share = _common(terms, squares, weights, difference)
         probability = min(1.0, _MOTIONS * share)
         findings.append(_finding(name, difference, size, sigma, degrees, probability, "px"))
     return findings
@@ -130,21 +132,34 @@ def _common(
     terms: NDArray[np.float64],
     norms: NDArray[np.float64],
     weights: tuple[NDArray[np.float64], ...],
-    alike: float,
+    difference: Difference,
 ) -> tuple[float, float, float, float]:
     """Size that blocks have in common, with sigma, degrees of freedom and probability.
 
     It is the clearest of four tests. Large changes are clear by their sign in many blocks, small ones by their
-    agreement in few.
+    agreement in few. Few blocks may be parts of fewer lamps, and have to agree when four are taken as one, too.
     """
-    tests = []
+    tests, alike = [], _alike(difference)
     for weight in weights:
-        size, sigma, degrees, probability = common_size(weight * terms, weight * norms, alike)
-        _, by_sign = self_normalised(weight * terms, alike)
+        parts, sizes = weight * terms, weight * norms
+        of_four = [_merged(values, difference.level.shape) for values in (parts, sizes)]
+        size, sigma, degrees, probability = common_size(parts, sizes, alike)
+        if degrees < _FEW_BLOCKS:
+            probability = max(probability, common_size(of_four[0], of_four[1])[3])
+        _, by_sign = self_normalised(parts, alike)
+        if float((parts**2).sum()) ** 2 < _FEW_BLOCKS * float((parts**4).sum()):
+            by_sign = max(by_sign, self_normalised(of_four[0])[1])
         share = min(1.0, 2 * len(weights) * min(probability, by_sign))
         tests.append((share, size, sigma, degrees))
     share, size, sigma, degrees = min(tests)
     return size, sigma, degrees, share
+
+
+def _merged(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """(n,) sums of 2 x 2 blocks, the last ones of fewer."""
+    rows, columns = (size // _BLOCK_PX for size in shape)
+    grid = values.reshape(rows, columns)
+    return np.add.reduceat(np.add.reduceat(grid, range(0, rows, 2), axis=0), range(0, columns, 2), axis=1).ravel()
 
 
 def _by_steps(fine: tuple[NDArray[np.float64], NDArray[np.float64]], steps: float) -> bool:

@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile, student_tail
+from cboxlab.utils.distributions import fisher_tail, student_quantile, student_tail
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, uniform_filter
+from scipy.ndimage import gaussian_filter, median_filter, uniform_filter
 
 from .difference import Difference, Finding, self_normalised, sigma_of
 
-__all__ = ["odd_lines", "odd_tiles", "small_part", "tile_steps"]
+__all__ = ["moved_part", "odd_lines", "odd_tiles", "small_part", "tile_steps"]
 
 #: Edges of tiles, px.
 _TILES_PX = (4, 8, 16, 32)
@@ -62,6 +62,22 @@ _OTHERS = 2
 _CLEARER = 2.0
 #: Pixels a side of the smallest picture.
 _LEAST_PX = 24
+#: Edges of the squares in which something may have moved, px: an object with the surroundings that it uncovers.
+_MOVED_PX = (7, 11, 15)
+#: Pixels that correlation makes one, above which noise along an edge is alike, too.
+_MOST_ALIKE = 1.25
+#: Width of the Gaussian that smooths slopes, px: wide ones have less noise, narrow ones lose fewer edges.
+_SLOPE_PX = 0.8
+#: Part of the pixels with the steepest slopes, whose scatter shows the noise of places inside a pixel.
+_STEEPEST = 0.3
+#: Scatters at which a pixel's difference is cut among slopes.
+_SLOPE_CUT = 4.0
+#: Least determinant of the slopes over their squared sum: slopes of one direction show motion along it.
+_ONE_DIRECTION = 1e-3
+#: Most degrees of freedom of a motion: its products have lighter tails than means, since cut pixels weigh less.
+_MOST_OF_SLOPES = 40.0
+#: Fewest pixels that slopes weight alike in a square.
+_LEAST_SLOPES = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +348,106 @@ def _clearest(
     probability = min(1.0, float(shares[position])) if clear else 1.0
     size, (y, x) = float(mean[position]), (int(n) for n in position)
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
-    return Finding(name, edge**2, size, sigma_of(size, probability, _SQUARE_DEGREES), _SQUARE_DEGREES, probability)
+    sigma, bounds = sigma_of(size, probability, _SQUARE_DEGREES), {"bounds_px": _bounds(y, x, edge, used.shape)}
+    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds)
+
+
+def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
+    """Square inside which the scene moved most clearly: an object, or one surface's texture.
+
+    The difference is fitted by the slopes of both sides' mean, downwards and to the right, in squares at all positions.
+    Products of noise with its own slopes have no sign, whichever side has more of it. A pixel's variance is that of its
+    surroundings and a part in proportion to the square of its slope, as samples at random places of a pixel have. What
+    the fit leaves in a square enlarges it.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+    baseline, candidate
+        (y, x) pictures with their outliers, summed over wavelengths.
+
+    Returns
+    -------
+    Finding or None
+        The size is the distance in px, to first order. None for small pictures, and for noise that makes neighbours
+        alike: denoisers move edges of few samples as a whole.
+    """
+    used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
+    alike = difference.clustering > _MOST_ALIKE or not difference.of_pixel_filter
+    if min(used.shape) < _LEAST_PX or not used.any() or alike:
+        return None
+    half, total = 0.5 * (baseline + candidate), candidate - baseline
+    slopes = np.stack(np.gradient(gaussian_filter(half, _SLOPE_PX, mode="nearest")))
+    steepness = (slopes**2).sum(axis=0)
+    level = np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
+    around = median_filter((total / level) ** 2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
+    around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300) * level**2
+    steep = used & (steepness / around >= float(np.quantile((steepness / around)[used], 1 - _STEEPEST)))
+    steep &= steepness > 0
+    at_slopes = (total**2 / _MEDIAN_OF_SQUARE - around)[steep] / steepness[steep]
+    scatter = np.sqrt(around + max(0.0, float(np.median(at_slopes)) if steep.any() else 0.0) * steepness)
+    # a firefly counts little, on both sides of the fit
+    weight = np.where(used, np.minimum(1.0, _SLOPE_CUT * scatter / np.maximum(np.abs(total), 1e-300)) / scatter, 0.0)
+    values, shapes = weight * total, weight * slopes
+    looks = sum(float(used.sum()) / (edge / 2) ** 2 for edge in _MOVED_PX)
+    findings = [
+        _moved_square(values, shapes, used, edge, difference.clustering, looks)
+        for edge in _MOVED_PX
+        if min(used.shape) > edge
+    ]
+    return min(findings, key=lambda finding: finding.probability, default=None)
+
+
+def _moved_square(
+    values: NDArray[np.float64],
+    shapes: NDArray[np.float64],
+    used: NDArray[np.bool_],
+    edge: int,
+    clustering: float,
+    looks: float,
+) -> Finding:
+    """Clearest square of one size in which slopes explain the difference.
+
+    values : (y, x) difference over its scatter. shapes : (2, y, x) slopes downwards and to the right, over the same.
+    clustering : number of pixels that correlation makes one.
+    """
+
+    def summed(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(uniform_filter(picture, edge, mode="constant") * edge**2)
+
+    y, x = shapes
+    steepness = y**2 + x**2
+    yy, xx, yx, vy, vx = (summed(p) for p in (y * y, x * x, y * x, values * y, values * x))
+    least = _ONE_DIRECTION * (yy + xx) + 1e-30
+    yy, xx = yy + least, xx + least
+    determinant = yy * xx - yx**2
+    down, right = (xx * vy - yx * vx) / determinant, (yy * vx - yx * vy) / determinant
+    square = (down * vy + right * vx) / clustering
+    # squares of what the fit leaves, weighted as the slopes are
+    left = summed(steepness * values**2) - 2 * (
+        down * summed(steepness * values * y) + right * summed(steepness * values * x)
+    )
+    left += down**2 * summed(steepness * y * y) + right**2 * summed(steepness * x * x)
+    left += 2 * down * right * summed(steepness * y * x)
+    trace = summed(steepness)
+    count = trace**2 / np.maximum(summed(steepness**2), 1e-300) / clustering
+    excess = np.divide(left, trace, out=np.zeros_like(left), where=trace > 0) * count / np.maximum(count - 2, 1.0)
+    clear = np.where(used & (count >= _LEAST_SLOPES), np.sqrt(np.maximum(square, 0.0) / np.maximum(excess, 1.0)), 0.0)
+    position = np.unravel_index(int(clear.argmax()), clear.shape)
+    peak, degrees = float(clear[position]), float(np.clip(count[position] - 2, _LEAST_DEGREES, _MOST_OF_SLOPES))
+    others = _elsewhere(clear, position, 2 * edge)
+    probability = min(1.0, looks * float(fisher_tail(peak**2 / 2, 2, degrees))) if peak > _CLEARER * others else 1.0
+    size, (row, column) = float(np.hypot(down[position], right[position])), (int(n) for n in position)
+    name = f"something moved in {edge} x {edge} px around x {column} y {row}"
+    sigma, bounds = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
+    return Finding(name, edge**2, size, sigma, degrees, probability, bounds, "px")
+
+
+def _bounds(row: int, column: int, edge: int, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
+    """First column and row of a square around a pixel, and one after the last ones."""
+    top, left = max(row - edge // 2, 0), max(column - edge // 2, 0)
+    return left, top, min(column + edge // 2 + 1, shape[1]), min(row + edge // 2 + 1, shape[0])
 
 
 def _elsewhere(sigmas: NDArray[np.float64], position: tuple[np.intp, ...], reach: int) -> float:

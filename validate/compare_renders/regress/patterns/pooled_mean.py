@@ -8,13 +8,13 @@ from cboxlab.utils.distributions import normal_quantile, student_quantile
 
 from .difference import Finding
 
-__all__ = ["CANCELLING", "POWER", "SHARES", "STRUCTURE", "PooledMean", "pool_of_finding"]
+__all__ = ["CANCELLING", "MEANS", "POWER", "SHARES", "STRUCTURE", "PooledMean", "pool_of_finding"]
 
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
     "whole": 0.09,
-    "even": 0.179,
-    "surface": 0.17,
+    "even": 0.168,
+    "surface": 0.155,
     "band": 0.09,
     "stratum": 0.05,
     "pattern": 0.08,
@@ -27,23 +27,29 @@ SHARES = {
     "steps": 0.01,
     "texture": 0.009,
     "dark": 0.001,
+    "cut": 0.005,
     "order": 0.01,
     "wave": 0.01,
     "place": 0.01,
     "slow": 0.05,
     "contrast": 0.03,
-    "displacement": 0.06,
+    "displacement": 0.05,
     "reused": 0.005,
     "shared": 0.005,
+    "filter": 0.011,
     "part": 0.02,
+    "motion": 0.02,
     "layer": 0.001,
 }
 
 #: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "reused", "shared")
+CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "cut", "reused", "shared")
 
 #: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure, small parts.
-STRUCTURE = ("slow", "contrast", "displacement", "part")
+STRUCTURE = ("slow", "contrast", "displacement", "filter", "part", "motion")
+
+#: Kinds of pools that are means over pixels.
+MEANS = ("whole", "even", "surface", "band", "stratum", "block", "cubes", "spread")
 
 #: Part of all runs in which a difference of the stated detectable size is found.
 POWER = 0.9
@@ -77,6 +83,8 @@ class PooledMean:
     detectable: float
     #: Unit of ``difference``.
     unit: str = "1"
+    #: First column and row of the place that it tests, and one after the last ones; None for all of the picture.
+    bounds_px: tuple[int, int, int, int] | None = None
 
     @property
     def different(self) -> bool:
@@ -115,4 +123,5 @@ def pool_of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         critical,
         (threshold + float(normal_quantile(1.0 - POWER))) * sigma,
         finding.unit,
+        finding.parameters.get("bounds_px"),
     )

@@ -20,7 +20,7 @@ from scipy.special import bdtrc, digamma, polygamma
 from .difference import Finding, common_size, sigma_of
 from .pooled_mean import PooledMean
 
-__all__ = ["block_changes", "block_spread", "scatter_of_blocks"]
+__all__ = ["block_changes", "block_spread", "scatter_of_blocks", "steady_sigmas"]
 
 #: Standard deviations from which a block counts.
 _SIGMAS = 2.0
@@ -28,6 +28,10 @@ _SIGMAS = 2.0
 _ALLOWED = 1.5
 #: Fewest blocks of a test.
 _MIN_BLOCKS = 12
+#: Scatter of the statistics of blocks, from which their standard deviations are too small.
+_MOST_SPREAD = 1.2
+#: Largest factor by which they are enlarged: what scatters more is a change all over the picture.
+_WIDEST_SPREAD = 3.0
 #: Degrees of freedom that stand for infinitely many.
 _MOST_DEGREES = 1e4
 #: Fewest degrees of freedom that the scatter of variances can add.
@@ -88,6 +92,37 @@ def scatter_of_blocks(
     parts, levels = (np.asarray(np.bincount(block, values), float) for values in (difference, level))
     _, sigma, degrees, _ = common_size(parts, np.maximum(levels, 0.0), alike)
     return (float((sigma * levels.sum()) ** 2), degrees) if np.isfinite(sigma) else (0.0, np.inf)
+
+
+def steady_sigmas(
+    difference: NDArray[np.float64], sigma: NDArray[np.float64], degrees: float, *, alike: bool
+) -> NDArray[np.float64]:
+    """Standard deviations of blocks that fit those and the scatter of all blocks.
+
+    Noise that reaches over a block scatters all of them. A change of a few blocks does not.
+
+    Parameters
+    ----------
+    difference, sigma
+        (n,) difference of each block, and its standard deviation by the block's pixels.
+    degrees
+        Degrees of freedom of ``sigma``.
+    alike
+        Whether neighbouring pixels are correlated. A block that a filter left flat does not show its noise then, and
+        the variances of other blocks count, too.
+
+    Returns
+    -------
+    NDArray
+        (n,) standard deviations, none smaller than before.
+    """
+    steady = sigma
+    if alike:
+        typical, added = _shared_variance(sigma**2, degrees)
+        steady = np.maximum(sigma, np.sqrt((degrees * sigma**2 + added * typical) / (degrees + added)))
+    statistics = difference / steady
+    spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
+    return steady * (min(spread, _WIDEST_SPREAD) if spread > _MOST_SPREAD else 1.0)
 
 
 def block_changes(

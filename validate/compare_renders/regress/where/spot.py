@@ -137,6 +137,7 @@ def spot_of(
     clustering: float = 1.0,
     surfaces: Mapping[str, NDArray[np.bool_]] | None = None,
     band: str = "",
+    within: tuple[int, int, int, int] | None = None,
 ) -> Spot | None:
     """Spot at which two pictures differ most clearly.
 
@@ -156,6 +157,8 @@ def spot_of(
         (y, x) pixels of each surface.
     band
         Name of the band that the pictures show; empty for the sum over all.
+    within
+        First column and row of the part in which the peak is, and one after the last ones; None for all of the picture.
 
     Returns
     -------
@@ -164,13 +167,14 @@ def spot_of(
     """
     if not used.any():
         return None
-    looks, best = float(used.sum()), (np.inf, 0.0, 0.0, difference, (0, 0))
+    searched = used & _inside(used.shape, within)
+    looks, best = float(searched.sum()), (np.inf, 0.0, 0.0, difference, (0, 0))
     for width in _WIDTHS_PX:
         if width > _WIDEST * min(used.shape):
             break
         area = 1 + 4 * np.pi * width**2
         sigmas = np.where(used, _smoothed(difference, variance, used, width, clustering), 0.0)
-        position = np.unravel_index(int(np.abs(sigmas).argmax()), sigmas.shape)
+        position = np.unravel_index(int(np.where(searched, np.abs(sigmas), -1.0).argmax()), sigmas.shape)
         peak = abs(float(sigmas[position]))
         degrees = min(_PIXEL_DEGREES * area / min(clustering, area), _MOST_DEGREES)
         # maxima of a smooth random field above a peak: its square for each area of a Gaussian (Adler 1981)
@@ -199,6 +203,14 @@ def spot_of(
         band,
         all_light,
     )
+
+
+def _inside(shape: tuple[int, ...], bounds: tuple[int, int, int, int] | None) -> NDArray[np.bool_]:
+    """(y, x) pixels inside some bounds; all without any."""
+    left, top, right, bottom = bounds or (0, 0, shape[1], shape[0])
+    inside = np.zeros(shape, bool)
+    inside[top:bottom, left:right] = True
+    return inside
 
 
 def _smoothed(
