@@ -384,11 +384,12 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     around = median_filter((total / level) ** 2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300) * level**2
     steep = used & (steepness / around >= float(np.quantile((steepness / around)[used], 1 - _STEEPEST)))
-    steep &= steepness > 0
+    steep &= steepness > 1e-20 * float(steepness.max())  # of another scale there are pixels without slopes
     at_slopes = (total**2 / _MEDIAN_OF_SQUARE - around)[steep] / steepness[steep]
     scatter = np.sqrt(around + max(0.0, float(np.median(at_slopes)) if steep.any() else 0.0) * steepness)
     # a firefly counts little, on both sides of the fit
-    weight = np.where(used, np.minimum(1.0, _SLOPE_CUT * scatter / np.maximum(np.abs(total), 1e-300)) / scatter, 0.0)
+    scatter = np.maximum(scatter, 1e-300)
+    weight = np.where(used, 1 / np.maximum(scatter, np.abs(total) / _SLOPE_CUT), 0.0)
     values, shapes = weight * total, weight * slopes
     looks = sum(float(used.sum()) / (edge / 2) ** 2 for edge in _MOVED_PX)
     findings = [
