@@ -86,7 +86,7 @@ def test_the_clearest_of_many_distances_is_stated(others, clearest):
 @pytest.mark.parametrize(("axis", "lines"), [(0, "rows"), (1, "columns")])
 @pytest.mark.parametrize("block_px", [2, 4])
 def test_blocks_of_one_side_are_stated_with_their_contrast(axis, lines, block_px):
-    """Squared steps of single pixels are 2, those of blocks 0 inside and 2 across a border, where (n - 1) / n lie inside.
+    """Squared steps of single pixels are 2, those of blocks 0 inside and 2 across a border; 1 of n lies across.
 
     The contrast is 2 / n, and squared steps of the difference are 2 + 2 / n. Large steps of the sum count less: 0.65 to
     0.85 of the quotient remain. Exchanged sides show the same.
