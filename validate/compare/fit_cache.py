@@ -70,9 +70,9 @@ def cached_fit(
     NuisanceFit
         The fit, the same bits from the cache as computed.
     """
-    arguments = (measured, variance, used, signal, warp, calibrated, lamp_sigma, settled)
+    arguments = (measured, variance, used, signal, warp, calibrated, lamp_sigma)
     if folder is None:
-        return fit_nuisances(*arguments)
+        return fit_nuisances(*arguments, settled=settled)
     code = Path(__file__).with_name("nuisances.py").read_bytes()
     warp_values = [getattr(warp, field.name) for field in fields(warp) if field.name != "tracer"]
     priors = (calibrated, lamp_sigma, settled)
@@ -80,7 +80,7 @@ def cached_fit(
     path = folder / f"{key}.fit"
     fit = _read(path, key, warp.camera)
     if fit is None:
-        fit = fit_nuisances(*arguments)
+        fit = fit_nuisances(*arguments, settled=settled)
         _store(path, key, fit)
     else:
         _log.info("fit of camera and lamp taken from the cache: %s", path)

@@ -203,6 +203,7 @@ def fit_nuisances(
     warp: Warp,
     calibrated: Camera,
     lamp_sigma: float | None,
+    *,
     settled: bool = False,
 ) -> NuisanceFit:
     """Fit the ten camera parameters and the lamp's scale.

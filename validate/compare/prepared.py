@@ -69,7 +69,7 @@ class CalibratedCapture:
 
     @property
     def unknown_sentences(self) -> tuple[str, ...]:
-        """What a rendering showed in place of references, flats and darks."""
+        """Sentences on references, flats and darks that a rendering replaces."""
         of_scale = () if self.free_scale is None else (self.free_scale.sentence,)
         of_darks = self.calibration.bands.dark_sentence
         return of_scale if of_darks is None else (*of_scale, of_darks)

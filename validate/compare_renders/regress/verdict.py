@@ -355,7 +355,7 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
         # variances of few batches, or of few neighbours at a border, may be far too small in single pixels
         variance = excess * np.maximum(sums.variance, smooth_variance(sums.level, sums.variance, noise.degrees))
         pictures = sums.difference, sums.level, variance + systematic * sums.part**2, strata.used
-        spots.append(spot_of(*pictures, noise.clustering, parts, band, squares[0] if squares else None))
+        spots.append(spot_of(*pictures, noise.clustering, parts, band=band, within=squares[0] if squares else None))
     spot = min((spot for spot in spots if spot is not None), key=lambda spot: spot.probability, default=None)
     everywhere = all(row.kind in _EVERYWHERE for row in outcome.deciding)
     return replace(spot, probability=1.0) if spot is not None and everywhere else spot

@@ -136,6 +136,7 @@ def spot_of(
     used: NDArray[np.bool_],
     clustering: float = 1.0,
     surfaces: Mapping[str, NDArray[np.bool_]] | None = None,
+    *,
     band: str = "",
     within: tuple[int, int, int, int] | None = None,
 ) -> Spot | None:
