@@ -436,7 +436,7 @@ def _typical_noise(comparison: RegressionData) -> float:
 def _relative(comparison: RegressionData) -> NDArray[np.float64]:
     """(y, x) difference over the baseline, summed over wavelengths; NaN without light."""
     level = comparison.common.baseline.radiance.sum(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(level > 0, comparison.common.candidate.radiance.sum(axis=-1) / level - 1, np.nan)
 
 
