@@ -215,7 +215,7 @@ def test_an_array_without_values_is_refused(tmp_path):
         ("lines = -3", "negative"),
         ("wavelength = {500, 1e99999999}", "wavelength"),
         ("bands = " + "9" * 5000, "bands"),
-        ("wavelength = {500, 600" + " " * 60_000, None),
+        ("wavelength = {500, 600" + " " * 60_000, "wavelength"),
         ("description" + " " * 60_000, None),
     ],
 )

@@ -22,14 +22,14 @@ pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: 
 #: Mistakes made at once, in which nothing of one hides another.
 CHOSEN = (
     ("all exposures in milliseconds", "photographs read from a region 4 px next to the flats'"),
-    ("sphere a thousand times too bright", "a repeat shows another band"),
-    ("two bands' frames exchanged", "points in inches"),
+    ("sphere a thousand times too bright", "two bands' frames exchanged"),
+    ("a dark repeat of another exposure", "points in inches"),
     ("all frames mirrored left to right", "rows with another noise"),
     ("the photographs mirrored, not the flats",),
     ("lamp table in micrometres", "photographs already divided by the flat"),
-    ("a dark repeat of another exposure", "sphere in quanta, not energy"),
+    ("exposure of one band twice too long", "sphere in quanta, not energy"),
     ("points with v upwards", "photographs binned by two and enlarged again"),
-    ("exposure of one band twice too long", "points in m"),
+    ("a repeat shows another band", "points in m"),
     ("lamp in quanta, not energy", "photographs cropped and enlarged by a tenth"),
 )
 
