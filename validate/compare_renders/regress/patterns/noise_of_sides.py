@@ -120,12 +120,11 @@ def reused_numbers(difference: Difference) -> Finding | None:
         of_candidate = bool(terms.sum() > 0)
         side = "candidate" if of_candidate else "baseline"
         name = f"reused random numbers: noise of the {side} repeats {where}"
-        clearer, other = (float(np.sum(alike + sign * abs(terms.sum()) / terms.size)) for sign in (1, -1))
+        clearer, less_clear = (float(alike.sum()) + sign * abs(float(terms.sum())) for sign in (1, -1))
         # noise that repeats is alike; next to noise that a filter spreads it is the other way round
-        probability = min(1.0, looks * share) if clearer > abs(other) else 1.0
+        probability = min(1.0, looks * share) if clearer > abs(less_clear) else 1.0
         size = clearer / len(moves) / max(variances[of_candidate], 1e-300)
-        sigma = sigma_of(size, probability, terms.size)
-        findings.append(Finding(name, sides.apart.size, size, sigma, terms.size - 1.0, probability))
+        findings.append(_finding(name, sides.apart.size, size, terms, probability))
     return min(findings, key=lambda finding: finding.probability)
 
 
@@ -165,7 +164,8 @@ def shared_numbers(difference: Difference) -> Finding | None:
             probability = min(1.0, looks * share) if alike < 0 else 1.0
             side = "candidate" if terms.sum() < 0 else "baseline"
             name = f"shared random numbers: noise of the {side} is alike in groups of {group}"
-            findings.append(_finding(name, steps[0].apart, terms, probability))
+            size = abs(float(terms.sum())) / max(float((steps[0].apart ** 2).sum()), 1e-300)
+            findings.append(_finding(name, steps[0].apart.size, size, terms, probability))
     return min(findings, key=lambda finding: finding.probability)
 
 
@@ -276,11 +276,9 @@ def _in_scale(apart: NDArray[np.float64], both: NDArray[np.float64], structure: 
     return _Sides(first, weight * second, weight * first)
 
 
-def _finding(name: str, picture: NDArray[np.float64], terms: NDArray[np.float64], probability: float) -> Finding:
+def _finding(name: str, pixels: int, size: float, terms: NDArray[np.float64], probability: float) -> Finding:
     """Finding of a sum of products."""
-    size = abs(float(terms.sum())) / max(float((picture**2).sum()), 1e-300)
-    sigma = sigma_of(size, probability, terms.size)
-    return Finding(name, picture.size, size, sigma, terms.size - 1.0, probability)
+    return Finding(name, pixels, size, sigma_of(size, probability, terms.size), terms.size - 1.0, probability)
 
 
 def _products(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
