@@ -7,7 +7,8 @@ import pytest
 from cboxlab.rendering.effects import Effect, Parameter, catalogue
 from cboxlab.rendering.model import displacement
 from cboxlab.scenes import cornell_camera
-from cboxlab.validation.diagnose.further_captures import distance
+from cboxlab.validation.diagnose import further_captures as module
+from cboxlab.validation.diagnose.further_captures import distance, separations
 from cboxlab.validation.diagnose.hypotheses import Hypothesis
 from cboxlab.validation.diagnose.linear_model import model_variance
 from cboxlab.validation.diagnose.search import Candidate
@@ -111,3 +112,18 @@ def test_a_camera_that_moved_after_the_survey_pays_no_prior_for_that_motion(used
     expected = least_squares(other, used, free)
     assert between(candidate("cause", 1.0), other, used) == pytest.approx(expected, rel=1e-6)
     assert expected > 100
+
+
+@pytest.mark.parametrize(
+    ("now", "further", "enough"),
+    [(4.0, 26.0, True), (4.0, 24.0, False), (100.0, 110.0, False), (100.0, 126.0, True)],
+)
+def test_a_further_capture_is_enough_without_a_distance_that_a_remainder_hides(monkeypatch, now, further, enough):
+    """Chi2 of 25 distinguishes; above it what no effect explains made this capture's own distance unreliable."""
+    capture = SimpleNamespace(description="the first band once more", seconds=10.0)
+    effects = [candidate(name, 1.0) for name in ("veiling-glare", "dark-offset")]
+    assessed = SimpleNamespace(candidate=effects[0], indistinguishable=[effects[1]])
+    monkeypatch.setattr(module, "further_captures", lambda *arguments: [capture])
+    monkeypatch.setattr(module, "distance", lambda a, b, option, *others: now if option is None else further)
+    (separation,) = separations(None, None, [assessed])
+    assert (separation.now, separation.chi2, separation.enough) == (now, further, enough)
