@@ -58,11 +58,18 @@ def bands_of(linear, names=("blue", "green", "red")):
     return capture, SimpleNamespace(images=images)
 
 
-@pytest.mark.parametrize("turns", [0, 2])
-def test_each_patch_is_labelled_where_it_is(turns):
-    """Nine tenths of every patch have its label, and no pixel has another patch's; also upside down."""
+@pytest.mark.parametrize(("turns", "largest_px"), [(0, 1600), (2, 400)])
+def test_each_patch_is_labelled_where_it_is(turns, largest_px, monkeypatch):
+    """Nine tenths of every patch have its label, no pixel has another's; also upside down, from another size."""
+    monkeypatch.setattr("cboxlab.calibration.colour.chart._LARGEST_PX", largest_px)
+    monkeypatch.setattr("cboxlab.calibration.colour.chart._SMALLEST_PX", min(800, largest_px))
+    resized = []
+    monkeypatch.setattr(
+        cv2, "resize", lambda *a, resize=cv2.resize, **k: resized.append(resize(*a, **k)) or resized[-1]
+    )
     linear, truth = picture_of_chart(np.roll(UPRIGHT, turns, axis=0))
     labels = find_chart(*bands_of(linear))
+    assert max(resized[0].shape) == min(800, largest_px)
     for label in range(1, 25):
         of_patch = truth == label
         assert np.mean(labels[of_patch] == label) > 0.9, label
