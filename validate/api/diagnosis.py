@@ -147,8 +147,8 @@ class DiagnosisResult(Result):
         -------
         list of Table
             In the first, chi-square counts possible errors of the rendering as noise, and camera and lamp are refitted
-            with each effect. In the second it counts the noise alone: the sensor's, and the rendering's, stated over the
-            sensor's. The last column is the distance of camera and lamp from the survey.
+            with each effect. In the second it counts the noise alone: the sensor's, and the rendering's, stated over
+            the sensor's. The last column is the distance of camera and lamp from the survey.
         """
         single_effects = tuple(
             (r.effect, ranked_values(r), f"{r.chi2_per_dof:.4f}", f"{100 * r.probability:.1f} %")
@@ -174,14 +174,7 @@ class DiagnosisResult(Result):
             ),
             Table(
                 "Error after each step; χ²/dof counts the noise alone",
-                (
-                    "model",
-                    "χ²/dof",
-                    HEADLINE.label,
-                    "noise alone",
-                    "rendering / sensor noise",
-                    "camera, lamp from survey, σ",
-                ),
+                ("model", "χ²/dof", HEADLINE.label, "noise alone", "rendering noise", "from survey, σ"),
                 steps,
             ),
         ]

@@ -196,7 +196,7 @@ def _points(picture: _Picture, marks: Sequence[Any]) -> SurveyedPoints:
         if len(numbers) != len(position):
             raise InputError(f"points, {name}", repr(position)[:80], "u and v, px")
         u, v = numbers  # an integer may be too large for a float
-        if not (-0.5 <= u < width and -0.5 <= v < height):
+        if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
             fault = ", ".join(map(str, numbers))[:80]
             raise InputError(f"points, {name}", fault, f"a position in the picture of {width} x {height} px")
         positions[name] = float(u), float(v)

@@ -1,6 +1,8 @@
 """Boards that the program finds: views, residuals and the removal of a wrong one, in a real browser."""
 
+import base64
 import tomllib
+import zlib
 
 import numpy as np
 import pytest
@@ -85,6 +87,16 @@ def test_a_wrong_view_is_seen_and_removed_in_the_browser(bench):
     assert tomllib.loads(manifest.read_text()) == before
     _, fit, _ = calibrate_camera(load_capture(manifest.parent))
     assert fit.discordant == () and len(fit.cameras) == 4
+
+
+def test_a_frame_is_shown_from_its_darkest_pixel_to_white(bench):
+    app = build_app(bench, "", frozenset({"127.0.0.1"}), idle_s=1e9)
+    frame = tomllib.loads((bench.root / "capture" / "capture.toml").read_text())["target"][0]["frames"][0]
+    with TestClient(app, base_url="http://127.0.0.1") as client:
+        stored = client.post("/api/boards/frame", json={"capture": "capture", "frame": frame}).json()["photograph"]
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(stored["data"])), np.uint8)
+    values = planes.reshape(4, -1).T.copy().view("<f4")
+    assert values.min() == 0 and np.percentile(values, 99.5) == pytest.approx(1, abs=1e-3)
 
 
 def test_wrong_frames_are_refused_in_a_line(bench):

@@ -43,10 +43,15 @@ def test_wrong_marks_are_refused_in_a_line(bench):
     app = build_app(bench, "", frozenset({"127.0.0.1"}), idle_s=1e9)
     wrong = [[{"id": "c99", "u": 1, "v": 1}], [{"id": "c02", "u": "1", "v": 1}], [{"id": "c02", "u": 900, "v": 1}]]
     wrong += [[], [3], [{"id": "c02", "u": 1, "v": 1}] * 2, {"a": 1}, [{"id": "c02", "u": True, "v": 2}]]
+    # pixels' centres are whole numbers: the picture of 32 px ends at -0.5 and 31.5
+    wrong += [[{"id": "c02", "u": u, "v": v}] for u, v in ((-0.6, 1), (1, -0.6), (31.6, 1), (1, 31.6))]
     with TestClient(app, base_url="http://127.0.0.1") as client:
         for marks in wrong:
             answer = client.post("/api/points/locate", json={"capture": "capture", "points": marks})
             assert answer.status_code == 400 and "\n" not in answer.json()["error"], marks
+        for u, v in ((-0.4, 31.4), (31.4, -0.4)):
+            marks = [{"id": "c02", "u": u, "v": v}]
+            assert client.post("/api/points/locate", json={"capture": "capture", "points": marks}).status_code == 200
         for name in ("../capture", "/etc", "nowhere", ""):
             answer = client.post("/api/points/picture", json={"capture": name})
             assert answer.status_code == 400
