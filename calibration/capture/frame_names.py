@@ -63,15 +63,16 @@ _DATE = re.compile(
     r"(?P<time>[-_t ]+[0-2]\d[-_:]?[0-5]\d(?:[-_:]?[0-5]\d(?:[-_.]?\d{3})?|[_.]\d))?(?![0-9a-z])"
 )
 _SEPARATORS = re.compile(r"(?:[-_\s()\[\];+]|(?<!\d)[.,]|[.,](?!\d))+")
-#: A filter by its wavelength: f550, 550nm, f550nm, band550. Camera numbers begin with 0 where they have four digits.
-_FILTER = re.compile(r"(?:f|band)([1-9]\d{2,3})(?:nm)?|0*([1-9]\d{2,3})(?:\.0+)?nm")
+#: A filter by its wavelength: f550, 550nm, f550nm, band550, filter550, WL550. Camera numbers begin with 0 where they
+#: have four digits.
+_FILTER = re.compile(r"(?:f|band|filter|wl|wavelength|lambda)([1-9]\d{2,3})(?:nm)?|0*([1-9]\d{2,3})(?:\.0+)?nm")
 #: A number that is a filter if nothing else in the name has letters.
 _BARE_FILTER = re.compile(r"[1-9]\d\d")
 #: Filters as makers name them, before the number of their bandwidth: FB550-10, BP550-40, ET550-20.
 _MAKERS_FILTER = re.compile(r"(?:fb|fbh|fl|flh|bp|nb|bn|nf|lp|sp|et|hq|xbpa)\d{3,4}")
 #: A number before a unit; with zeros in front it counts frames.
 _AMOUNT = r"(?:0|[1-9]\d*)(?:[.,]\d+)?"
-_EXPOSURE = re.compile(rf"({_AMOUNT})(us|µs|ms|s|secs?)")
+_EXPOSURE = re.compile(rf"(?:exp|exposure)?({_AMOUNT})(us|µs|ms|s|secs?)")
 #: Units that programs write behind a separator: 300_secs, 550 nm.
 _UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs", "nm"})
 #: Seconds in the units of exposures.

@@ -81,7 +81,7 @@ TABLE = [
     (
         (None, "f550", None, None),
         "scan_0550nm | 550-10_4s | LCTF_550.0nm | 550nm_10nm | filter_5_550nm | iso400_f550 | 100W_f550 | "
-        "exp_250_f550 | exp250ms_f550 | f550_4 s | f550_1_4 s | f550_1e-3s | f550_2.5e-3s | f550_0.5-4s | "
+        "exp_250_f550 | f550_4 s | f550_1_4 s | f550_1e-3s | f550_2.5e-3s | f550_0.5-4s | "
         "f550_0p25s | f550_1,000s | f550_1⁄30s | f550_1over30s | f550_t4s | f550_4s_2s | f550_after_60s | "
         "f550_delay_10s | interval_10s_f550 | iphone_5s_f550 | warmup_30s_f550 | white_f550 | noflat_f550 | "
         "f550 | 550nm | t+30s_f550 | f550_run2 | f550_v2 | f550_pass550 | 2024_f550 | 20240512_f550 | "
