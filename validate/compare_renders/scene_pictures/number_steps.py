@@ -96,7 +96,7 @@ def _have_shared_exponents(pictures: NDArray[np.float64]) -> bool:
     pixels = np.abs(pictures.reshape(-1, 3))
     largest = pixels.max(axis=-1)
     pixels, largest = pixels[largest > 0], largest[largest > 0]
-    halves = pixels / 2.0 ** (np.floor(np.log2(largest)) - _SHARED_BITS)[:, None]
+    halves = np.ldexp(pixels, (_SHARED_BITS + 1 - np.frexp(largest)[1])[:, None])
     return bool((halves == np.round(halves)).all())
 
 
