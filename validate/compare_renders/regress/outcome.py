@@ -92,6 +92,8 @@ class Outcome(FrozenMappings):
     single_pictures: bool = False
     #: Where the pictures differ; None where they are the same.
     spot: Spot | None = None
+    #: Numbers that baseline and candidate hold, in words; empty where both are as fine as 32-bit floats.
+    numbers: tuple[str, str] = ("", "")
 
     @property
     def same(self) -> bool:
@@ -129,6 +131,12 @@ class Outcome(FrozenMappings):
             text += ", nor another texture of single pixels, which single pictures show as noise"
             text += ": compare several pictures of other seeds on each side"
         return f"{text}."
+
+    @property
+    def of_numbers(self) -> str:
+        """Sentence on the numbers of both sides; empty where they are the same."""
+        first, second = self.numbers
+        return "" if first == second else f"The candidate stores {second}; the baseline {first}."
 
     @property
     def equivalence_95(self) -> float:
@@ -221,6 +229,8 @@ class Outcome(FrozenMappings):
         text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
         if self.unseen:
             text.append(self.unseen)
+        if self.of_numbers:
+            text.append(self.of_numbers)
         if self.spot is not None:
             text.append(self.spot.sentence)
         if self.cancelling:
@@ -289,6 +299,8 @@ class Outcome(FrozenMappings):
                 for kind in ("pattern", *CANCELLING, *STRUCTURE)
                 for row in self.of_kind(kind)
             },
+            "numbers": {row.name: _record(row) for row in self.of_kind("numbers")},
+            "stored": dict(zip(("baseline", "candidate"), self.numbers, strict=True)) if self.of_numbers else None,
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
             "where": None if self.spot is None else self.spot.record(),

@@ -10,7 +10,7 @@ from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from ..scene_pictures import changed_layers
+from ..scene_pictures import NumberSteps, changed_layers, steps_of
 from .grids import Common, common_wavelengths
 from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
 from .outcome import Outcome
@@ -63,9 +63,11 @@ _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
 #: Kinds of pools that find a pattern all over the picture.
-_EVERYWHERE = ("grid", "wave", "steps", "reused", "shared")
-#: Probability of a layer that differs over its critical one.
+_EVERYWHERE = ("grid", "wave", "steps", "reused", "shared", "numbers")
+#: Probability of a fact without noise, such as a layer that differs, over its critical one.
 _CERTAIN = 1e-6
+#: Part of one side's values on steps of sums, above which the other side's steps are no difference.
+_SOME_STEPS = 0.1
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
 _MAX_PIXEL_DEGREES = 8.0
 
@@ -316,6 +318,9 @@ def regress_sides(
     ]
     between = _between_cubes(comparison, false_alarms)
     layers = _layers(*_sides(as_found), false_alarms)
+    numbers = _numbers(baseline), _numbers(candidate)
+    sums = _sums_in_few_digits(baseline, candidate, *numbers)
+    of_sums = () if sums is None else (pool_of_finding("numbers", sums, false_alarms * SHARES["numbers"]),)
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
         for row in layers
@@ -326,7 +331,7 @@ def regress_sides(
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
-        pools=(*pools, *between, *cancelling, *layers),
+        pools=(*pools, *between, *cancelling, *layers, *of_sums),
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
@@ -334,6 +339,7 @@ def regress_sides(
         relative=_relative(as_found),
         notes=tuple(notes),
         single_pictures=comparison.noise.estimated,
+        numbers=(numbers[0].text, numbers[1].text) if any(n.coarse for n in numbers) else ("", ""),
     )
     return outcome if outcome.same else replace(outcome, spot=_spot(as_found, outcome)), comparison
 
@@ -381,6 +387,26 @@ def _layers(baseline: Side, candidate: Side, false_alarms: float) -> tuple[Poole
         for c in changed_layers((baseline.guides, candidate.guides), (first, second))
     ]
     return tuple(pool_of_finding("layer", finding, critical) for finding in findings)
+
+
+def _numbers(side: Side) -> NumberSteps:
+    """Numbers that the files of a side hold."""
+    return steps_of(side.radiance if side.batches is None else side.batches)
+
+
+def _sums_in_few_digits(baseline: Side, candidate: Side, first: NumberSteps, second: NumberSteps) -> Finding | None:
+    """Digits of sums that one side alone has.
+
+    None for files that were multiplied by a factor when read.
+    """
+    if not (baseline.as_stored and candidate.as_stored):
+        return None
+    name, pixels = "digits of sums", int(candidate.radiance[..., 0].size)
+    for side, of_side, other in (("candidate", second, first), ("baseline", first, second)):
+        if of_side.are_sums and other.of_sums < _SOME_STEPS:
+            step = of_side.relative_step
+            return Finding(f"the {side} alone holds {of_side.text}", pixels, step, step / 10, 12.0, 0.0)
+    return Finding(name, pixels, 0.0, 1e-13, 12.0, 1.0)
 
 
 def _sides(comparison: RegressionData) -> tuple[Side, Side]:

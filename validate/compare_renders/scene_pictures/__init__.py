@@ -9,8 +9,9 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .guides import GUIDES
     from .layer_changes import LayerChange, changed_layers
+    from .number_steps import NumberSteps, steps_of
     from .reading import AS_STORED, read_scene_picture
 
-__all__ = ["AS_STORED", "GUIDES", "LayerChange", "changed_layers", "read_scene_picture"]
+__all__ = ["AS_STORED", "GUIDES", "LayerChange", "NumberSteps", "changed_layers", "read_scene_picture", "steps_of"]
 
 __getattr__, __dir__ = lazy_names(__name__)

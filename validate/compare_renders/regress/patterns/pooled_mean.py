@@ -39,7 +39,8 @@ SHARES = {
     "filter": 0.011,
     "part": 0.02,
     "motion": 0.02,
-    "layer": 0.001,
+    "layer": 0.0005,
+    "numbers": 0.0005,
 }
 
 #: Kinds of pools that find what means do not show.
