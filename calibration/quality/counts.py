@@ -85,6 +85,9 @@ LINE_SIGMAS = 3.0
 #: Largest relative difference of a pixel's sensitivity from its neighbours': sensors scatter by 1 %.
 LARGEST_SENSITIVITY = 0.08
 
+#: Smallest picture, px: in a smaller one a ceiling seen from below may be a line of one or two pixels.
+SMALLEST_PICTURE_PX = 100
+
 #: Smallest share of a line's pixels that differ: outside the box a dead column is as dark as its neighbours, and
 #: nothing in a box is one or two pixels wide over that length.
 SMALLEST_LINE_SHARE = 0.6
@@ -228,7 +231,7 @@ def check_lines(stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel) -
     Suspicion
         One for each line, with its bands.
     """
-    if not noise.gain_e_per_dn:
+    if not noise.gain_e_per_dn or not stacks or min(stacks[0].counts.shape[1:]) < SMALLEST_PICTURE_PX:
         return
     flats = {stack.band: _unlike_lines(stack, dark, noise) for stack in stacks if stack.kind == "flat"}
     bands: dict[tuple[str, int], dict[str, float]] = {}
