@@ -155,7 +155,7 @@ def _level_error(levels: NDArray[np.float64], cell: NDArray[np.str_], units: Map
 
 
 def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator[Suspicion]:
-    """Detect that flats and references of most bands show fields of different shape.
+    """Detect flats and references that show fields of different shape.
 
     A quadratic surface is fitted to reference over flat. Bands whose flat has another f-number or image distance than
     the reference are left out, because the lens then changes the shape.
@@ -172,11 +172,20 @@ def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -
     Yields
     ------
     Suspicion
-        One for the capture, with the largest range and its place.
+        One for the capture if most bands have such fields, else one for each of them.
     """
-    surfaces = [surface for band in capture.band_ids if (surface := _surface(capture, stacks, dark, band)) is not None]
-    uneven = [surface for surface, sigma in surfaces if _range(surface) > max(SMALLEST_RANGE, RANGE_SIGMAS * sigma)]
-    if not uneven or len(uneven) < SMALLEST_SHARE * len(surfaces):
+    by_band = {band: _surface(capture, stacks, dark, band) for band in capture.band_ids}
+    surfaces = {band: surface for band, surface in by_band.items() if surface is not None}
+    uneven_bands = [
+        band
+        for band, (surface, sigma) in surfaces.items()
+        if _range(surface) > max(SMALLEST_RANGE, RANGE_SIGMAS * sigma)
+    ]
+    uneven = [surfaces[band][0] for band in uneven_bands]
+    if len(uneven) < SMALLEST_SHARE * len(surfaces):
+        yield from _check_single_fields({band: surfaces[band][0] for band in uneven_bands}, len(surfaces))
+        return
+    if not uneven:
         return
     ranges = [_range(surface) for surface in uneven]
     brightest, darkest = _extremes(np.mean(uneven, axis=0))
@@ -186,6 +195,21 @@ def check_fields(capture: Capture, stacks: Sequence[Stack], dark: DarkLibrary) -
         f"Reference over flat is higher by {min(ranges):.1%} to {max(ranges):.1%} {brightest} than {darkest} in "
         f"{len(uneven)} of {len(surfaces)} bands; fields of one shape agree within 1%.",
     )
+
+
+def _check_single_fields(uneven: Mapping[str, NDArray[np.float64]], bands: int) -> Iterator[Suspicion]:
+    """Bands whose reference over flat is uneven, while that of most bands is even.
+
+    uneven : (BLOCKS, BLOCKS) fitted ratio by band. bands : number of all bands that were compared.
+    """
+    for band, surface in uneven.items():
+        brightest, darkest = _extremes(surface)
+        yield Suspicion(
+            f"the flat of {band} has another fall-off than its reference (another aperture, focus or position)",
+            f"flat ({band}), reference ({band})",
+            f"Reference over flat is higher by {_range(surface):.1%} {brightest} than {darkest}; it is even in "
+            f"{bands - len(uneven)} of {bands} bands.",
+        )
 
 
 def _surface(

@@ -35,6 +35,19 @@ LARGEST_GAIN_RATIO = 1.5
 #: Largest ratio of the measured to the stated read noise, which few frames determine less well.
 LARGEST_READ_NOISE_RATIO = 2.0
 
+#: Largest variance over that of noise of frames that are averages: of two it is a half. The noise model is accurate to
+#: a few per cent, a group of 30 pixels to a quarter.
+LARGEST_AVERAGED = 0.7
+
+#: Fewest pairs that show averages: single tables may be copied.
+FEWEST_AVERAGED = 3
+
+#: Largest range of the misfits of averages over their median: the number of averaged frames is one for all.
+AVERAGED_RANGE = 0.4
+
+#: Largest difference from 1 of the misfit of a kind whose noise is as stated.
+AS_STATED = 0.2
+
 #: Smallest significant difference from the stated gain or read noise, standard deviations.
 NOISE_SIGMAS = 8
 
@@ -57,6 +70,12 @@ LARGEST_TABLE_CORRELATION = 0.15
 #: Correlation along rows alone, or along columns alone, from which on frames were interpolated: charge that lags behind
 #: or interference correlates neighbours of one row by less.
 ONE_WAY_CORRELATION = 0.25
+
+#: Smallest negative correlation, along rows and columns, of sharpened frames; no sensor has one.
+SHARPENED_CORRELATION = 0.05
+
+#: Its significance, standard deviations of chance, one over the root of the pixels: once in 1e9 pairs.
+SHARPENED_SIGMAS = 6
 
 #: Fewest pixels of a table whose correlation is tested alone.
 FEWEST_TABLE_PIXELS = 2000
@@ -121,9 +140,18 @@ def check_repeats(
         For each kind of frames whose rows or columns have noise in common, then for the worst repeat of each set.
     """
     pairs = _pairs(capture, stacks, dark, noise)
+    camera_gain = capture.manifest.camera.gain_e_per_dn
     if not pairs:
         return
     usual = _usual_misfit(pairs)
+    averaged = {} if camera_gain is None else _averaged_kinds(pairs)
+    for kind, misfit in averaged.items():
+        yield Suspicion(
+            f"each frame of {kind} is the average of several (about {1 / misfit:.0f}), which is not stated",
+            f"{kind}.frames",
+            f"Repeats differ by {misfit:.2f} times the variance that the stated gain and read noise give, at all "
+            "signals; those of other kinds of frames by 1. Store single frames, or state the gain of the averages.",
+        )
     yield from _check_lines(_of_one_picture(pairs))
     by_frames: dict[tuple[str, ...], list[_Pair]] = {}
     for pair in pairs:
@@ -155,10 +183,32 @@ def check_repeats(
             )
 
 
+def _averaged_kinds(pairs: Sequence[_Pair]) -> dict[str, float]:
+    """Median misfit of the kinds of frames that are averages, by kind.
+
+    Their noise is too small at all signals and in all tables, while that of another kind is as stated.
+    """
+    by_kind: dict[str, list[_Pair]] = {}
+    for pair in pairs:
+        if pair.misfit > COPY_MISFIT:
+            by_kind.setdefault(pair.stack.kind, []).append(pair)
+    misfits = {kind: np.array([pair.misfit for pair in of_kind]) for kind, of_kind in by_kind.items()}
+    if not any(abs(float(np.median(values)) - 1) < AS_STATED for values in misfits.values()):
+        return {}
+    return {
+        kind: float(np.median(values))
+        for kind, values in misfits.items()
+        if values.size >= FEWEST_AVERAGED
+        and values.max() < LARGEST_AVERAGED
+        and np.ptp(values) < AVERAGED_RANGE * np.median(values)
+        and np.median([pair.bins for pair in by_kind[kind]], axis=0).max() < LARGEST_AVERAGED
+    }
+
+
 def _of_one_picture(pairs: Sequence[_Pair]) -> list[_Pair]:
     """Pairs without those of a moved camera, whose edges are no correlation of the noise."""
     usual = _usual_misfit(pairs) if pairs else 1.0
-    return [pair for pair in pairs if pair.misfit <= LARGEST_MISFIT * usual]
+    return [pair for pair in pairs if pair.misfit <= LARGEST_MISFIT * usual or _is_sharpened(pair)]
 
 
 def check_independence(
@@ -199,15 +249,26 @@ def check_independence(
     kinds = {stack.kind for stack in correlated.values()}
     complete = all(stack.key in correlated for stack in stacks if stack.kind in kinds)
     where = list(dict.fromkeys(stack.kind if complete else stack.key for stack in correlated.values()))
-    how = "interpolated (demosaiced), resampled" if capture.manifest.mosaic is not None else "resampled"
-    correlation, count = max(strengths)
+    how = "interpolated (demosaiced), " if capture.manifest.mosaic is not None else ""
+    how += "resampled, binned, smoothed or compressed"
+    correlation, count = max(strengths, key=_strength)
     suspicion = Suspicion(
-        f"the frames of {', '.join(where)} were {how}, binned, smoothed or compressed after the exposure",
+        f"the frames of {', '.join(where)} were {how if correlation > 0 else 'sharpened'} after the exposure",
         ", ".join(f"{name}.frames" for name in where),
         f"The noise of neighbouring pixels has a correlation of {correlation:.2f} (median of {count} pairs of "
         "repeats); a sensor's has none.",
     )
     return (suspicion,), frozenset(correlated)
+
+
+def _is_sharpened(pair: _Pair) -> bool:
+    """Whether the noise of neighbours is opposed by more than chance."""
+    return pair.neighbours < -max(SHARPENED_CORRELATION, SHARPENED_SIGMAS / np.sqrt(pair.stack.counts[0].size))
+
+
+def _strength(correlation_and_count: tuple[float, int]) -> float:
+    """Size of a correlation, whatever its sign."""
+    return abs(correlation_and_count[0])
 
 
 def _whole_frames(stacks: Sequence[Stack]) -> list[Stack]:
@@ -332,7 +393,7 @@ def _pair(stack: Stack, repeat: int, capture: Capture, dark: DarkLibrary, gain: 
     bins = np.array([float(part.mean()) for part in np.array_split(squares[np.argsort(a)], SIGNAL_BINS)])
     noise = np.clip(independent * np.sqrt(weight), -20, 20)
     steps = {(1, 1)} if stack.lattice is not None or capture.cell is None else {(1, 1), capture.cell}
-    correlation = max(_neighbour_correlation(noise, usable, step) for step in steps)
+    correlation = max((_neighbour_correlation(noise, usable, step) for step in steps), key=abs)
     return _Pair(stack, repeat, misfit, scale, bins, correlation, (rows / misfit, columns / misfit))
 
 
@@ -366,6 +427,8 @@ def _neighbour_correlation(noise: NDArray[np.float64], usable: NDArray[np.bool_]
         a, b = noise[first][both], noise[second][both]
         varied = np.count_nonzero(both) > FEWEST_PIXELS and a.std() > 0 < b.std()
         correlations.append(float(np.corrcoef(a, b)[0, 1]) if varied else 0.0)
+    if max(correlations) < 0:  # sharpened: all neighbours vary against each other
+        return max(correlations)
     return max(correlations) if max(correlations) > ONE_WAY_CORRELATION else min(correlations)
 
 
@@ -384,9 +447,10 @@ def _correlated(pairs: Sequence[_Pair]) -> tuple[list[Stack], tuple[float, int]]
     correlated, strongest = [], (0.0, 0)
     for of_table in by_table.values():
         middle, stack = float(np.median([pair.neighbours for pair in of_table])), of_table[0].stack
-        if middle > LARGEST_TABLE_CORRELATION and stack.counts[0].size >= FEWEST_TABLE_PIXELS:
+        is_large = middle > LARGEST_TABLE_CORRELATION and stack.counts[0].size >= FEWEST_TABLE_PIXELS
+        if is_large or all(_is_sharpened(pair) for pair in of_table):
             correlated.append(stack)
-            strongest = max(strongest, (middle, len(of_table)))
+            strongest = max(strongest, (middle, len(of_table)), key=_strength)
     return correlated, strongest
 
 

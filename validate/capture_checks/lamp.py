@@ -24,6 +24,12 @@ PLAUSIBLE_BAND = (0.82, 1.25)
 #: Largest plausible excess of the bands at the ends of the spectrum: ambient light and leaks brighten dim bands.
 PLAUSIBLE_END_BAND = 1.7
 
+#: Fewest unlike bands that show another lamp: a white balance changes two.
+FEWEST_OF_ANOTHER_LAMP = 3
+
+#: Their smallest share of the bands: exposures go wrong one by one.
+SHARE_OF_ANOTHER_LAMP = 0.4
+
 #: Plausible radiance over that of the lamp if the scene is not known: a dark box to a lamp in the picture.
 PLAUSIBLE_RADIANCE = (2e-5, 1.2)
 
@@ -147,6 +153,16 @@ def _check_bands(capture: Capture, ratios: NDArray[np.float64]) -> Iterator[Susp
     unlike = ~((ratios > low) & (ratios < high)) & np.isfinite(ratios)
     ends = np.isin(np.arange(len(centre)), (np.argmin(centre), np.argmax(centre)))
     unlike &= ~(ends & (ratios > 1) & (ratios < PLAUSIBLE_END_BAND))
+    compared = np.count_nonzero(np.isfinite(ratios))
+    if np.count_nonzero(unlike) >= max(FEWEST_OF_ANOTHER_LAMP, SHARE_OF_ANOTHER_LAMP * compared):
+        factors = ", ".join(f"{ratio:.3g} in {band}" for band, ratio in zip(capture.band_ids, ratios, strict=True))
+        yield Suspicion(
+            "the lamp's spectrum does not suit the photographs (another lamp, or most exposures or filters are wrong)",
+            "lamp.radiance",
+            "The light over what the lamp's spectrum and the surfaces' reflectances give is, relative to the median, "
+            f"{factors}.",
+        )
+        return
     for index in np.flatnonzero(unlike):
         yield _unsuitable(capture, int(index), ratios[index], "that of the other bands")
 

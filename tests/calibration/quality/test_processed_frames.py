@@ -1,0 +1,111 @@
+"""Frames that a camera averaged, sharpened or corrected, and defective lines; sound ones are none of these."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from cboxlab.calibration.capture import load_capture
+from cboxlab.calibration.correction import measure_noise, read_darks
+from cboxlab.calibration.quality.counts import check_counts, check_lines
+from cboxlab.calibration.quality.fields import check_fields
+from cboxlab.calibration.quality.repeats import check_independence, check_repeats
+from cboxlab.calibration.quality.stacks import read_stacks
+from helpers.places import ROOT
+from scipy.ndimage import gaussian_filter
+
+
+@cache
+def sound():
+    """Capture, stacks, darks and noise of the bundled capture."""
+    capture = load_capture(ROOT / "validate" / "data" / "demo-capture")
+    dark = read_darks(capture)
+    return capture, read_stacks(capture), dark, measure_noise(capture, dark)
+
+
+def changed(change, kinds=("band",), bands=None):
+    """The stacks, with ``change`` of the counts (repeat, y, x) of some."""
+    capture, stacks, *_ = sound()
+
+    def spoilt(stack):
+        counts = np.rint(change(stack.frames.astype(float)))
+        return replace(stack, frames=np.clip(counts, 0, capture.full_scale_dn).astype(np.uint16))
+
+    return tuple(
+        spoilt(stack) if stack.kind in kinds and (bands is None or stack.band in bands) else stack for stack in stacks
+    )
+
+
+def averaged(number):
+    """Change that leaves the mean of the repeats and divides the variance by ``number``."""
+    return lambda counts: counts.mean(axis=0) + (counts - counts.mean(axis=0)) / np.sqrt(number)
+
+
+@pytest.mark.parametrize(("kind", "number"), [("band", 2), ("band", 4), ("flat", 3), ("band", 1)])
+def test_averages_that_are_not_stated_are_named_with_their_kind(kind, number):
+    capture, _, dark, noise = sound()
+    stacks = changed(averaged(number), (kind,))
+    alarms = [s for s in check_repeats(capture, stacks, dark, noise) if "average of several" in s.what]
+    assert [alarm.where for alarm in alarms] == ([f"{kind}.frames"] if number > 1 else [])
+    assert all(f"about {number}" in alarm.what for alarm in alarms)
+
+
+def test_a_flicker_of_the_scene_does_not_make_the_flats_averages():
+    capture, _, dark, noise = sound()
+    stacks = changed(averaged(1 / 2.5))
+    assert not [s for s in check_repeats(capture, stacks, dark, noise) if "average of several" in s.what]
+
+
+@pytest.mark.parametrize(("amount", "word"), [(1.5, "sharpened"), (-0.7, "smoothed"), (0.0, None)])
+def test_sharpened_frames_are_not_smoothed_ones(amount, word):
+    """An unsharp mask opposes the noise of neighbours; a blur makes it alike."""
+    capture, _, dark, noise = sound()
+    stacks = changed(lambda x: x + amount * (x - gaussian_filter(x, (0, 1, 1))), bands=("f600",))
+    alarms, tables = check_independence(capture, stacks, dark, noise)
+    assert [word in alarm.what and "f600" in alarm.where for alarm in alarms] == ([True] if word else [])
+    assert len(tables) == len(alarms)
+
+
+@pytest.mark.parametrize("is_row", [False, True])
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_lines_that_only_the_photographs_show_are_named(is_row, is_dead):
+    def spoil(counts):
+        lines = (counts.swapaxes(1, 2) if is_row else counts)[:, :, 50 : 51 if is_dead else 52]
+        lines[:] = 100 if is_dead else lines + 300
+        return counts
+
+    _, _, dark, noise = sound()
+    (alarm,) = check_lines(changed(spoil, bands=("f550",)), dark, noise)
+    name = "row" if is_row else "column"
+    assert alarm.what.startswith(f"{name} 50 " if is_dead else f"{name}s 50, 51 ")
+    assert "f550" in alarm.where
+    assert ("-" if is_dead else "+30") in alarm.why
+    assert not [*check_lines(changed(spoil, ("band", "flat"), ("f550",)), dark, noise)]  # a known defect
+
+
+def test_edges_of_the_scene_are_no_defective_lines():
+    """The edge of a wall may lie along a column of the sensor over the whole picture, with unlike sides."""
+    _, _, dark, noise = sound()
+    edge = changed(lambda counts: np.where(np.arange(128) < 40, counts, 100 + 0.3 * (counts - 100)))
+    for stacks in (edge, sound()[1]):
+        assert not [*check_lines(stacks, dark, noise)]
+
+
+def test_one_flat_of_another_aperture_is_named_alone():
+    capture, stacks, dark, _ = sound()
+    v, u = np.mgrid[-1:1:128j, -1:1:128j]
+    stacks = changed(lambda counts: 100 + (counts - 100) * (1 - 0.06 * (u * u + v * v)), ("flat",), ("f500",))
+    (alarm,) = check_fields(capture, stacks, dark)
+    assert alarm.where == "flat (f500), reference (f500)"
+    assert "than in the middle" in alarm.why
+    assert "6 of 7" in alarm.why
+    assert not [*check_fields(capture, sound()[1], dark)]
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_saturated_pixels_less_their_dark_level_are_no_wrong_bit_depth(is_stated):
+    capture, _, dark, noise = sound()
+    manifest = capture.manifest.model_copy(update={"dark": "subtracted"}) if is_stated else capture.manifest
+    stacks = changed(lambda counts: counts - 100)
+    alarms = check_counts(replace(capture, manifest=manifest), stacks, dark, noise)
+    assert any("saturation below" in alarm.what for alarm in alarms) != is_stated
