@@ -13,7 +13,7 @@ from ..correction import ROUNDING_VARIANCE, DarkLibrary, NoiseModel, VarianceSam
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_black_levels", "check_counts", "check_level_of_darks", "check_lines"]
+__all__ = ["check_black_levels", "check_counts", "check_level_of_darks"]
 
 #: Fewest pixels at the largest count of a table that are a saturation.
 FEWEST_PILED_PIXELS = 12
@@ -77,20 +77,6 @@ LOWEST_START_SHARE = 0.25
 
 #: Frames are darker than the dark frames if their dark pixels lack this share of the dark level.
 DARKER_SHARE = 0.5
-
-
-#: Significance of a pixel's difference from those on both sides, standard deviations.
-LINE_SIGMAS = 3.0
-
-#: Largest relative difference of a pixel's sensitivity from its neighbours': sensors scatter by 1 %.
-LARGEST_SENSITIVITY = 0.08
-
-#: Smallest picture, px: in a smaller one a ceiling seen from below may be a line of one or two pixels.
-SMALLEST_PICTURE_PX = 100
-
-#: Smallest share of a line's pixels that differ: outside the box a dead column is as dark as its neighbours, and
-#: nothing in a box is one or two pixels wide over that length.
-SMALLEST_LINE_SHARE = 0.6
 
 
 def check_counts(
@@ -209,75 +195,6 @@ def _check_levels(
                 f"99 of 100 pixels lie within {np.percentile(net, 99):.2g} DN of the dark level of "
                 f"{np.median(level):.4g} DN.",
             )
-
-
-def check_lines(stacks: Sequence[Stack], dark: DarkLibrary, noise: NoiseModel) -> Iterator[Suspicion]:
-    """Detect columns or rows of photographs that differ from both neighbours over their length.
-
-    A line of one or two pixels is compared with the pixels on both sides, which must be alike: an edge of the scene has
-    unlike sides. Lines that the band's flat shows too are known defects.
-
-    Parameters
-    ----------
-    stacks
-        All frames.
-    dark
-        The capture's dark frames.
-    noise
-        Gain and read noise.
-
-    Yields
-    ------
-    Suspicion
-        One for each line, with its bands.
-    """
-    if not noise.gain_e_per_dn or not stacks or min(stacks[0].counts.shape[1:]) < SMALLEST_PICTURE_PX:
-        return
-    flats = {stack.band: _unlike_lines(stack, dark, noise) for stack in stacks if stack.kind == "flat"}
-    bands: dict[tuple[str, int], dict[str, float]] = {}
-    for stack in stacks:
-        for line, difference in (_unlike_lines(stack, dark, noise) if stack.kind == "band" else {}).items():
-            if line not in flats.get(stack.band, {}):
-                bands.setdefault(line, {})[f"{stack.key}.frames"] = difference
-    lines: dict[tuple[str, tuple[str, ...]], list[int]] = {}
-    for (name, index), differences in bands.items():
-        lines.setdefault((name, tuple(differences)), []).append(index)
-    for (name, tables), indices in lines.items():
-        numbers = ", ".join(str(index) for index in sorted(indices))
-        middle = np.median([bands[name, index][table] for index in indices for table in tables])
-        yield Suspicion(
-            f"{name}{'s' if len(indices) > 1 else ''} {numbers} of the sensor: hot, dead, or of another gain",
-            ", ".join(tables),
-            f"Over most of the length the counts differ from those on both sides, by {middle:+.3g} DN in the median; "
-            "neither the dark frames nor the flats show this.",
-        )
-
-
-def _unlike_lines(stack: Stack, dark: DarkLibrary, noise: NoiseModel) -> dict[tuple[str, int], float]:
-    """Median difference of unlike lines from both sides, DN, by ("column", 40)."""
-    net = stack.mean - stack.thinned(dark.at(stack.exposure_s))
-    gain, read_dn = noise.gain_e_per_dn or 1.0, (noise.read_noise_e or 0.0) / (noise.gain_e_per_dn or 1.0)
-    first = (0, 0, 1) if stack.lattice is None else stack.lattice
-    unlike: dict[tuple[str, int], float] = {}
-    for name, offset, image in (("column", first[1], net), ("row", first[0], net.T)):
-        for width in (1, 2):
-            count = image.shape[1] - width - 1
-            inside = [image[:, 1 + k : 1 + k + count] for k in range(width)]
-            inner = np.mean(inside, axis=0)
-            before, after = image[:, :count], image[:, width + 1 :]
-            between_sides = (before + after) / 2
-            variance = (np.maximum(between_sides, 0) / gain + read_dn**2 + ROUNDING_VARIANCE) / len(stack.counts)
-            difference, clear = inner - between_sides, LINE_SIGMAS * np.sqrt(1.5 * variance)
-            # a pixel's own sensitivity differs by some per cent
-            clear = np.maximum(clear, LARGEST_SENSITIVITY * np.abs(between_sides))
-            alike = np.maximum(np.abs(before - after), np.ptp(inside, axis=0)) < np.abs(difference) / 2
-            for sign in (1, -1):
-                share = np.mean((sign * difference > clear) & alike, axis=0)
-                for index in np.flatnonzero(share > SMALLEST_LINE_SHARE):
-                    middle = float(np.median(difference[:, index]))
-                    for k in range(width):
-                        unlike.setdefault((name, offset + first[2] * (int(index) + 1 + k)), middle)
-    return unlike
 
 
 def check_level_of_darks(

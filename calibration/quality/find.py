@@ -10,7 +10,7 @@ from ..geometry import CameraFit
 from ..radiometry import Radiometry
 from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_same_view, check_spectra_content
-from .counts import check_black_levels, check_counts, check_level_of_darks, check_lines
+from .counts import check_black_levels, check_counts, check_level_of_darks
 from .dark_light import check_dark_temperature, check_light_in_darks
 from .darks import check_bias_drift, check_darks
 from .fields import check_fields, check_pattern
@@ -33,7 +33,6 @@ def _check_counts(
     """Checks that need whole counts of a sensor, which merged pictures are not."""
     yield from check_counts(capture, stacks, dark, noise)
     yield from check_black_levels(capture, stacks, dark, noise)
-    yield from check_lines(stacks, dark, noise)
     yield from check_darks(stacks, noise, capture.saturation_dn)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)

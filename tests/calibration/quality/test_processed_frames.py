@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
-from cboxlab.calibration.quality.counts import check_counts, check_lines
+from cboxlab.calibration.quality.counts import check_counts
 from cboxlab.calibration.quality.fields import check_fields
 from cboxlab.calibration.quality.repeats import check_independence, check_repeats
 from cboxlab.calibration.quality.stacks import read_stacks
@@ -64,31 +64,6 @@ def test_sharpened_frames_are_not_smoothed_ones(amount, word):
     alarms, tables = check_independence(capture, stacks, dark, noise)
     assert [word in alarm.what and "f600" in alarm.where for alarm in alarms] == ([True] if word else [])
     assert len(tables) == len(alarms)
-
-
-@pytest.mark.parametrize("is_row", [False, True])
-@pytest.mark.parametrize("is_dead", [False, True])
-def test_lines_that_only_the_photographs_show_are_named(is_row, is_dead):
-    def spoil(counts):
-        lines = (counts.swapaxes(1, 2) if is_row else counts)[:, :, 50 : 51 if is_dead else 52]
-        lines[:] = 100 if is_dead else lines + 300
-        return counts
-
-    _, _, dark, noise = sound()
-    (alarm,) = check_lines(changed(spoil, bands=("f550",)), dark, noise)
-    name = "row" if is_row else "column"
-    assert alarm.what.startswith(f"{name} 50 " if is_dead else f"{name}s 50, 51 ")
-    assert "f550" in alarm.where
-    assert ("-" if is_dead else "+30") in alarm.why
-    assert not [*check_lines(changed(spoil, ("band", "flat"), ("f550",)), dark, noise)]  # a known defect
-
-
-def test_edges_of_the_scene_are_no_defective_lines():
-    """The edge of a wall may lie along a column of the sensor over the whole picture, with unlike sides."""
-    _, _, dark, noise = sound()
-    edge = changed(lambda counts: np.where(np.arange(128) < 40, counts, 100 + 0.3 * (counts - 100)))
-    for stacks in (edge, sound()[1]):
-        assert not [*check_lines(stacks, dark, noise)]
 
 
 def test_one_flat_of_another_aperture_is_named_alone():
