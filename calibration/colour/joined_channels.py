@@ -112,7 +112,9 @@ def _reference(capture: Capture, members: Sequence[int]) -> int:
 
 
 def _agree(columns: BandColumns, first: int, other: int) -> bool:
-    """Whether two channels show the same reflectances."""
+    """Whether two channels show the same reflectances; no where no patch has one in both."""
     difference = columns.reflectance[:, other] - columns.reflectance[:, first]
+    if np.all(np.isnan(difference)):
+        return False
     noise = np.sqrt(np.nanmean(columns.sigma[:, other] ** 2 + columns.sigma[:, first] ** 2))
     return bool(np.sqrt(np.nanmean(difference**2)) < max(_AGREEMENT_SIGMAS * float(noise), _AGREEMENT))

@@ -199,8 +199,13 @@ def patch_pixels(
 def _relative_signals(
     patches: Sequence[PatchPixels | None], shading: Shading | None, white: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """(n,) signals over the white one without shading, their sigmas, and the white signal, DN."""
+    """(n,) signals over the white one without shading, their sigmas, and the white signal, DN.
+
+    NaN where the white patch has no light, as where it has no pixels: no ratio to it is a reflectance.
+    """
     level, sigma = patch_levels(patches, shading, white)
+    if not level[white] > 0:
+        return np.full(len(patches), np.nan), np.full(len(patches), np.nan), float("nan")
     relative_white = sigma[white] / level[white]
     ratio = level / level[white]
     spread = np.hypot(sigma / level[white], ratio * relative_white)

@@ -88,7 +88,7 @@ def _level_ratio(
 ) -> tuple[float, float] | None:
     """Logarithm of the ratio of two exposures at level 0, and its standard deviation by noise.
 
-    None without light.
+    None without light, and where all pixels have one level: nothing leads from it to level 0.
     """
     signals = [exposure.frames.signal[good] for exposure in (first, second)]
     noises = [
@@ -106,6 +106,8 @@ def _level_ratio(
     )
     level = np.array([nearby[group].mean() for group in groups])
     design = np.stack([np.ones(_LEVELS), level / level.max()], axis=1) / np.sqrt(variance)[:, None]
+    if np.linalg.matrix_rank(design) < 2:
+        return None
     inverse = np.linalg.inv(design.T @ design)
     line = inverse @ design.T @ (np.log(sums[1] / sums[0]) / np.sqrt(variance))
     return float(line[0]), float(np.sqrt(inverse[0, 0]))

@@ -110,15 +110,18 @@ def cube_to_linear_srgb(cube: xr.Dataset, white: Spectrum | None = None) -> NDAr
     Returns
     -------
     NDArray
-        (y, x, 3); the 99.5th percentile of luminance outside the lamp is 1. All 0 for a cube without light.
+        (y, x, 3); the 99.5th percentile of luminance outside the lamp is 1. Pixels of no finite radiance are 0, and
+        all are for a cube without light.
     """
     wavelength = cube["wavelength"].values.astype(float)
     weights = xyz_weights(wavelength, _PREVIEW_NM)
-    xyz = cube["radiance"].transpose("y", "x", "wavelength").values @ weights
-    luminance = xyz[..., 1]
-    if "surface" in cube and np.any(cube["surface"].values != LAMP):
-        luminance = luminance[cube["surface"].values != LAMP]
-    brightest = float(np.percentile(luminance, 99.5))
+    radiance = cube["radiance"].transpose("y", "x", "wavelength").values
+    measured = np.isfinite(radiance).all(axis=-1)
+    if not measured.any():
+        return np.zeros((*measured.shape, 3))
+    xyz = (radiance if measured.all() else np.where(measured[..., None], radiance, 0.0)) @ weights
+    used = measured & (cube["surface"].values != LAMP) if "surface" in cube else measured
+    brightest = float(np.percentile(xyz[..., 1][used if used.any() else measured], 99.5))
     if brightest <= 0:
         return np.zeros(xyz.shape)
     white_xyz = (white or scene_white(cube)).at(wavelength) @ weights

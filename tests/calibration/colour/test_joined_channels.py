@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import chosen_channel_notes
 from cboxlab.calibration.colour.joined_channels import BandColumns, joined_channels
+from cboxlab.calibration.colour.patches import _relative_signals
+from cboxlab.calibration.colour.shading import PatchPixels
 from cboxlab.calibration.correction.corrected_bands import _faint_bands
 from cboxlab.scenes.spectra import Spectrum
 
@@ -67,6 +69,27 @@ def test_a_dim_channel_with_stray_light_has_little_weight():
     error = np.abs(joined.reflectance[:, 0] - truth).max()
     single = np.abs(columns - truth[:, None]).max(axis=0)
     assert single[0] < error < 0.15 * single[1] + 0.85 * single[0] < single.mean()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_channel_in_which_white_has_no_light_says_nothing_of_a_patch():
+    """Its signals have no ratio to white: 500r is left out of 500g's column, and 700 is a column of its own."""
+    capture = capture_of(("500g", 500, "G"), ("500r", 500, "R"), ("700", None, "R"))
+    rows, columns = np.indices((5, 5)).reshape(2, -1).astype(float)
+    ratios, spreads, levels = zip(
+        *(
+            _relative_signals([PatchPixels(columns, rows, np.full(25, dn), 1.0) for dn in signals], None, 0)
+            for signals in ((200.0, 80.0), (0.0, 3.0), (-1.0, 3.0))
+        ),
+        strict=True,
+    )
+    measured = BandColumns(
+        capture.band_ids, np.stack(ratios, 1), np.stack(spreads, 1), np.eye(3), np.ones(3), np.array(levels)
+    )
+    joined = joined_channels(capture, measured)
+    np.testing.assert_allclose(joined.reflectance, [[1.0, np.nan], [0.4, np.nan]])
+    np.testing.assert_allclose(joined.sigma, [[1 / 1000, np.nan], [np.hypot(1, 0.4) / 1000, np.nan]])
+    assert "500r differ by more and are left out" in joined.notes[0]
 
 
 def test_bands_without_a_stated_channel_stay_as_they_are_and_further_channels_are_named():

@@ -214,3 +214,18 @@ def test_no_false_alarm_in_two_hundred_sound_series():
         if times.size > 2 and times.min() > 0.15:  # of two, or of short ones, a longer shutter explains a wrong time
             deviations.append(bool(findings))
     assert alarms == 0 and len(deviations) > 10 and all(deviations)
+
+
+@pytest.mark.filterwarnings("error")
+def test_exposures_of_one_level_say_nothing_of_their_times():
+    """No line leads from one level to level 0: a time wrong by a quarter is no finding, on a ramp it is."""
+    times, used = np.array([0.4, 0.8, 1.6]), np.ones((64, 96), bool)
+    wrong = times * [1.0, 1.25, 1.0]
+    generator = np.random.default_rng(7)
+    on_ramp = series(generator, wrong, times, ramp(20, 180))
+    assert [finding.index for finding in exposure_findings({"a": on_ramp}, {"a": used})] == [1]
+    flat = [
+        replace(exposure, frames=replace(exposure.frames, signal=np.full(used.shape, 100.0 * time)))
+        for exposure, time in zip(on_ramp, wrong, strict=True)
+    ]
+    assert not exposure_findings({"a": flat}, {"a": used})

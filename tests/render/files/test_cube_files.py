@@ -7,6 +7,7 @@ import tifffile
 import xarray as xr
 from cboxlab.rendering.files import cube_files
 from cboxlab.rendering.files.cube_files import read_cube, write_cube
+from cboxlab.rendering.files.previews import cube_to_linear_srgb
 from cboxlab.rendering.files.raw_files import write_raw
 from cboxlab.rendering.image.image import LAMP
 from cboxlab.utils.errors import InputError
@@ -94,6 +95,24 @@ def test_the_picture_has_the_cubes_size(cube, tmp_path):
     with Image.open(tmp_path / "cube.png") as image:
         assert (image.size, image.mode) == ((7, 5), "RGB")
         assert np.asarray(image).max() == 255
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_pixel_without_a_finite_radiance_is_black_in_the_picture(cube, value):
+    """As if its light were 0, without any effect on what is white: the others keep their colours."""
+    dark = cube.isel(y=slice(1, 5)).copy(deep=True)
+    dark["radiance"][2, 3] = 0.0
+    lacking = dark.copy(deep=True)
+    lacking["radiance"][2, 3, 1] = value
+    expected, picture = cube_to_linear_srgb(dark), cube_to_linear_srgb(lacking)
+    assert np.all(picture[2, 3] == 0)
+    others = np.ones((4, 7), bool)
+    others[2, 3] = False
+    factor = expected[others] / picture[others]
+    assert factor == pytest.approx(factor[0, 0]) and factor[0, 0] == pytest.approx(1, abs=0.01)
+    lacking["radiance"][:] = value
+    assert not cube_to_linear_srgb(lacking).any()
 
 
 @pytest.mark.parametrize("ending", cube_files.WRITABLE)
