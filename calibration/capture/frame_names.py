@@ -97,8 +97,6 @@ _COUNTED = frozenset(
 _PHOTOGRAPH = re.compile(r"[a-z0-9]*\d{4}")
 #: A word that counts repeats, with its number.
 _NUMBERED_REPEAT = re.compile(r"(?:rep|repeat|frame|shot)(\d{1,2})")
-#: The number of the repeat at the end of a name, with its word and brackets.
-_LAST_NUMBER = re.compile(r"[-_\s(\[]*(?:rep|repeat|frame|shot)?\d+[)\]]?$", re.IGNORECASE)
 #: Temperature and binning of the sensor, which add nothing: -10.0C, -10.00, bin1, 1x1.
 _STATE = re.compile(r"\d+(?:\.\d+)?c|\d+\.\d+|(?:bin)?\dx\d|bin\d")
 #: A setting of the camera, which no frame is named after: gain100, ISO800.

@@ -24,7 +24,6 @@ __all__ = [
     "described",
     "fit_filter_weights",
     "train_filter_weights",
-    "xyz_covariance",
     "xyz_image",
 ]
 
@@ -255,26 +254,3 @@ def xyz_image(
         value[..., :, None] * value[..., None, :] * (relative_error.T @ relative_error / len(relative_error))
     )
     return result.assign(covariance_weights=(both, approximation, units))
-
-
-def xyz_covariance(
-    variance: ArrayLike, weights: FilterWeights, responses: Sequence[BandResponse]
-) -> NDArray[np.float64]:
-    """Covariance of X, Y, Z for independent band variances.
-
-    Parameters
-    ----------
-    variance
-        (band, ...) variances of the signals, DN^2.
-    weights
-        Filter weights.
-    responses
-        Response of every band.
-
-    Returns
-    -------
-    NDArray
-        (..., 3, 3) covariance, cd^2 m^-4.
-    """
-    matrix = _signal_to_xyz(weights, responses)
-    return np.einsum("ib,b...,jb->...ij", matrix, np.asarray(variance, float), matrix, optimize=True)

@@ -95,11 +95,6 @@ class ResponseFit:
     #: The result, one sentence.
     verdict: str
 
-    @property
-    def largest_residual(self) -> float:
-        """Largest relative deviation from proportionality."""
-        return float(np.abs(self.residual).max())
-
 
 #: Signals (n,) by the slope and one further, scaled parameter.
 Model = Callable[[float, float], NDArray[np.float64]]

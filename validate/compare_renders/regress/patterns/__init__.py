@@ -5,10 +5,10 @@ from .correlation import clustering_by_filter, clustering_of_blocks, clustering_
 from .dark import cut_values, dark_pixels
 from .difference import Difference, Finding, common_size
 from .fine_light import moved_slightly, other_contrast
-from .mirror import mirror_order
-from .moved import moved_texture
+from .moved import mirror_order, moved_texture
 from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
-from .odd_parts import moved_part, odd_lines, odd_tiles, small_part, tile_steps
+from .odd_parts import odd_lines, odd_tiles, tile_steps
+from .odd_squares import moved_part, small_part
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, MEANS, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change, without_slow

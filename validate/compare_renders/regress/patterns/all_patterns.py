@@ -10,7 +10,8 @@ from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
 from .moved import moved_texture
 from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
-from .odd_parts import moved_part, odd_lines, odd_tiles, small_part, tile_steps
+from .odd_parts import odd_lines, odd_tiles, tile_steps
+from .odd_squares import moved_part, small_part
 from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change
