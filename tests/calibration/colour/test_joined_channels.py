@@ -73,7 +73,7 @@ def test_a_dim_channel_with_stray_light_has_little_weight():
 
 @pytest.mark.filterwarnings("error")
 def test_a_channel_in_which_white_has_no_light_says_nothing_of_a_patch():
-    """Its signals have no ratio to white: 500r is left out of 500g's column, and 700 is a column of its own."""
+    """Its signals have no ratio to white: 500r is left out of 500g's column, and 700 stays a column alone."""
     capture = capture_of(("500g", 500, "G"), ("500r", 500, "R"), ("700", None, "R"))
     rows, columns = np.indices((5, 5)).reshape(2, -1).astype(float)
     ratios, spreads, levels = zip(
