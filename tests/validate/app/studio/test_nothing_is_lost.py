@@ -78,11 +78,11 @@ def test_every_stage_survives_reload_back_and_forward(page, bench, monkeypatch):
         assert page.run("document.getElementById('chi2').textContent") == chi2
         assert page.run("document.getElementById('add').disabled && !document.getElementById('cancel').disabled")
         page.open(page.run("location.href.split('#')[0]") + "points.html")
-        page.run("history.back()")
+        page.run("setTimeout(() => history.back())")
         page.until(f"typeof events === 'object' && {at_work}")
-        page.run("history.forward()")
+        page.run("setTimeout(() => history.forward())")
         page.until("document.title === 'Corners in the photograph' && document.readyState === 'complete'")
-        page.run("history.back()")
+        page.run("setTimeout(() => history.back())")
         page.until(f"typeof events === 'object' && {at_work}")
         assert page.run("document.getElementById('chi2').textContent") == chi2
         go.release()
