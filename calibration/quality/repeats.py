@@ -110,7 +110,8 @@ class _Pair:
     #: (SIGNAL_BINS,) misfit by ascending signal.
     bins: NDArray[np.float64]
     #: Correlation of the difference between adjacent pixels, and of a mosaic also between neighbours of one colour: the
-    #: smaller one of those along rows and along columns, or the larger one from ONE_WAY_CORRELATION on.
+    #: smaller one of those along rows and along columns, or the larger one from ONE_WAY_CORRELATION on. Of two
+    #: negative ones, as sharpened frames have, the larger one; 0 where one alone is negative.
     neighbours: float
     #: Variance of the means of rows and of columns over that of independent pixels.
     lines: tuple[float, float]
@@ -427,9 +428,10 @@ def _neighbour_correlation(noise: NDArray[np.float64], usable: NDArray[np.bool_]
         a, b = noise[first][both], noise[second][both]
         varied = np.count_nonzero(both) > FEWEST_PIXELS and a.std() > 0 < b.std()
         correlations.append(float(np.corrcoef(a, b)[0, 1]) if varied else 0.0)
-    if max(correlations) < 0:  # sharpened: all neighbours vary against each other
-        return max(correlations)
-    return max(correlations) if max(correlations) > ONE_WAY_CORRELATION else min(correlations)
+    smaller, larger = sorted(correlations)
+    if larger < 0 or larger > ONE_WAY_CORRELATION:
+        return larger
+    return max(smaller, 0.0)
 
 
 def _correlated(pairs: Sequence[_Pair]) -> tuple[list[Stack], tuple[float, int]]:

@@ -68,6 +68,7 @@ def test_exposures(stem, exposure):
         ("P1010550", None),
         ("filter550_exp20ms_001", "f550"),
         ("KURIOS_WL550_BW10", "f550"),
+        ("lambda550_wavelength550", "f550"),
         ("filter2_4s", None),
         ("100_0550", None),
         ("0550", None),

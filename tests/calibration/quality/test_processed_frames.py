@@ -1,7 +1,8 @@
-"""Frames that a camera averaged, sharpened or corrected, and defective lines; sound ones are none of these."""
+"""Frames that a camera averaged, sharpened or corrected; sound ones are none of these."""
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,13 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.quality.counts import check_counts
 from cboxlab.calibration.quality.fields import check_fields
-from cboxlab.calibration.quality.repeats import check_independence, check_repeats
+from cboxlab.calibration.quality.repeats import (
+    _averaged_kinds,
+    _is_sharpened,
+    _neighbour_correlation,
+    check_independence,
+    check_repeats,
+)
 from cboxlab.calibration.quality.stacks import read_stacks
 from helpers.places import ROOT
 from scipy.ndimage import gaussian_filter
@@ -54,6 +61,35 @@ def test_a_flicker_of_the_scene_does_not_make_the_flats_averages():
     capture, _, dark, noise = sound()
     stacks = changed(averaged(1 / 2.5))
     assert not [s for s in check_repeats(capture, stacks, dark, noise) if "average of several" in s.what]
+
+
+@pytest.mark.parametrize(
+    ("bands", "flats", "bins", "kinds"),
+    [
+        ([0.5, 0.48, 0.52], [1.0, 1.1, 0.9], [0.5, 0.5, 0.5], {"band"}),
+        ([0.5, 0.48, 0.52], [0.5, 0.51, 0.5], [0.5, 0.5, 0.5], set()),  # a wrong gain
+        ([0.3, 0.5, 0.6], [1.0, 1.1, 0.9], [0.5, 0.5, 0.5], set()),  # not one number of averaged frames
+        ([0.5, 0.48, 0.52], [1.0, 1.1, 0.9], [0.5, 0.5, 1.0], set()),  # as noisy as stated where it is bright
+        ([0.5, 0.48], [1.0, 1.1, 0.9], [0.5, 0.5, 0.5], set()),  # too few
+    ],
+)
+def test_averages_have_one_small_noise_at_all_signals_next_to_a_stated_one(bands, flats, bins, kinds):
+    def pairs(kind, misfits, bins):
+        return [SimpleNamespace(stack=SimpleNamespace(kind=kind), misfit=m, bins=np.array(bins)) for m in misfits]
+
+    assert set(_averaged_kinds([*pairs("band", bands, bins), *pairs("flat", flats, [1, 1, 1])])) == kinds
+
+
+def test_neighbours_oppose_each_other_along_rows_and_columns_or_nothing_is_sharpened():
+    """Differences of noise along one direction correlate by -1/2 there alone; the limit grows in small pictures."""
+    noise = np.random.default_rng(1).standard_normal((120, 120))
+    usable = np.ones(noise.shape, bool)
+    both = noise - 0.5 * (np.roll(noise, 1, 0) + np.roll(noise, 1, 1))
+    assert _neighbour_correlation(noise - np.roll(noise, 1, 1), usable, (1, 1)) == pytest.approx(0, abs=0.03)
+    assert _neighbour_correlation(both, usable, (1, 1)) == pytest.approx(-1 / 3, abs=0.03)
+    for px, sharpened in ((40, False), (128, True)):
+        counts = np.zeros((2, px, px))
+        assert _is_sharpened(SimpleNamespace(neighbours=-0.1, stack=SimpleNamespace(counts=counts))) == sharpened
 
 
 @pytest.mark.parametrize(("amount", "word"), [(1.5, "sharpened"), (-0.7, "smoothed"), (0.0, None)])

@@ -32,9 +32,10 @@ def test_a_band_is_dim_among_both_neighbours(level, dim):
         ([0.14, 0.4, 1.0, 1.9, 2.9, 4.0, 0.04], ["lamp.radiance"]),
         ([1.7, 1.0, 1.0, 1.0, 1.4, 1.0, 1.0], ["band[0] (f0)", "band[4] (f4)"]),  # a white balance
         ([1.0, 1.02, 0.5, 0.97, 1.0, 1.0, 1.1], ["band[2] (f2)"]),
+        ([0.5, 1.0, 2.0, 1.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0], ["band[0] (f0)", "band[2] (f2)", "band[4] (f4)"]),
     ],
 )
 def test_most_bands_unlike_the_lamp_are_another_lamp(ratios, where):
-    bands = [SimpleNamespace(id=f"f{number}", transmittance=None) for number in range(7)]
+    bands = [SimpleNamespace(id=f"f{number}", transmittance=None) for number in range(len(ratios))]
     capture = SimpleNamespace(band_ids=[band.id for band in bands], manifest=SimpleNamespace(band=bands))
     assert [suspicion.where for suspicion in _check_bands(capture, np.array(ratios))] == where

@@ -71,3 +71,16 @@ def test_fine_numbers_have_no_steps():
     """Neither single floats, nor their multiples, nor integers of 16 bits, whose steps do not grow with the light."""
     for picture in (FINE, 1.1 * FINE, np.round(65535 * np.clip(FINE, 0, 1)) / 65535):
         assert not steps_of(picture).coarse and steps_of(picture).of_sums < 0.1
+
+
+def test_steps_of_sums_are_seen_over_octaves_and_in_any_unit():
+    """Eleven bits of values over six octaves, times a factor; random numbers with gaps as large lie on no steps."""
+    rng = np.random.default_rng(7)
+    values = 2.0 ** rng.uniform(-6, 0, (100, 100, 3))
+    step = 2.0 ** (np.floor(np.log2(values)) - 10)
+    for factor in (1 / 3, 1e3 / 3):
+        steps = steps_of((np.round(values / step) * step * np.float32(factor)).astype(np.float32).astype(float))
+        assert steps.are_sums and steps.of_sums <= 1
+    few = rng.uniform(0.5, 1, (10, 20, 1)).astype(np.float32).astype(float)
+    assert steps_of(few).of_sums == 0
+    assert steps_of(few).text == "32-bit floats"  # 200 values are no levels where no two are equal
