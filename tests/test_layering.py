@@ -22,11 +22,9 @@ MAY_IMPORT = {room: set(ROOMS[:index]) for index, room in enumerate(ROOMS)}
 
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
-#: Catalogues: one file for each effect, check of a capture, family of explanations or command.
+#: Catalogues: one file for each effect, named cause of a difference, or command.
 CATALOGUES = {
     "render.effects",
-    "calibration.quality",
-    "validate.diagnose.families",
     "validate.compare_renders.regress.causes",
     "validate.app.commands",
 }

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from .constants import centre_nm, power_law
     from .find import find_suspicions
+    from .frame_checks import Suspicion
+    from .levels import centre_nm, power_law
     from .points import explain_points
-    from .suspicion import Suspicion
 
 __all__ = ["Suspicion", "centre_nm", "explain_points", "find_suspicions", "power_law"]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ..capture import BandTable, Capture
 from ..correction import DarkLibrary, NoiseModel
-from .stacks import Stack
-from .suspicion import Suspicion
+from .frame_checks import Stack, Suspicion
 from .tables import stated_columns
 
 __all__ = ["check_frame_content", "check_names", "check_same_view", "check_spectra_content", "named_pass_band"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..capture import BandTable, Capture
 from ..radiometry import Radiometry
 from .content import named_pass_band
-from .suspicion import Suspicion
+from .frame_checks import Suspicion
 
 __all__ = ["check_filter_shift"]
 

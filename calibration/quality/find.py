@@ -8,21 +8,35 @@ from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
-from .constants import check_constant, check_flats_and_references, check_focal_length
 from .content import check_frame_content, check_names, check_same_view, check_spectra_content
-from .counts import check_black_levels, check_counts, check_level_of_darks
-from .dark_light import check_dark_temperature, check_light_in_darks
-from .darks import check_bias_drift, check_darks
-from .fields import check_fields, check_pattern
 from .filters import check_filter_shift
-from .fingerprint import check_division, check_fingerprint, check_flat_shapes
+from .frame_checks import (
+    Stack,
+    Suspicion,
+    check_bias_drift,
+    check_black_levels,
+    check_brackets,
+    check_counts,
+    check_dark_temperature,
+    check_darks,
+    check_division,
+    check_exposures,
+    check_fields,
+    check_fingerprint,
+    check_flat_shapes,
+    check_independence,
+    check_level_of_darks,
+    check_light_in_darks,
+    check_noise,
+    check_pattern,
+    check_repeats,
+    check_schedule,
+    check_warm_up,
+    read_stacks,
+)
+from .levels import check_constant, check_flats_and_references, check_focal_length
 from .points import check_points
-from .repeats import check_independence, check_noise, check_repeats
-from .schedule import check_brackets, check_exposures, check_schedule
-from .stacks import Stack, read_stacks
-from .suspicion import Suspicion
 from .tables import check_numbers, check_scene, check_tables
-from .warm_up import check_warm_up
 
 __all__ = ["find_suspicions"]
 

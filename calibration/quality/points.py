@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..capture import Capture
 from ..geometry import CameraFit, SurveyedPoints, capture_points, fit_camera
-from .suspicion import Suspicion
+from .frame_checks import Suspicion
 
 __all__ = ["check_points", "explain_points"]
 

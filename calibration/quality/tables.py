@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from ..capture import BandTable, BracketTable, Capture
-from .suspicion import Suspicion
+from .frame_checks import Suspicion
 
 __all__ = ["Column", "check_numbers", "check_scene", "check_tables", "stated_columns"]
 

@@ -11,7 +11,7 @@ from cboxlab.calibration.correction.correction import CorrectedFrames
 from cboxlab.calibration.correction.exposure_agreement import exposure_findings
 from cboxlab.calibration.correction.exposure_merge import Exposure
 from cboxlab.calibration.instrument import Mask
-from cboxlab.calibration.quality.schedule import check_brackets
+from cboxlab.calibration.quality.frame_checks.schedule import check_brackets
 
 GAIN, READ, BIAS, FULL = 4.0, 6.0, 60.0, 1023
 SHAPE = (64, 96)

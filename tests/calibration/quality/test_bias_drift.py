@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from cboxlab.calibration.quality.darks import check_bias_drift
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.darks import check_bias_drift
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 
 READOUT_S = 1.2
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.calibration.correction import NoiseModel
-from cboxlab.calibration.quality.counts import check_black_levels
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.counts import check_black_levels
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 
 SIDE, GAIN, READ_E, BLACK = 96, 10.0, 11.0, 100.0
 PLACES = {"R": [(0, 0)], "G": [(0, 1), (1, 0)], "B": [(1, 1)]}

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from cboxlab.calibration.quality.dark_light import check_dark_temperature
-from cboxlab.calibration.quality.fingerprint import check_division, surroundings
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.dark_light import check_dark_temperature
+from cboxlab.calibration.quality.frame_checks.fingerprint import check_division, surroundings
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 from scipy.ndimage import gaussian_filter
 
 GAIN, READ_DN, BIAS, FULL = 12.0, 0.8, 100.0, 4095

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.calibration.quality.content import check_frame_content
-from cboxlab.calibration.quality.dark_light import check_light_in_darks
-from cboxlab.calibration.quality.repeats import _check_lines, check_independence
-from cboxlab.calibration.quality.schedule import check_schedule
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.dark_light import check_light_in_darks
+from cboxlab.calibration.quality.frame_checks.repeats import _check_lines, check_independence
+from cboxlab.calibration.quality.frame_checks.schedule import check_schedule
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 
 FRAME = np.random.default_rng(2).integers(100, 4000, (1, 12, 12)).astype(np.uint16)
 

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import channel_mask
-from cboxlab.calibration.quality import fields
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks import fields
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 
 LEVEL = {"R": 300.0, "G": 1000.0, "B": 650.0}
 X_TRANS = "GGRGGB GGBGGR BRGRBG GGBGGR GGRGGB RBGBRG"

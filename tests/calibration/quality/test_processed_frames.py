@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
-from cboxlab.calibration.quality.counts import check_counts
-from cboxlab.calibration.quality.fields import check_fields
-from cboxlab.calibration.quality.repeats import (
+from cboxlab.calibration.quality.frame_checks.counts import check_counts
+from cboxlab.calibration.quality.frame_checks.fields import check_fields
+from cboxlab.calibration.quality.frame_checks.repeats import (
     _averaged_kinds,
     _is_sharpened,
     _neighbour_correlation,
     check_independence,
     check_repeats,
 )
-from cboxlab.calibration.quality.stacks import read_stacks
+from cboxlab.calibration.quality.frame_checks.stacks import read_stacks
 from helpers.places import ROOT
 from scipy.ndimage import gaussian_filter
 

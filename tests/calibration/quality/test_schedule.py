@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.calibration.quality.filters import _change_of_constant
-from cboxlab.calibration.quality.schedule import check_schedule
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.schedule import check_schedule
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 from cboxlab.scenes import Spectrum
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 

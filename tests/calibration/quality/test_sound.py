@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import correct_bands, measure_noise, read_darks
-from cboxlab.calibration.quality.constants import check_constant, check_flats_and_references
-from cboxlab.calibration.quality.fingerprint import check_flat_shapes
-from cboxlab.calibration.quality.stacks import read_stacks
+from cboxlab.calibration.quality.frame_checks.fingerprint import check_flat_shapes
+from cboxlab.calibration.quality.frame_checks.stacks import read_stacks
+from cboxlab.calibration.quality.levels import check_constant, check_flats_and_references
 from cboxlab.calibration.radiometry import measure_constant
 from helpers.places import ROOT
 

@@ -11,8 +11,8 @@ import pytest
 from capture_mistakes import MISTAKES, Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import measure_noise, read_darks
-from cboxlab.calibration.quality.counts import check_counts
-from cboxlab.calibration.quality.stacks import read_stacks
+from cboxlab.calibration.quality.frame_checks.counts import check_counts
+from cboxlab.calibration.quality.frame_checks.stacks import read_stacks
 from cboxlab.calibration.quality.tables import check_tables
 from cboxlab.calibration.result import calibrate_capture
 from helpers.captures.calibrations import quick_calibration

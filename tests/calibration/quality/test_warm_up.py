@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from cboxlab.calibration.quality.stacks import Stack
-from cboxlab.calibration.quality.warm_up import check_warm_up
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.warm_up import check_warm_up
 
 READOUT_S, BANDS, EXPOSURE_S, CHANGE_S = 1.2, 7, 4.0, 20.0
 

@@ -7,7 +7,7 @@ from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.capture.first_manifest import ManifestEntry, write_first_manifest
 from cboxlab.calibration.correction import measure_noise, read_darks
 from cboxlab.calibration.quality.content import check_same_view
-from cboxlab.calibration.quality.stacks import read_stacks
+from cboxlab.calibration.quality.frame_checks.stacks import read_stacks
 from cboxlab.calibration.result import calibrate_capture
 from helpers.files.frame_files import write_dng
 

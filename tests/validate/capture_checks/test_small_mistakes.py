@@ -7,9 +7,9 @@ import pytest
 from capture_mistakes import Draft
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import read_darks
-from cboxlab.calibration.quality.dark_light import check_light_in_darks
-from cboxlab.calibration.quality.fields import check_fields
-from cboxlab.calibration.quality.stacks import read_stacks
+from cboxlab.calibration.quality.frame_checks.dark_light import check_light_in_darks
+from cboxlab.calibration.quality.frame_checks.fields import check_fields
+from cboxlab.calibration.quality.frame_checks.stacks import read_stacks
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.validation.capture_checks import with_scene_checks
 from cboxlab.validation.capture_checks.band_registration import SMALLEST_STEP_PX, _check_step

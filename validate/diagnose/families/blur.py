@@ -23,9 +23,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
-from ._charge import TRAILS, moved_charge
-from ._copies import copies
-from ._spectra import forms_by_spectrum
+from ..shared_forms import TRAILS, copies, forms_by_spectrum, moved_charge
 
 __all__ = ["FAMILY"]
 

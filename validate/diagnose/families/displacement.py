@@ -21,7 +21,7 @@ from ..field_fit import (
     equations_in_all_bands,
     next_to_common_field,
 )
-from ._spectra import forms_by_spectrum
+from ..shared_forms import forms_by_spectrum
 
 __all__ = ["FAMILY"]
 

@@ -24,7 +24,7 @@ from ..field_fit import (
     equations_in_all_bands,
     scaled,
 )
-from ._sensor import SensorPatterns
+from ..shared_forms import SensorPatterns
 
 __all__ = ["FAMILY"]
 

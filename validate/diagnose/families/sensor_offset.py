@@ -24,7 +24,7 @@ from ..field_fit import (
     fixed_spectrum,
     scaled,
 )
-from ._sensor import SensorPatterns
+from ..shared_forms import SensorPatterns
 
 __all__ = ["FAMILY"]
 

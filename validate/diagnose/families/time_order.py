@@ -20,7 +20,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
-from ._levels import EVEN, fit_levels, level_equations, relative_levels
+from ..shared_forms import EVEN, fit_levels, level_equations, relative_levels
 
 __all__ = ["FAMILY"]
 

@@ -10,7 +10,7 @@ from cboxlab.rendering.fitted_fields.fitted_field import field_of_record
 from cboxlab.validation.diagnose.explain import advice, appearance, explain, registration
 from cboxlab.validation.diagnose.explain.as_field import fitted_field
 from cboxlab.validation.diagnose.families import families
-from cboxlab.validation.diagnose.families._copies import copies
+from cboxlab.validation.diagnose.shared_forms.image_copies import copies
 from cboxlab.validation.report.explanation import explanation_record, laboratory_sentences
 from helpers.captures.small_excess import (
     BANDS,

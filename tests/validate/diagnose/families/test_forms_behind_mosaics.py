@@ -7,8 +7,8 @@ import pytest
 from cboxlab.rendering.fitted_fields import field_effect
 from cboxlab.validation.diagnose.explain.as_field import fitted_field
 from cboxlab.validation.diagnose.families import families
-from cboxlab.validation.diagnose.families._charge import moved_charge
 from cboxlab.validation.diagnose.field_fit import FitInput, change_dn
+from cboxlab.validation.diagnose.shared_forms.charge import moved_charge
 from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
 
 #: Letters of one repeat: each of the four channels has two places.

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import BandTable, BracketTable, Capture, DarkTable, channel_lattice
+from ...capture import BandTable, BracketTable, Capture, DarkTable, channel_lattice
 
 __all__ = ["Stack", "read_stacks"]
 

@@ -11,7 +11,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import convolve, gaussian_filter, median_filter, uniform_filter
 
-from ..correction import DarkLibrary
+from ...correction import DarkLibrary
 from .stacks import Stack
 from .suspicion import Suspicion
 

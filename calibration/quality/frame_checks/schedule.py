@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..correction import CorrectedBands
+from ...correction import CorrectedBands
 from .stacks import Stack
 from .suspicion import Suspicion
 

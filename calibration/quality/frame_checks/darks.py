@@ -9,7 +9,7 @@ import numpy as np
 from cboxlab.utils.distributions import student_tail
 from numpy.typing import NDArray
 
-from ..correction import NoiseModel
+from ...correction import NoiseModel
 from .stacks import Stack
 from .suspicion import Suspicion
 

@@ -9,8 +9,8 @@ import numpy as np
 from cboxlab.utils.distributions import chi2_quantile
 from numpy.typing import NDArray
 
-from ..capture import Capture
-from ..correction import ROUNDING_VARIANCE, DarkLibrary, NoiseModel
+from ...capture import Capture
+from ...correction import ROUNDING_VARIANCE, DarkLibrary, NoiseModel
 from .stacks import Stack
 from .suspicion import Suspicion
 

@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
 
-from ..correction import DarkLibrary
+from ...correction import DarkLibrary
 from .stacks import Stack
 from .suspicion import Suspicion
 

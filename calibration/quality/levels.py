@@ -13,7 +13,7 @@ from ..capture import BandTable, Capture, FlatTable
 from ..correction import CorrectedBands, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry, counts_over_constant
-from .suspicion import Suspicion
+from .frame_checks import Suspicion
 
 __all__ = [
     "centre_nm",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from ..correction import DarkLibrary
+from ...correction import DarkLibrary
 from .fingerprint import NEIGHBOURHOOD_PX, NORMAL_OVER_MEDIAN, local_spread, surroundings
 from .stacks import Stack
 from .suspicion import Suspicion

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from ..capture import Capture, channel_mask
-from ..correction import ROUNDING_VARIANCE, DarkLibrary, NoiseModel, VarianceSamples, samples_of_repeats
+from ...capture import Capture, channel_mask
+from ...correction import ROUNDING_VARIANCE, DarkLibrary, NoiseModel, VarianceSamples, samples_of_repeats
 from .stacks import Stack
 from .suspicion import Suspicion
 

@@ -8,9 +8,9 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import Capture, channel_mask, pattern_rows, split_channel
-from ..correction import DarkLibrary
-from ..radiometry import counts_over_constant
+from ...capture import Capture, channel_mask, pattern_rows, split_channel
+from ...correction import DarkLibrary
+from ...radiometry import counts_over_constant
 from .stacks import Stack
 from .suspicion import Suspicion
 
