@@ -16,7 +16,6 @@ if TYPE_CHECKING:
         npy_pixels,
         raw_pixels,
         read_camera,
-        write_camera,
     )
     from .renderers import Renderer, renderer_catalogue, renderer_of
     from .results import as_rendered, read_rendered, write_export
@@ -35,7 +34,6 @@ __all__ = [
     "read_rendered",
     "renderer_catalogue",
     "renderer_of",
-    "write_camera",
     "write_export",
 ]
 

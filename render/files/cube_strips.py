@@ -1,8 +1,8 @@
-"""Spectral cubes larger than memory, rendered, written and read in strips of rows (NetCDF)."""
+"""Spectral cubes larger than memory, rendered and written in strips of rows (NetCDF)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +13,7 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import writing_hdf5
 
-from .netcdf import open_netcdf
-
-__all__ = ["read_strips", "strip_cameras", "write_strips"]
+__all__ = ["strip_cameras", "write_strips"]
 
 #: Rows of a strip, and of a chunk in the file.
 ROWS = 64
@@ -103,32 +101,3 @@ def _prepare(file: h5netcdf.File, strip: xr.Dataset, height: int) -> None:
 def _plain(value: object) -> object:
     """A number as an array: h5netcdf stores it with its type."""
     return np.asarray(value) if isinstance(value, int | float) else value
-
-
-def read_strips(path: Path, rows: int = ROWS) -> Iterator[xr.Dataset]:
-    """Strips of a .nc cube from the top, one at a time in memory.
-
-    Parameters
-    ----------
-    path
-        File of a cube.
-    rows
-        Rows of a strip.
-
-    Yields
-    ------
-    xr.Dataset
-        Cube of up to ``rows`` rows.
-
-    Raises
-    ------
-    InputError
-        If the file is invalid, or holds no radiance over y, x, wavelength.
-    """
-    cube = open_netcdf(path)
-    with cube:
-        if "radiance" not in cube or set(cube["radiance"].dims) != {"y", "x", "wavelength"}:
-            raise InputError(f"{path}: radiance", "none", "radiance with dimensions y, x, wavelength")
-        height = cube.sizes["y"]
-        for top in range(0, height, rows):  # netCDF pads what is read beyond an unlimited dimension
-            yield cube.isel(y=slice(top, min(top + rows, height))).load()

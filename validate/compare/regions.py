@@ -1,4 +1,4 @@
-"""Interiors and edges of surfaces in the picture, by the distance from edges.
+"""Distance of pixels from the edges of the surfaces that they see.
 
 ``surface`` is an integer image [y, x] of indices into the surface names; -1 for the lamp and outside the box.
 ``single_surface`` [y, x] is False where a pixel sees several surfaces, or several faces of one surface.
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
-__all__ = ["INTERIOR_DISTANCE_PX", "edge_distance_px", "edges", "interiors"]
+__all__ = ["INTERIOR_DISTANCE_PX", "edge_distance_px"]
 
 #: Smallest distance of interior pixels from an edge, px.
 INTERIOR_DISTANCE_PX = 3.0
@@ -50,47 +50,3 @@ def edge_distance_px(surface: ArrayLike, single_surface: ArrayLike) -> NDArray[n
             return np.full(surface.shape, np.inf)
         distance[inside] = distance_transform_edt(inside)[inside] - 0.5
     return distance
-
-
-def interiors(
-    surface: ArrayLike, single_surface: ArrayLike, distance_px: float = INTERIOR_DISTANCE_PX
-) -> NDArray[np.bool_]:
-    """Pixels of a surface at least ``distance_px`` from its edges.
-
-    Parameters
-    ----------
-    surface
-        (y, x) index of the surface, -1 for the lamp and outside the box.
-    single_surface
-        (y, x) False where a pixel sees several surfaces or faces.
-    distance_px
-        Smallest distance, px.
-
-    Returns
-    -------
-    NDArray
-        (y, x) True for interior pixels.
-    """
-    return (edge_distance_px(surface, single_surface) >= distance_px) & (np.asarray(surface) >= 0)
-
-
-def edges(
-    surface: ArrayLike, single_surface: ArrayLike, distance_px: float = INTERIOR_DISTANCE_PX
-) -> NDArray[np.bool_]:
-    """Pixels less than ``distance_px`` from an edge, on either side of it.
-
-    Parameters
-    ----------
-    surface
-        (y, x) index of the surface, -1 for the lamp and outside the box.
-    single_surface
-        (y, x) False where a pixel sees several surfaces or faces.
-    distance_px
-        Distance from the edge, px.
-
-    Returns
-    -------
-    NDArray
-        (y, x) True for pixels near an edge.
-    """
-    return edge_distance_px(surface, single_surface) < distance_px

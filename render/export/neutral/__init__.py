@@ -1,6 +1,6 @@
 """Renderer-neutral part of an export: scene, film and rays, and their files."""
 
-from .camera_file import camera_entry, read_camera, write_camera
+from .camera_file import camera_entry, read_camera
 from .exported import (
     Exported,
     ExportedLamp,
@@ -35,6 +35,5 @@ __all__ = [
     "read_surfaces",
     "read_warp",
     "subpixel_rays",
-    "write_camera",
     "write_neutral",
 ]

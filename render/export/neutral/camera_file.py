@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,12 +11,11 @@ from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.lens import LENS_TERMS, PLAIN_LENS, Lens
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import validated
-from cboxlab.utils.files import replacing
 from cboxlab.utils.input_files import read_json
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
-__all__ = ["camera_entry", "read_camera", "write_camera"]
+__all__ = ["camera_entry", "read_camera"]
 
 _CONVENTIONS = (
     "Right-handed world axes, lengths in mm. rotation takes world axes to camera axes (x right, y down, z forward). "
@@ -168,24 +166,3 @@ def camera_entry(camera: Camera) -> dict[str, Any]:
     if not camera.lens.one_term:
         entry |= {"conventions": _CONVENTIONS + _LENS_CONVENTIONS, "lens": asdict(camera.lens)}
     return entry
-
-
-def write_camera(path: Path, camera: Camera) -> None:
-    """Write a camera file that ``read_camera`` reads back.
-
-    Parameters
-    ----------
-    path
-        The file; an existing one is replaced.
-    camera
-        The camera.
-
-    Raises
-    ------
-    InputError
-        If the camera has distortion beyond that of its lens.
-    """
-    if camera.further_distortion is not None:
-        raise InputError(path, "a camera with distortion beyond its lens's", "a camera of ten parameters and a lens")
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(camera_entry(camera), indent=1) + "\n", encoding="utf-8")

@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.rendering.export import read_camera, write_camera
+from cboxlab.rendering.export import read_camera
 from cboxlab.rendering.files.cube_camera import camera_attribute, camera_of_attribute
 from cboxlab.scenes import cornell_camera
 from cboxlab.scenes.lens import Lens
 from cboxlab.utils.errors import InputError
+from helpers.files.camera_files import write_camera
 
 
 def test_a_camera_comes_back_from_its_file(tmp_path):

@@ -22,11 +22,11 @@ from cboxlab.rendering.visibility.tracer import RAY_OFFSET_MM, build_tracer
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.scenes.lens import Lens
 from cboxlab.validation.compare_renders.renderers.closed_forms import (
-    corner_to_rectangle,
     parallel_squares,
     perpendicular_rectangles,
 )
 from helpers.scenes.boxes import BANDS, EDGE, box_with_lamp, camera_inside, grey, lamp_and, quad, square, walls
+from oracles.form_factors import corner_to_rectangle
 from scipy.integrate import dblquad
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

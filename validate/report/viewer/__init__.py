@@ -4,10 +4,9 @@ It is plain JavaScript. Its interface in the browser is documented at the head o
 """
 
 from .fragment import viewer_fragment, viewer_part, viewer_script, viewer_style
-from .payload import changed_data, encoded, flip_data, picture_data, viewer_data
+from .payload import encoded, flip_data, picture_data, viewer_data
 
 __all__ = [
-    "changed_data",
     "encoded",
     "flip_data",
     "picture_data",

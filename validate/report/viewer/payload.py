@@ -18,7 +18,7 @@ from ...compare import COLOUR_DIFFERENCES, Comparison, Validation, srgb_matrix
 from .flip import FLIP_LACKING, flip_map
 from .light import filter_curves, light_parts, pixel_spectra
 
-__all__ = ["changed_data", "encoded", "flip_data", "picture_data", "viewer_data"]
+__all__ = ["encoded", "flip_data", "picture_data", "viewer_data"]
 
 #: Most numbers of an array that is stored in 32 bits; larger arrays have 16 bits, so that a report stays small.
 _MAX_EXACT_NUMBERS = 1 << 19
@@ -247,25 +247,6 @@ def picture_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> di
         "filters": None,
         "maps": [],
     }
-
-
-def changed_data(c: Comparison, centres_nm: Sequence[float] | None = None) -> dict[str, Any]:
-    """Rendered signals and sigma of another prediction, for ``viewer.update``.
-
-    Parameters
-    ----------
-    c
-        Comparison with the other prediction.
-    centres_nm
-        (band,) centres of the bands in the comparison's order, nm; None if not known.
-
-    Returns
-    -------
-    dict
-        Plain values.
-    """
-    c = _of_cells(c)
-    return _signals(c, _order(c, centres_nm), ("rendered", "sigma"))
 
 
 def viewer_data(validation: Validation, maps: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 import tifffile
 from cboxlab.calibration.capture.capture import load_capture
-from cboxlab.rendering.export import write_camera
 from cboxlab.rendering.model import named_effect
 from cboxlab.rendering.model.model_file import load_model
 from cboxlab.scenes import cornell_camera
@@ -24,6 +23,7 @@ from cboxlab.utils.files import folder_lock
 from cboxlab.validation.app.commands import console
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.synthetic.blind import open_seal
+from helpers.files.camera_files import write_camera
 from helpers.programs.command_line import assert_one_line_of_help
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.device.variant import compiled
-from cboxlab.rendering.export import write_camera
 from cboxlab.rendering.files import (
     COLOUR_SPACES,
     camera_attribute,
@@ -23,6 +22,7 @@ from cboxlab.validation.app.commands.cli import main
 from cboxlab.validation.compare_renders.regress import NamedChange, assert_same_light, change_text
 from cboxlab.validation.compare_renders.regress.inputs import regress_inputs
 from cboxlab.validation.synthetic import perturbed_camera
+from helpers.files.camera_files import write_camera
 from helpers.files.rgbe import write_rgbe
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 

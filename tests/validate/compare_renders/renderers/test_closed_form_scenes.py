@@ -5,13 +5,13 @@ import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.validation.compare_renders.renderers.closed_form_scenes import _furnace, measure_closed_forms
 from cboxlab.validation.compare_renders.renderers.closed_forms import (
-    corner_to_rectangle,
     disk_above,
     parallel_squares,
     perpendicular_rectangles,
     point_to_polygon,
 )
 from cboxlab.validation.compare_renders.renderers.enclosure import FACES, cube_radiosity
+from oracles.form_factors import corner_to_rectangle
 
 
 def test_lamberts_polygon_is_the_catalogues_rectangle_and_disk():

@@ -9,7 +9,7 @@ import xarray as xr
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.validation.compare import srgb_preview
 from cboxlab.validation.report.metrics import metrics
-from cboxlab.validation.report.viewer import changed_data, encoded, picture_data, viewer_fragment
+from cboxlab.validation.report.viewer import encoded, picture_data, viewer_fragment
 from cboxlab.validation.report.viewer.light import pixel_spectra
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from helpers.pages.browser import open_browser
@@ -298,7 +298,8 @@ def test_arrow_keys_mark_pixels_and_show_their_values(page):
 def test_new_predictions_live(page):
     other = BOX.compare(seed=4, factor=1.1)
     page.run("v.select(20, 20)")
-    page.run(f"v.update({json.dumps(changed_data(other, NM))})")
+    data = picture_data(other, NM)
+    page.run(f"v.update({json.dumps({name: data[name] for name in ('rendered', 'sigma')})})")
     residual = other.maps["residual_over_sigma"].values[ORDER]
     # measured pixels are still the first comparison's
     now = _layer(page, "residual", 2)
