@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 
 from ..capture import Capture
@@ -14,8 +15,6 @@ __all__ = ["DarkLibrary", "read_darks"]
 
 #: Share of zeros above which frames count as clipped at 0 DN: part of their read noise is then cut off.
 _CLIPPED_SHARE = 0.05
-#: Standard deviation of a normal distribution over its median absolute deviation.
-_MAD_TO_SIGMA = 1.4826
 #: Standard deviations beyond which a dark current is unusual: noise alone exceeds it in one of 1.7 million pixels.
 _UNUSUAL_SIGMAS = 5.0
 
@@ -140,7 +139,7 @@ def _fit_line(
     fitted_rate = np.tensordot(lever, level, axes=1) / length
     noise = frame_variance / length  # of a rate: each level has the variance frame_variance / repeats
     centre = float(np.median(fitted_rate))
-    by_deviation = _MAD_TO_SIGMA * float(np.median(np.abs(fitted_rate - centre)))
+    by_deviation = robust_sigma(fitted_rate - centre)
     spread = max(by_deviation, float(np.sqrt(noise)))
     share = max(0.0, 1.0 - noise / spread**2) if spread > 0 else 0.0
     usual = np.abs(fitted_rate - centre) <= _UNUSUAL_SIGMAS * spread

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from cboxlab.utils.distributions import normal_quantile
+from cboxlab.utils.distributions import normal_quantile, robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
@@ -14,8 +14,6 @@ __all__ = ["FALSE_ALARMS_PER_IMAGE", "dead_pixels", "hot_pixels", "vignetted_pix
 #: Mean number of sound pixels flagged in an image by each test, if sound pixels are normally distributed.
 FALSE_ALARMS_PER_IMAGE = 0.01
 
-#: Standard deviation of a normal distribution over its median absolute deviation.
-_MAD_TO_SIGMA = 1.4826
 #: Share of the flat's maximum below which a pixel is vignetted.
 _VIGNETTED_SHARE = 0.1
 #: 5 x 5 pixels without the pixel itself: it would often be the median, and the spread would be underestimated.
@@ -29,7 +27,7 @@ def _robust(
     """Deviations from the median of some pixels, in their robust standard deviations."""
     usual = values if pixels is None else values[pixels]
     middle = np.median(usual)
-    sigma = max(_MAD_TO_SIGMA * float(np.median(np.abs(usual - middle))), smallest_sigma)
+    sigma = max(robust_sigma(usual - middle), smallest_sigma)
     return (values - middle) / sigma
 
 

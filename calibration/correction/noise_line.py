@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 
 from .repeat_light import with_steady_light
@@ -104,7 +105,7 @@ def samples_of_repeats(
         # The noise of the dark charge of a pixel is as large as the charge and would bias the slope of the line.
         # Since variance is linear in charge, the mean charge of the ordinary pixels can be used instead.
         middle = np.median(charge[good])
-        spread = 1.4826 * np.median(np.abs(charge[good] - middle))
+        spread = robust_sigma(charge[good] - middle)
         good &= np.abs(charge - middle) <= _OUTLIER_SIGMAS * max(spread, ROUNDING_VARIANCE)
         charge = np.full_like(charge, charge[good].mean())
     return VarianceSamples(charge[good], counts.var(axis=0, ddof=1)[good], stack.shape[0] - 1)

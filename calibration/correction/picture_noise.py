@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from cboxlab.utils.distributions import normal_density
+from cboxlab.utils.distributions import normal_density, robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.optimize import nnls
@@ -43,8 +43,6 @@ _LEVELS = 12
 _EDGE_ROUNDS = 8
 #: Rounds of clipping: the variance then changes by less than 0.1 %.
 _ROUNDS = 20
-#: Standard deviation of a normal distribution over its median absolute deviation.
-_MAD_TO_SIGMA = 1.4826
 #: Differences for each pixel of a channel at which no longer steps are added: rows and columns have nearly two.
 _DIFFERENCES_A_PIXEL = 1.5
 #: Fewest differences from which a variance is taken: its relative error is then a tenth.
@@ -77,7 +75,7 @@ def clipped_variance(values: NDArray[np.float64]) -> float:
     if values.size < _FEWEST:
         return float("nan")
     truncated = _truncated_variance(_CLIP)
-    sigma = _MAD_TO_SIGMA * float(np.median(np.abs(values)))
+    sigma = robust_sigma(values)
     for _ in range(_ROUNDS):
         inside = np.abs(values) <= _CLIP * sigma
         sigma = float(np.sqrt(np.mean(values[inside] ** 2) / truncated))

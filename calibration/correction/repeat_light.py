@@ -16,7 +16,7 @@ pixels, a bright lamp in a dark scene would be left out with them.
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.distributions import fisher_tail
+from cboxlab.utils.distributions import NORMAL_OVER_MEDIAN, fisher_tail
 from numpy.typing import NDArray
 
 __all__ = ["LIGHT_CHANGE_NOTED", "LIGHT_FALSE_ALARM", "light_change", "with_steady_light"]
@@ -28,8 +28,6 @@ LIGHT_CHANGE_NOTED = 0.003
 LIGHT_FALSE_ALARM = 1e-4
 #: Robust standard deviations beyond which a pixel's deviation is a cosmic ray.
 _OUTLIER_SIGMAS = 5.5
-#: Standard deviation of a normal distribution over its median absolute deviation.
-_MAD_TO_SIGMA = 1.4826
 #: Fits without outliers, each judged by the fit before: a change of 26 % is then measured to 0.1 % of itself.
 _ROUNDS = 4
 
@@ -49,7 +47,7 @@ def _without_outliers(rest: NDArray[np.float64], mean: NDArray[np.float64]) -> N
         of_bright = float(np.median(np.abs(row[bright]))) ** 2
         of_dark = of_bright if bright.all() else float(np.median(np.abs(row[~bright]))) ** 2
         slope = max(of_bright - of_dark, 0.0) / (high - low) if high > low else 0.0
-        variance = _MAD_TO_SIGMA**2 * (of_dark + slope * (mean - low))
+        variance = NORMAL_OVER_MEDIAN**2 * (of_dark + slope * (mean - low))
         limit[:] = _OUTLIER_SIGMAS**2 * np.maximum(variance, 1 / 12)
     return offset**2 <= limits
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.distributions import chi2_tail
+from cboxlab.utils.distributions import chi2_tail, robust_sigma
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
@@ -158,7 +158,7 @@ def _covariance(
     projection = np.bincount(shot, common[np.arange(shot.size), shot] * residual, count)
     exposure_residual = projection / np.maximum(sizes, 1e-12)
     spare = count - np.unique(means.band).size - 2
-    scatter = (1.4826 * float(np.median(np.abs(residual)))) ** 2 * residual.size / freedom
+    scatter = robust_sigma(residual) ** 2 * residual.size / freedom
     relative_sigma = np.maximum(means.noise / means.sigma, np.sqrt(scatter))
     frames = np.array([means.frames[shot == k][0] for k in range(count)])
     jitter = REPEATABILITY**2 / frames

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 
 from ..capture import Capture, FrameTable, channel_mask
@@ -125,7 +126,7 @@ def frame_statistics(
     mean = counts.mean(axis=0)
     residual = mean - (_smooth_part(mean, good) if flatten else mean[good].mean())
     middle = np.median(residual[good])
-    spread = 1.4826 * np.median(np.abs(residual[good] - middle))
+    spread = robust_sigma(residual[good] - middle)
     good &= np.abs(residual - middle) <= _OUTLIER_SIGMAS * max(spread, np.sqrt(ROUNDING_VARIANCE))
     weight = np.ones(mean.shape)
     if flatten:

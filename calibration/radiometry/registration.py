@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import affine_transform, gaussian_filter, spline_filter
 from scipy.optimize import least_squares
@@ -133,7 +134,7 @@ def _refined(
         return np.stack([(remainder(unknowns + h) - centre) / _STEP for h in steps], axis=1)
 
     begin = np.array([start[0, 2], start[1, 2], start[0, 0] - 1, start[1, 0]]) / _UNITS
-    usual = 1.4826 * float(np.median(np.abs(kept_remainder(begin)))) if min(first.shape) > 4 * _BORDER_PX else 0.0
+    usual = robust_sigma(kept_remainder(begin)) if min(first.shape) > 4 * _BORDER_PX else 0.0
     if not usual > 0:
         return start
     fitted = least_squares(kept_remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x

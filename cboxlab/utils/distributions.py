@@ -12,15 +12,20 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 __all__ = [
+    "NORMAL_OVER_MEDIAN",
     "chi2_quantile",
     "chi2_tail",
     "fisher_quantile",
     "fisher_tail",
     "normal_density",
     "normal_quantile",
+    "robust_sigma",
     "student_quantile",
     "student_tail",
 ]
+
+#: Standard deviation of normal deviations over the median of their absolute values.
+NORMAL_OVER_MEDIAN = 1.4826
 
 
 def chi2_tail(value: ArrayLike, degrees: ArrayLike) -> Any:
@@ -57,6 +62,24 @@ def chi2_quantile(tail: ArrayLike, degrees: ArrayLike) -> Any:
         The value.
     """
     return special.chdtri(degrees, tail)
+
+
+def robust_sigma(deviations: ArrayLike) -> float:
+    """Standard deviation of normal deviations, which outliers hardly change.
+
+    `scipy.stats.median_abs_deviation` subtracts the median first, and takes longer to import.
+
+    Parameters
+    ----------
+    deviations
+        Deviations from their centre.
+
+    Returns
+    -------
+    float
+        In their unit.
+    """
+    return NORMAL_OVER_MEDIAN * float(np.median(np.abs(deviations)))
 
 
 def student_tail(value: ArrayLike, degrees: ArrayLike) -> Any:

@@ -50,3 +50,9 @@ def test_commands_do_without_slow_imports(imports, slow):
     command = f"import sys, {imports}\nprint(*({{*{slow.split()}}} & {{*sys.modules}}))"
     run = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True)
     assert run.stdout.split() == []
+
+
+def test_robust_sigma_is_that_of_normal_deviations_and_outliers_hardly_change_it():
+    deviations = stats.norm(0, 3).ppf((np.arange(2001) + 0.5) / 2001)
+    assert ours.robust_sigma(deviations) == pytest.approx(3, rel=1e-3)
+    assert ours.robust_sigma(np.append(deviations, np.full(20, 1e6))) == pytest.approx(3, rel=0.03)

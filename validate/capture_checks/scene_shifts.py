@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.calibration.correction import CorrectedBands
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, gaussian_filter
 
@@ -129,7 +130,7 @@ def _fitted(
     for _ in range(ROUNDS):
         fit = np.linalg.lstsq(design * trust[:, None], target * trust, rcond=None)[0]
         rest = target - design @ fit
-        spread = 1.4826 * float(np.median(np.abs(rest)))
+        spread = robust_sigma(rest)
         trust = np.sqrt(np.minimum(1.0, OUTLIER_SIGMAS * spread / np.maximum(np.abs(rest), 1e-300)))
     weighted = design * trust[:, None]
     # number of pixels that share one independent value after smoothing

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from ...correction import DarkLibrary
-from .fingerprint import NEIGHBOURHOOD_PX, NORMAL_OVER_MEDIAN, local_spread, surroundings
+from .fingerprint import NEIGHBOURHOOD_PX, local_spread, surroundings
 from .stacks import Stack
 from .suspicion import Suspicion
 
@@ -125,7 +126,7 @@ def _light_by_colour(flats: Sequence[Stack], dark: DarkLibrary, index: int) -> t
     increases = [flat.thinned(dark.level[index] - dark.level[0]) for flat in colours]
     levels = np.array([np.median(increase) for increase in increases])
     # pixels whose charge is unusual are left out; the median of n normal values has a variance of pi / 2n
-    spreads = [NORMAL_OVER_MEDIAN * np.median(np.abs(x - np.median(x))) for x in increases]
+    spreads = [robust_sigma(x - np.median(x)) for x in increases]
     weight = np.array(
         [x.size / max(np.pi / 2 * spread**2, 1 / 12) for x, spread in zip(increases, spreads, strict=True)]
     )
@@ -141,7 +142,7 @@ def _light_by_colour(flats: Sequence[Stack], dark: DarkLibrary, index: int) -> t
 def _detail(level: NDArray[np.float64]) -> NDArray[np.float64]:
     """(y, x) difference of each pixel from its neighbours, DN, mean 0, clipped."""
     detail = level - uniform_filter(level, NEIGHBOURHOOD_PX)
-    spread = 1.4826 * float(np.median(np.abs(detail - np.median(detail))))
+    spread = robust_sigma(detail - np.median(detail))
     detail = np.clip(detail, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)
     return np.asarray(detail - detail.mean(), np.float64)
 
@@ -182,7 +183,7 @@ def check_dark_temperature(stacks: Sequence[Stack], saturation_dn: float) -> Ite
         return
     first, other = (_unevenness([darks[0], darks[-1]], half) / span for half in (0, 1))
     rate, spread = (first + other) / 2, (first - other) / 2
-    noise = float(NORMAL_OVER_MEDIAN * np.median(np.abs(spread)))
+    noise = robust_sigma(spread)
     not_full = darks[-1].counts.max(axis=0) < BRIGHTEST * saturation_dn
     charge, expected_charge, variance = (np.zeros_like(rate) for _ in range(3))
     for stack in exposed:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.distributions import student_tail
+from cboxlab.utils.distributions import robust_sigma, student_tail
 from numpy.typing import NDArray
 
 from ...correction import NoiseModel
@@ -110,7 +110,7 @@ def _level(frame: NDArray[np.float64]) -> float:
     """Mean of the ordinary counts, DN; the median is an integer."""
     middle = np.median(frame)
     deviation = np.abs(frame - middle)
-    near = deviation <= ORDINARY_SIGMAS * max(1.4826 * np.median(deviation), 1.0)
+    near = deviation <= ORDINARY_SIGMAS * max(robust_sigma(deviation), 1.0)
     return float(frame[near].mean())
 
 
@@ -136,7 +136,7 @@ def _check_trend(
     """Levels that deviate from a straight line over the exposures, the farthest first."""
     slope, start = _robust_line(time, level)
     deviation = level - start - slope * time
-    usual = 1.4826 * float(np.median(np.abs(deviation)))
+    usual = robust_sigma(deviation)
     sigma = max(usual, float(np.sqrt(variance / darks[0].frame.size)))
     smallest = np.maximum(SMALLEST_DEVIATION_DN, SMALLEST_DEVIATION_SHARE * np.abs(slope) * time)
     allowed = np.maximum(LARGEST_SIGMAS * sigma, smallest)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import NORMAL_OVER_MEDIAN
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import convolve, gaussian_filter, median_filter, uniform_filter
@@ -17,7 +18,6 @@ from .suspicion import Suspicion
 
 __all__ = [
     "NEIGHBOURHOOD_PX",
-    "NORMAL_OVER_MEDIAN",
     "check_division",
     "check_fingerprint",
     "check_flat_shapes",
@@ -44,9 +44,6 @@ SHARE_SIGMAS = 5.0
 
 #: Edge of the square in which the spread of details is measured, px: wider than an edge of the picture.
 SPREAD_PX = 7
-
-#: Robust standard deviation over the median absolute value of normal noise.
-NORMAL_OVER_MEDIAN = 1.4826
 
 #: Largest weight of a pixel over that of one with the median spread: quiet places say no more of the pattern.
 MOST_WEIGHT = 4.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
+from cboxlab.utils.distributions import robust_sigma
 from cv2 import medianBlur
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
@@ -415,11 +416,11 @@ def _clustering(
     if not smooth.any():
         return 1.0, single
     middle = np.median(quotient[smooth])
-    spread = max(1.0, 1.4826 * float(np.median(np.abs(quotient[smooth] - middle))))
+    spread = max(1.0, robust_sigma(quotient[smooth] - middle))
     clipped = np.clip((quotient - middle) / spread, -6, 6)
     ratio = clustering_of_blocks(clipped, smooth, partly=estimated)
     relative = (total / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300)))[smooth]
-    apart = 1.4826 * float(np.median(np.abs(relative - np.median(relative))))
+    apart = robust_sigma(relative - np.median(relative))
     by_filter = clustering_by_filter(clipped, smooth)
     if by_filter is not None and estimated:
         ratio = max(clustering_of_blocks(clipped, smooth, curved=True, partly=True), by_filter)
@@ -476,7 +477,7 @@ def batch_clustering(batches: NDArray[np.float64], level: NDArray[np.float64], s
     totals = batches.sum(axis=-1)
     scale = np.maximum(level, 1e-3 * max(float(level.mean()), 1e-300))
     for off in (totals - totals.mean(axis=0)) / scale:
-        spread = 1.4826 * float(np.median(np.abs(off[smooth])))
+        spread = robust_sigma(off[smooth])
         values = np.clip(off / max(spread, 1e-300), -6, 6)
         by_filter = clustering_by_filter(values, smooth)
         wide = clustering_of_neighbours(values, smooth) if by_filter is None else by_filter

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import NORMAL_OVER_MEDIAN
 from numpy.typing import NDArray
 from scipy.ndimage import label, median_filter
 
@@ -97,7 +98,7 @@ def _far(total: NDArray, ground: NDArray, widest: NDArray, degrees: float) -> ND
     ratio = median_filter(total / scale, 7, mode="reflect")  # "nearest" repeats a border until it is most of a corner
     residual = total - ratio * ground
     sigma = np.sqrt(smooth_variance(quiet, widest, degrees))
-    spread = 1.4826 * median_filter(np.abs(residual), 7, mode="reflect")
+    spread = NORMAL_OVER_MEDIAN * median_filter(np.abs(residual), 7, mode="reflect")
     allowed = _OUTLIER_SIGMAS * np.maximum(np.minimum(sigma, 3 * spread), spread) + local_range(ground) * (
         1 + np.abs(ratio)
     )

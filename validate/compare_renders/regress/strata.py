@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.image import high_pass
+from cboxlab.utils.distributions import robust_sigma
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter, median_filter, minimum_filter
@@ -112,5 +113,5 @@ def _bright(quiet: NDArray, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _sharp(quiet: NDArray, span: NDArray, level: NDArray) -> NDArray[np.bool_]:
     """(y, x) pixels next to a step of the radiance that noise does not explain."""
     scale = np.maximum(quiet, 1e-6 * max(float(quiet.max()), 1e-300))
-    noise = 1.4826 * np.median(np.abs(high_pass(level) / scale))
+    noise = robust_sigma(high_pass(level) / scale)
     return span > np.maximum(_EDGE_STEP, min(_EDGE_SIGMAS * noise, 1.0)) * scale

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import NORMAL_OVER_MEDIAN
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import bdtrc
@@ -143,7 +144,7 @@ class _Side:
         """(y, x) pixels whose neighbours scatter little."""
         with np.errstate(divide="ignore", invalid="ignore"):
             off = np.where(self.median > 0, np.abs(self.picture / self.median - 1), np.inf)
-        scatter = 1.4826 * median_filter(np.where(np.isfinite(off), off, 1e9), _WINDOW_PX, mode="nearest")
+        scatter = NORMAL_OVER_MEDIAN * median_filter(np.where(np.isfinite(off), off, 1e9), _WINDOW_PX, mode="nearest")
         return np.asarray(scatter < _MAX_SCATTER)
 
     def mostly_dim(self, smooth: NDArray[np.bool_]) -> bool:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile, student_tail
+from cboxlab.utils.distributions import robust_sigma, student_quantile, student_tail
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
@@ -84,7 +84,7 @@ class Difference(FrozenMappings):
         if not self.smooth.any() or self.clustering > _WIDEST_FILTER:
             return False
         off = self.relative - np.median(self.relative[self.smooth])
-        scatter = 1.4826 * float(np.median(np.abs(off[self.smooth])))
+        scatter = robust_sigma(off[self.smooth])
         return clustering_by_filter(np.clip(off / max(scatter, 1e-300), -_CUT, _CUT), self.smooth) is not None
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter
 from scipy.special import bdtrc
@@ -131,7 +132,7 @@ def _fine(picture: NDArray[np.float64]) -> NDArray[np.float64]:
     local = median_filter(picture, _WINDOW_PX, mode="wrap")
     relative = picture / np.maximum(local, 1e-3 * max(float(local.mean()), 1e-300)) - 1
     fine = relative - uniform_filter(relative, _WINDOW_PX, mode="wrap")
-    scale = 1.4826 * float(np.median(np.abs(fine)))
+    scale = robust_sigma(fine)
     return np.clip(fine / scale, -_CUT, _CUT) if scale > 0 else np.zeros_like(fine)
 
 

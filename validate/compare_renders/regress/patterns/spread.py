@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from cboxlab.utils.distributions import student_tail
+from cboxlab.utils.distributions import robust_sigma, student_tail
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import bdtrc, digamma, polygamma
@@ -121,7 +121,7 @@ def steady_sigmas(
         typical, added = _shared_variance(sigma**2, degrees)
         steady = np.maximum(sigma, np.sqrt((degrees * sigma**2 + added * typical) / (degrees + added)))
     statistics = difference / steady
-    spread = 1.4826 * float(np.median(np.abs(statistics - np.median(statistics))))
+    spread = robust_sigma(statistics - np.median(statistics))
     return steady * (min(spread, _WIDEST_SPREAD) if spread > _MOST_SPREAD else 1.0)
 
 

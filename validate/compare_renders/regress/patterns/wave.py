@@ -8,7 +8,7 @@ its period, so that no variance has to be known.
 from __future__ import annotations
 
 import numpy as np
-from cboxlab.utils.distributions import fisher_tail
+from cboxlab.utils.distributions import NORMAL_OVER_MEDIAN, fisher_tail
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
@@ -91,7 +91,7 @@ def _normalised(difference: Difference, used: NDArray[np.bool_]) -> tuple[NDArra
     local = median_filter(difference.level + 0.5 * difference.total, 3, mode="nearest")
     relative = difference.total / np.maximum(local, 1e-3 * max(float(local.mean()), 1e-300))
     relative = np.where(used, relative - np.median(relative[used]), 0.0)
-    around = 1.4826 * median_filter(np.abs(relative), _WINDOW_PX, mode="nearest")
+    around = NORMAL_OVER_MEDIAN * median_filter(np.abs(relative), _WINDOW_PX, mode="nearest")
     typical = float(np.median(around[used]))
     if typical <= 0:
         return relative, 0.0
