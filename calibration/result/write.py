@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.files import origin, replacing, writing_hdf5
+from cboxlab.utils.numbers import json_value
 
 from ..colour import ILLUMINANT, ChainCheck, patch_errors, patches_csv
 from ..detector import dark_level_sigma
@@ -81,7 +82,7 @@ def write_geometry(camera: Camera, objects: Sequence[Mapping[str, Any]], folder:
     """
     record = {"camera": _parameters_record(camera), "objects": [dict(item) for item in objects]}
     path = folder / "geometry.json"
-    text = json.dumps(_finite(record), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(json_value(record), indent=1, allow_nan=False) + "\n"
     _write(path, lambda temporary: temporary.write_text(text))
     return path
 
@@ -151,7 +152,7 @@ def calibration_record(calibration: Calibration) -> dict[str, Any]:
     dict[str, Any]
         Values for JSON, without NaN and infinity.
     """
-    return _finite(_record(calibration))
+    return json_value(_record(calibration))
 
 
 def _record(calibration: Calibration) -> dict[str, Any]:
@@ -219,15 +220,6 @@ def _record(calibration: Calibration) -> dict[str, Any]:
         "notes": list(calibration.notes),
         "suspicions": [suspicion.record for suspicion in calibration.suspicions],
     }
-
-
-def _finite(value: Any) -> Any:
-    """Value for JSON, which has no NaN or infinity: undetermined numbers become null."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> None:

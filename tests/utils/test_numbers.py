@@ -1,9 +1,11 @@
 """Numbers in texts: what a table holds, and nothing that Python alone would read."""
 
 import math
+from pathlib import Path
 
+import numpy as np
 import pytest
-from cboxlab.utils.numbers import number_of, whole_number_of
+from cboxlab.utils.numbers import json_value, number_of, whole_number_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,3 +31,9 @@ def test_every_whole_number_is_read(number):
 
 def test_a_fraction_is_no_whole_number():
     assert whole_number_of("2.0") is None and number_of("2.") == 2.0 and number_of("+.5E-1") == 0.05
+
+
+def test_values_for_json_hold_neither_nan_nor_infinity_at_any_depth():
+    record = {"rows": ({1: math.nan}, [np.float32(0.5), -math.inf]), "sound": True, "count": 3, "file": Path("a.nc")}
+    assert json_value(record) == {"rows": [{"1": None}, [0.5, None]], "sound": True, "count": 3, "file": "a.nc"}
+    assert json_value(record)["sound"] is True

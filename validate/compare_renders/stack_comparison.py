@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import origin, replacing
+from cboxlab.utils.numbers import json_value
 from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
@@ -457,15 +458,10 @@ def comparison_record(comparison: StackComparison) -> dict[str, Any]:
         "a": str(a.source),
         "b": str(b.source),
         "unit": a.unit,
-        "planes": [_finite(asdict(row)) for row in comparison.rows],
+        "planes": [json_value(asdict(row)) for row in comparison.rows],
         "expected_chi2_per_pixel": comparison.expected_chi2,
         "worst_pixels": [asdict(pixel) for pixel in comparison.worst],
         "worst_measure": comparison.worst_measure,
-        "means": [_finite(asdict(row)) for row in comparison.means],
+        "means": [json_value(asdict(row)) for row in comparison.means],
         "notes": list(comparison.notes),
     }
-
-
-def _finite(record: dict) -> dict:
-    """Values for JSON: NaN becomes null."""
-    return {key: None if isinstance(v, float) and not np.isfinite(v) else v for key, v in record.items()}

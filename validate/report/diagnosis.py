@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.utils.files import replacing
+from cboxlab.utils.numbers import json_value
 
 from ..compare import HEADLINE
 from ..diagnose import Diagnosis, Limit, Ranked, Separation, Step, Verdict
@@ -81,30 +82,32 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
         "ranking": [
             {
                 "effect": r.effect,
-                "parameters": {k: _finite(v) for k, v in r.values.items()},
-                "sigma": {k: _finite(v) for k, v in r.sigma.items()},
+                "parameters": json_value(r.values),
+                "sigma": json_value(r.sigma),
                 "chi2_per_dof": r.chi2_per_dof,
                 "probability": r.probability,
             }
             for r in diagnosis.ranking
         ],
         "selected": list(diagnosis.selected),
-        "selected_parameters": [{k: _finite(v) for k, v in e.values.items()} for e in diagnosis.path[-1].effects],
+        "selected_parameters": [json_value(e.values) for e in diagnosis.path[-1].effects],
         "final_chi2_per_dof": diagnosis.final_chi2_per_dof,
         "indistinguishable": [list(group) for group in diagnosis.indistinguishable],
-        "heldout_pixels": _finite(diagnosis.heldout_pixels),
-        "heldout_bands": _finite(diagnosis.heldout_bands),
+        "heldout_pixels": json_value(diagnosis.heldout_pixels),
+        "heldout_bands": json_value(diagnosis.heldout_bands),
         "separations": [asdict(s) for s in diagnosis.separations],
         "explanation": explanation_record(diagnosis.explanation),
         "render": None if diagnosis.render is None else asdict(diagnosis.render),
         "further": [asdict(result) for result in diagnosis.further],
-        "certainty": _finite(diagnosis.certainty),
+        "certainty": json_value(diagnosis.certainty),
         "limits": [asdict(limit) for limit in diagnosis.limits],
         "doubts": _doubts_record(diagnosis),
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
         **({"base_flaws": [asdict(flaw) for flaw in diagnosis.flaws]} if diagnosis.flaws else {}),
         **({"flaws_cost": diagnosis.flaws_cost} if diagnosis.flaws else {}),
-        **({"beside_flaws": [_verdict_record(verdict) for verdict in diagnosis.verdicts]} if diagnosis.flaws else {}),
+        **(
+            {"beside_flaws": [json_value(asdict(verdict)) for verdict in diagnosis.verdicts]} if diagnosis.flaws else {}
+        ),
     }
 
 
@@ -114,15 +117,6 @@ def _doubts_record(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         {"effect": effect, "family": lead.title, "form": lead.form, "lead": lead.lead}
         for effect, lead in diagnosis.doubts.items()
     ]
-
-
-def _verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Judgement of one effect next to the base's flaws; a number that is not finite is None."""
-    return {key: value if isinstance(value, bool) else _finite(value) for key, value in asdict(verdict).items()}
-
-
-def _finite(value: str | float) -> str | float | None:
-    return value if isinstance(value, str) or np.isfinite(value) else None
 
 
 def write_diagnosis(path: Path, diagnosis: Diagnosis) -> None:

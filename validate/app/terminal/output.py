@@ -6,7 +6,6 @@ import codecs
 import io
 import json
 import logging
-import math
 import os
 import shlex
 import sys
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cboxlab.utils.files import replacing
+from cboxlab.utils.numbers import json_value
 from cboxlab.utils.table import Table as TextTable
 from rich import box
 from rich.cells import cell_len
@@ -246,20 +246,9 @@ def give_json(path: Path | None, record: Mapping[str, Any]) -> None:
     if path is None:
         return
     printed = path == STANDARD_OUTPUT
-    text = json.dumps(_plain(record), indent=1, allow_nan=False, ensure_ascii=printed) + "\n"
+    text = json.dumps(json_value(record), indent=1, allow_nan=False, ensure_ascii=printed) + "\n"
     if printed:
         print(text, end="")
         return
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def _plain(value: Any) -> Any:
-    """Value for JSON."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return str(value) if isinstance(value, Path) else value

@@ -13,6 +13,7 @@ import numpy as np
 from cboxlab.utils.distributions import student_quantile
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.numbers import json_value
 from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
@@ -316,7 +317,7 @@ class Outcome(FrozenMappings):
             "candidate": self.candidate,
             "notes": list(self.notes),
         }
-        return {key: _finite(value) for key, value in record.items()}
+        return {key: json_value(value) for key, value in record.items()}
 
 
 def _cells(row: PooledMean) -> tuple[str, ...]:
@@ -338,17 +339,6 @@ def _record(row: PooledMean) -> dict[str, Any]:
         "pixels": row.pixels,
         "different": row.different,
     }
-
-
-def _finite(value: Any) -> Any:
-    """Value for JSON: None in place of numbers that are not finite, at any depth."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def as_percent(difference: float, of: str, form: str = "+.3f", unit: str = "") -> str:

@@ -17,6 +17,7 @@ from cboxlab.rendering.integrators import BATCHES, RenderJob, render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.utils.files import replacing
 from cboxlab.utils.frozen import FrozenMappings
+from cboxlab.utils.numbers import json_value
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -106,16 +107,11 @@ class Judged(FrozenMappings):
                 n: {"relative_difference": v[:, 0].tolist(), "sigma": v[:, 1].tolist()} for n, v in self.bands.items()
             },
             "variance": self.variance,
-            "cpu_s": _finite(self.cpu_s),
-            "wall_s": _finite(self.wall_s),
-            "variance_times_cpu_s": _finite(self.cost),
+            "cpu_s": json_value(self.cpu_s),
+            "wall_s": json_value(self.wall_s),
+            "variance_times_cpu_s": json_value(self.cost),
             "regression": self.outcome.to_dict(),
         }
-
-
-def _finite(value: float) -> float | None:
-    """The value, or None for NaN and infinity, which JSON lacks."""
-    return value if math.isfinite(value) else None
 
 
 def reference_cube(
