@@ -21,10 +21,15 @@ from .colour_difference import (
     lab,
     statistics,
 )
-from .pixel_colours import pixel_colours
+from .pixel_colours import PixelColours, pixel_colours
 from .regions import INTERIOR_DISTANCE_PX, edge_distance_px
 
 __all__ = ["BandRow", "ChiSquare", "Comparison", "Expectation", "RelativeDifference", "SurfaceRow", "compare"]
+
+#: Dimensions of the maps over samples.
+_SAMPLES = ("band", "y", "x")
+#: Dimensions of the maps over pixels.
+_PIXELS = ("y", "x")
 
 
 @dataclass(frozen=True)
@@ -301,6 +306,31 @@ def _check(
         raise ValueError(f"surface image {shape} does not fit band images {images.signal.shape}")
 
 
+def _sample_maps(
+    photograph: NDArray[np.float64],
+    model: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    residual: NDArray[np.float64],
+) -> dict[str, tuple]:
+    """Signals and residuals as variables of a dataset."""
+    return {
+        "measured": (_SAMPLES, photograph, {"units": "DN"}),
+        "rendered": (_SAMPLES, model, {"units": "DN"}),
+        "sigma": (_SAMPLES, np.sqrt(variance), {"units": "DN"}),
+        "residual_over_sigma": (_SAMPLES, residual, {"units": "1"}),
+    }
+
+
+def _colour_maps(colours: PixelColours) -> dict[str, tuple]:
+    """XYZ and differences of colour as variables of a dataset."""
+    return {
+        "xyz_measured": ((*_PIXELS, "xyz"), colours.xyz_measured),
+        "xyz_rendered": ((*_PIXELS, "xyz"), colours.xyz_rendered),
+        **{name: (_PIXELS, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colours.maps.items()},
+        "luminance_relative_difference": (_PIXELS, colours.luminance_map, {"units": "1"}),
+    }
+
+
 def compare(
     measured: xr.Dataset,
     rendered: xr.Dataset,
@@ -403,22 +433,13 @@ def compare(
         )
         for i, name in enumerate(surface_names)
     }
-    image, stack = ("y", "x"), ("band", "y", "x")
     maps = xr.Dataset(
         {
-            "measured": (stack, photograph, {"units": "DN"}),
-            "rendered": (stack, model, {"units": "DN"}),
-            "sigma": (stack, np.sqrt(variance), {"units": "DN"}),
-            "residual_over_sigma": (stack, residual, {"units": "1"}),
-            "mask": (stack, mask, measured.mask.attrs),
-            "xyz_measured": ((*image, "xyz"), colours.xyz_measured),
-            "xyz_rendered": ((*image, "xyz"), colours.xyz_rendered),
-            **{
-                name: (image, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colours.maps.items()
-            },
-            "luminance_relative_difference": (image, colours.luminance_map, {"units": "1"}),
-            "surface": (image, surface.astype(np.int16)),
-            "edge_distance_px": (image, distance, {"units": "px"}),
+            **_sample_maps(photograph, model, variance, residual),
+            "mask": (_SAMPLES, mask, measured.mask.attrs),
+            **_colour_maps(colours),
+            "surface": (_PIXELS, surface.astype(np.int16)),
+            "edge_distance_px": (_PIXELS, distance, {"units": "px"}),
         },
         coords={"band": list(bands), "xyz": ["X", "Y", "Z"]},
         attrs={"surface_names": list(surface_names)},

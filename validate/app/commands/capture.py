@@ -120,14 +120,7 @@ def capture(
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)
         digest = seal(temporary, truth.effects, generator) if hide else ""
-    samples = len(settings.filters) * true_camera.width_px * true_camera.height_px
-    visible = _LARGEST_EXCESS_SIGMA * float(np.sqrt(2 / samples))
-    if excess > visible:
-        enough = error * np.sqrt(visible / excess)
-        say(
-            f"• The error of the rendering is the same in every frame. It adds up to {excess:.2g} to chi-square per "
-            f"sample, which no model explains. With --noise {enough:.2g} it adds {visible:.2g}, as much as noise may."
-        )
+    _note_error_of_rendering(excess, error, len(settings.filters) * true_camera.width_px * true_camera.height_px)
     secret = {"sha256": digest} if hide else {"seed": number}
     give_json(json, {"capture": out, "size_px": true_camera.width_px, "sealed": hide, **secret})
     if hide:
@@ -142,6 +135,20 @@ def capture(
         + ("" if hide else f", seed {number}")
         + ")"
     )
+
+
+def _note_error_of_rendering(excess: float, error: float, samples: int) -> None:
+    """Note a rendering whose error adds more to chi-square than noise may.
+
+    excess : of chi-square per sample. error : relative standard error of the rendering.
+    """
+    visible = _LARGEST_EXCESS_SIGMA * (2 / samples) ** 0.5
+    if excess > visible:
+        enough = error * (visible / excess) ** 0.5
+        say(
+            f"• The error of the rendering is the same in every frame. It adds up to {excess:.2g} to chi-square per "
+            f"sample, which no model explains. With --noise {enough:.2g} it adds {visible:.2g}, as much as noise may."
+        )
 
 
 def _random_effects(
