@@ -23,7 +23,7 @@ napoleon_use_rtype = False
 #: Names in signatures that no page documents by name: classes behind the public functions, and those of libraries.
 nitpick_ignore_regex = [
     ("py:class", r"(pathlib\.)?Path|Figure|(xarray|numpy|collections)\..+"),
-    ("py:class", r"cboxlab\.(utils|calibration|rendering|scenes)\..+"),
+    ("py:class", r"cboxlab\.(utils|calibration|rendering|scenes|validation)\..+"),
     ("py:exc", "Cancelled"),
 ]
 
