@@ -167,13 +167,13 @@ class DiagnosisResult(Result):
         )
         return [
             Table(
-                "Effects tried alone; χ²/dof counts possible errors of the rendering as noise",
+                "Effects tried alone. χ²/dof includes possible errors of the rendering in the noise",
                 ("effect", "parameters", "χ²/dof", "probability"),
                 single_effects,
                 text_columns=(0, 1),
             ),
             Table(
-                "Error after each step; χ²/dof counts the noise alone",
+                "Error after each step. χ²/dof includes the noise of camera and rendering alone",
                 ("model", "χ²/dof", HEADLINE.label, "noise alone", "rendering noise", "from survey, σ"),
                 steps,
             ),

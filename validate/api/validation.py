@@ -77,13 +77,13 @@ class ValidationResult(Result):
         name = manifest.name or result.prepared.calibration.capture.folder.name
         ranked = failures(result)[1][:MAX_FAILURES]
         scale = result.prepared.free_scale
-        lamp = f"lamp × {result.fit.lamp_scale:.4f}, " if scale is None or scale.absolute else ""
+        lamp = f"lamp power × {result.fit.lamp_scale:.4f}, " if scale is None or scale.absolute else ""
         return [
             f"{name} against {result.model.name}: {verdict(c).headline}",
             f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "
             f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
             f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, "
-            f"{lamp}{result.seconds:.0f} s",
+            f"{lamp}took {result.seconds:.0f} s",
             *result.prepared.unknown_sentences,
             *suspicion_lines(result.prepared.calibration),
             *(f"{rank}. {failure.sentence}" for rank, failure in enumerate(ranked, 1)),

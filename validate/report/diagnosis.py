@@ -396,13 +396,13 @@ def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
         )
     if np.isfinite(diagnosis.heldout_pixels):
         sentences.append(
-            "In pixels left out of the fit, the last effect lowers χ² by "
-            f"{100 * diagnosis.heldout_pixels:.0f} % of its decrease in the fitted pixels."
+            "Fitted in one half of the pixels, the last effect lowers χ² in the other half by "
+            f"{100 * diagnosis.heldout_pixels:.0f} % of the decrease in the first."
         )
         if np.isfinite(diagnosis.heldout_bands):
             sentences.append(
-                "In bands left out of the fit, the last effect lowers χ² by "
-                f"{100 * diagnosis.heldout_bands:.0f} % of its decrease with all bands fitted."
+                "Fitted in all bands but one, it lowers χ² in that band by "
+                f"{100 * diagnosis.heldout_bands:.0f} % of the decrease with all bands fitted."
             )
     return sentences
 

@@ -294,8 +294,9 @@ class Score:
         list of str
             One sentence, and one on selected effects that are not hidden.
         """
-        first, selection = ("right" if sound else "wrong" for sound in (self.first, self.exact))
-        lines = [f"First of the ranking: {first}. Selection: {selection}."]
+        first = "is hidden" if self.first else "is not hidden"
+        selection = "exactly the hidden effects" if self.exact else "not exactly the hidden effects"
+        lines = [f"The first effect of the ranking {first}. The diagnosis selected {selection}."]
         if self.falsely_selected:
             lines.append(f"Effects selected, but not hidden: {', '.join(self.falsely_selected)}.")
         return lines

@@ -120,9 +120,10 @@ def capture(
         if truncated is not None:
             write_model(temporary / "model.toml", truncated)
         digest = seal(temporary, truth.effects, generator) if hide else ""
-    _note_error_of_rendering(excess, error, len(settings.filters) * true_camera.width_px * true_camera.height_px)
     secret = {"sha256": digest} if hide else {"seed": number}
     give_json(json, {"capture": out, "size_px": true_camera.width_px, "sealed": hide, **secret})
+    number_printed = "" if hide else f", seed {number}"
+    say(f"Capture: {out} ({true_camera.width_px} x {true_camera.height_px} px{number_printed})")
     if hide:
         say(f"The seal has hash {digest}. Keep it: it proves that the answer is unchanged.")
         say(f"To open the answer: cbox reveal {out} --hash {digest}")
@@ -130,11 +131,7 @@ def capture(
             say(f"To diagnose the capture with its model: cbox diagnose {out} --model {out / 'model.toml'}")
     elif truth.effects:
         say(f"Effects: {', '.join(effect.id for effect in truth.effects)}")
-    say(
-        f"Capture: {out} ({true_camera.width_px} x {true_camera.height_px} px"
-        + ("" if hide else f", seed {number}")
-        + ")"
-    )
+    _note_error_of_rendering(excess, error, len(settings.filters) * true_camera.width_px * true_camera.height_px)
 
 
 def _note_error_of_rendering(excess: float, error: float, samples: int) -> None:

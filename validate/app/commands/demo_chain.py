@@ -107,8 +107,8 @@ def _print_steps(result: Validation) -> None:
     moved = camera.motion_px(fit.camera, result.prepared.scene.corners_mm)
     say(
         f"3. Rendering of the model ({result.model.name}). Its noise is {c.render_sigma_over_sensor_sigma:.2f} times "
-        f"the sensor's. Camera and lamp were fitted again with their priors: corners moved {moved:.2f} px rms, lamp × "
-        f"{fit.lamp_scale:.4f} ± {fit.lamp_scale_sigma:.1g}."
+        f"the sensor's. Camera and lamp were fitted again with their priors: corners moved {moved:.2f} px rms, "
+        f"lamp power × {fit.lamp_scale:.4f} ± {fit.lamp_scale_sigma:.1g}."
     )
     say("4. Comparison: " + " ".join(verdict(c).details))
 

@@ -289,7 +289,7 @@ def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):
     }
     (tmp_path / "diagnosis.json").write_text(json.dumps(results))
     code, out, _ = cbox("reveal", folder, "--diagnosis", tmp_path / "diagnosis.json")
-    assert code == 0 and "First of the ranking: right. Selection: right." in out and "+50.0%" in out
+    assert code == 0 and "selected exactly the hidden effects" in out and "+50.0%" in out
 
 
 def test_a_capture_is_photographed_by_the_camera_given(tmp_path, cbox):
