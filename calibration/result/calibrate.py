@@ -253,6 +253,44 @@ def _nominal_axis(capture: Capture, fit: CameraFit | None) -> LensAxis | None:
     return LensAxis(1e3 * focal / pitch, u, v)
 
 
+def _scene_notes(capture: Capture) -> list[str]:
+    """Note on a scene that is not known; empty without one."""
+    scene = capture.manifest.scene
+    if scene is None or scene.endswith(".toml") or capture.scene_reference is not None:
+        return []
+    return [
+        f"the scene '{scene}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
+        "the box were left out"
+    ]
+
+
+def _cell_notes(capture: Capture) -> list[str]:
+    """Note on the colours behind a mosaic; empty without one."""
+    if capture.cell is None or len(capture.band_ids) < 2:
+        return []
+    height, width = capture.cell
+    return [
+        f"XYZ and colour differences behind the mosaic are those of a cell of {height} x {width} px: the means of "
+        "each band's pixels in it, given to all its pixels"
+    ]
+
+
+def _responses(
+    capture: Capture, radiometry: Radiometry, channels: Mapping[str, str] | None
+) -> tuple[tuple[BandResponse, ...] | None, list[str]]:
+    """Absolute response of each band; None, with a note, if the tables do not give all of them."""
+    missing = missing_keys(capture)
+    if missing:
+        return None, [f"no absolute signals and no XYZ: missing {', '.join(missing)}"]
+    if radiometry.constant is None:
+        return None, []
+    responses = band_responses(capture, radiometry.constant, channels)
+    blind = [response.band for response in responses if not response.response.any()]
+    if blind:
+        return None, [f"no absolute signals and no XYZ: by their tables {', '.join(blind)} see no visible light"]
+    return responses, []
+
+
 def calibrate_capture(capture: Capture, reference_relative_sigma: float = 0.0) -> Calibration:
     """Calibration of a capture, as far as its data allow.
 
@@ -297,20 +335,9 @@ def calibrate_capture(capture: Capture, reference_relative_sigma: float = 0.0) -
         *brighter_channel_notes(capture, channels),
         *radiometry.notes,
         *camera_notes,
+        *_scene_notes(capture),
+        *_cell_notes(capture),
     ]
-    scene = capture.manifest.scene
-    if scene is not None and not scene.endswith(".toml") and capture.scene_reference is None:
-        notes.append(
-            f"the scene '{scene}' is neither a packaged one nor a scene file (.toml) of the capture: checks against "
-            "the box were left out"
-        )
-    if capture.cell is not None and len(capture.band_ids) > 1:
-        height, width = capture.cell
-        notes.append(
-            f"XYZ and colour differences behind the mosaic are those of a cell of {height} x {width} px: the means of "
-            "each band's pixels in it, given to all its pixels"
-        )
-    responses = colour = None
     # merged pictures are no counts: their sensor cannot be studied
     linearity = None if capture.is_merged else measure_linearity(capture, dark, noise, channels)
     if linearity is None:
@@ -319,15 +346,9 @@ def calibrate_capture(capture: Capture, reference_relative_sigma: float = 0.0) -
     notes += [text for text in sensor.verdicts if "does not hold" in text or "not monotonic" in text]
     patches, patch_notes = _patches(capture, bands, noise, linearity)
     notes += patch_notes
-    missing = missing_keys(capture)
-    if missing:
-        notes.append(f"no absolute signals and no XYZ: missing {', '.join(missing)}")
-    elif radiometry.constant is not None:
-        responses = band_responses(capture, radiometry.constant, channels)
-        blind = [response.band for response in responses if not response.response.any()]
-        if blind:
-            responses = None
-            notes.append(f"no absolute signals and no XYZ: by their tables {', '.join(blind)} see no visible light")
+    responses, response_notes = _responses(capture, radiometry, channels)
+    notes += response_notes
+    colour = None
     if responses is not None:
         colour = study_colour(capture, responses, _typical_noise(bands.images))
         notes.append(colour.reason)
