@@ -21,7 +21,7 @@ from .colour_difference import (
     lab,
     statistics,
 )
-from .pixel_colours import PixelColours, pixel_colours
+from .pixel_colours import pixel_colours
 from .regions import INTERIOR_DISTANCE_PX, edge_distance_px
 
 __all__ = ["BandRow", "ChiSquare", "Comparison", "Expectation", "RelativeDifference", "SurfaceRow", "compare"]
@@ -321,16 +321,6 @@ def _sample_maps(
     }
 
 
-def _colour_maps(colours: PixelColours) -> dict[str, tuple]:
-    """XYZ and differences of colour as variables of a dataset."""
-    return {
-        "xyz_measured": ((*_PIXELS, "xyz"), colours.xyz_measured),
-        "xyz_rendered": ((*_PIXELS, "xyz"), colours.xyz_rendered),
-        **{name: (_PIXELS, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in colours.maps.items()},
-        "luminance_relative_difference": (_PIXELS, colours.luminance_map, {"units": "1"}),
-    }
-
-
 def compare(
     measured: xr.Dataset,
     rendered: xr.Dataset,
@@ -437,7 +427,7 @@ def compare(
         {
             **_sample_maps(photograph, model, variance, residual),
             "mask": (_SAMPLES, mask, measured.mask.attrs),
-            **_colour_maps(colours),
+            **colours.variables,
             "surface": (_PIXELS, surface.astype(np.int16)),
             "edge_distance_px": (_PIXELS, distance, {"units": "px"}),
         },

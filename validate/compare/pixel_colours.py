@@ -48,6 +48,17 @@ class PixelColours(FrozenMappings):
     #: (y, x) variance of the luminance by noise.
     luminance_variance: NDArray[np.float64]
 
+    @property
+    def variables(self) -> dict[str, tuple]:
+        """Colours and their differences as variables of a dataset."""
+        image = ("y", "x")
+        return {
+            "xyz_measured": ((*image, "xyz"), self.xyz_measured),
+            "xyz_rendered": ((*image, "xyz"), self.xyz_rendered),
+            **{name: (image, values, {"units": COLOUR_DIFFERENCES[name].unit}) for name, values in self.maps.items()},
+            "luminance_relative_difference": (image, self.luminance_map, {"units": "1"}),
+        }
+
 
 def pixel_colours(
     images: tuple[NDArray, NDArray, NDArray],
