@@ -10,6 +10,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import cboxlab
 import matplotlib
 import pytest
 from cboxlab.calibration.capture.whole_manifest import Manifest
@@ -35,6 +36,13 @@ def test_the_manual_builds_without_a_warning(tmp_path):
     done = subprocess.run(build, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr  # -W: a warning is an error; other libraries may log to the same stream
     assert (tmp_path / "manual" / "tutorial.html").exists()
+
+
+def test_every_public_name_is_on_the_page_of_the_python_interface():
+    directives = re.findall(
+        r"^\.\. auto\w+:: cboxlab\.(?:[\w.]+\.)?(\w+)$", (DOCS / "reference/python.md").read_text(), re.M
+    )
+    assert {*cboxlab.__all__} - {*directives} == {"__version__"}
 
 
 @pytest.mark.parametrize("page", [page for page in pages() if commands(page)])
