@@ -39,7 +39,7 @@ PHYSICS = (
     "scenes/spectrum_readers",
     "render/effects",
     *(f"calibration/{name}" for name in ("correction", "detector", "radiometry", "colour", "geometry")),
-    *(f"calibration/{name}" for name in ("instrument", "quality")),
+    *(f"calibration/{name}" for name in ("instrument", "quality", "quality/frame_checks")),
     *(f"render/{name}" for name in ("chain", "sensor", "perturbation", "visibility", "radiosity", "integrators")),
     *(f"render/{name}" for name in ("fitted_fields", "image", "photometry", "dataset", "materials", "synthetic")),
     *(f"validate/{name}" for name in ("compare", "diagnose", "predict", "capture_checks")),
@@ -71,7 +71,6 @@ EQUIVALENT = {
     ("validate/diagnose/search.py", "np.sqrt(ratio)"): "another start of a search that arrives",
     ("validate/compare/maps.py", "measured - rendered + 0 * relative[1]"): "the sign of nothing",
     ("validate/diagnose/effect_fit.py", "rounds * len(candidates)"): "reports of the progress",
-    ("calibration/geometry/tsai.py", "np.abs(self.kappa1_per_mm2) * radius**2"): "another start of Newton's method",
     ("render/radiosity/lamp.py", "centre[2] + half[2] * place(v)"): "a lamp's pattern is the same on both sides",
     (
         "validate/diagnose/further_captures.py",
