@@ -28,7 +28,7 @@ from .cameras import Rejected, drawn_cameras
 from .distributions import Choice, numbers
 from .paints import light_source, planck_light, reflectance_source
 from .patterns import drawn_tiles, image_tiles, tiled
-from .recipe import ANY, WALLS, PatternTable, Recipe, TextureTable
+from .recipe import ANY, WALLS, BlockTable, PatternTable, Recipe, TextureTable
 from .solids import Solid, any_meet, blocked_share, closed_mesh
 from .textures import image_shares, noise_shares, side_surface, textured, wall_uv
 
@@ -210,37 +210,33 @@ def _accepted(recipe: Recipe, index: int, folder: Path) -> tuple[_Geometry, Coun
     )
 
 
-def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _Geometry:
-    """One draw. Raises Rejected for one that does not fit."""
-    sizes = recipe.room
-    room = np.array([d.draw(generator) for d in (sizes.width_mm, sizes.height_mm, sizes.depth_mm)])
-    walls = {wall: recipe.walls[wall].draw(generator) for wall in WALLS}  # type: ignore[index]
-    patterns = {wall: recipe.pattern[name] for wall, name in walls.items() if name in recipe.pattern}
-    tiles = {wall: _tiles(pattern, generator, folder) for wall, pattern in patterns.items()}
-    solids: list[tuple[Solid, str]] = []
-    solid_tiles = {}
-    for table in recipe.block:
-        for _ in range(int(table.count.draw(generator))):
-            shape = None
-            if table.shape == "sphere":
-                half = np.full(3, table.radius_mm.draw(generator))
-            elif table.mesh is not None:
-                shape = closed_mesh(table.mesh, folder, "recipe: block.mesh")
-                half = np.ptp(shape[0], axis=0) * table.height_mm.draw(generator) / 2
-            else:
-                edges = (table.width_mm, table.height_mm, table.depth_mm)
-                half = np.array([d.draw(generator) for d in edges]) / 2
-            yaw = table.yaw_deg.draw(generator) if table.shape != "sphere" else 0.0
-            solid = Solid(np.array([0.0, half[1], 0.0]), half, yaw, table.shape == "sphere", shape)
-            low = solid.reach_mm + recipe.gap_mm
-            free = room[[0, 2]] - 2 * low
-            if free.min() < 0 or 2 * half[1] > room[1] - recipe.gap_mm:
-                raise Rejected("a block is larger than the room")
-            x, z = low + free * np.array([table.x.draw(generator), table.z.draw(generator)])
-            paint = table.paint.draw(generator)
-            if paint in recipe.pattern:
-                solid_tiles[len(solids)] = _side_tiles(recipe.pattern[paint], generator, folder)
-            solids.append((replace(solid, centre_mm=np.array([x, half[1], z])), paint))
+def _solid(
+    table: BlockTable, recipe: Recipe, room: NDArray[np.float64], generator: np.random.Generator, folder: Path
+) -> Solid:
+    """One block on the floor of a room (3,), mm. Raises Rejected for one that does not fit."""
+    shape = None
+    if table.shape == "sphere":
+        half = np.full(3, table.radius_mm.draw(generator))
+    elif table.mesh is not None:
+        shape = closed_mesh(table.mesh, folder, "recipe: block.mesh")
+        half = np.ptp(shape[0], axis=0) * table.height_mm.draw(generator) / 2
+    else:
+        edges = (table.width_mm, table.height_mm, table.depth_mm)
+        half = np.array([d.draw(generator) for d in edges]) / 2
+    yaw = table.yaw_deg.draw(generator) if table.shape != "sphere" else 0.0
+    solid = Solid(np.array([0.0, half[1], 0.0]), half, yaw, table.shape == "sphere", shape)
+    low = solid.reach_mm + recipe.gap_mm
+    free = room[[0, 2]] - 2 * low
+    if free.min() < 0 or 2 * half[1] > room[1] - recipe.gap_mm:
+        raise Rejected("a block is larger than the room")
+    x, z = low + free * np.array([table.x.draw(generator), table.z.draw(generator)])
+    return replace(solid, centre_mm=np.array([x, half[1], z]))
+
+
+def _lamp_places(
+    recipe: Recipe, room: NDArray[np.float64], generator: np.random.Generator
+) -> list[tuple[_Rectangle, int]]:
+    """Lamps in the ceiling, each with the index of its table. Raises Rejected for those that do not fit."""
     lamps: list[tuple[_Rectangle, int]] = []
     for index, lamp in enumerate(recipe.lamp):
         for _ in range(int(lamp.count.draw(generator))):
@@ -252,13 +248,39 @@ def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _
             lamps.append((_Rectangle(*map(float, (*corner, *size))), index))
     if len(lamps) > 1 and not all(a.apart(b, 1.0) for i, (a, _) in enumerate(lamps) for b, _ in lamps[:i]):
         raise Rejected("lamps overlap")
-    plain = [solid for solid, _ in solids]
-    if any_meet(plain, recipe.gap_mm):
+    return lamps
+
+
+def _require_room(
+    recipe: Recipe, room: NDArray[np.float64], solids: list[Solid], lamps: list[tuple[_Rectangle, int]]
+) -> None:
+    """Raise Rejected for blocks that meet, and for lamps that blocks hide."""
+    if any_meet(solids, recipe.gap_mm):
         raise Rejected("a block stands in another")
     for rectangle, _ in lamps:
         corner = np.array([rectangle.x, room[1], rectangle.z])
-        if blocked_share(corner, np.array([rectangle.width, rectangle.depth]), plain) > recipe.most_blocked:
+        if blocked_share(corner, np.array([rectangle.width, rectangle.depth]), solids) > recipe.most_blocked:
             raise Rejected("a lamp is hidden")
+
+
+def _geometry(recipe: Recipe, generator: np.random.Generator, folder: Path) -> _Geometry:
+    """One draw. Raises Rejected for one that does not fit."""
+    sizes = recipe.room
+    room = np.array([d.draw(generator) for d in (sizes.width_mm, sizes.height_mm, sizes.depth_mm)])
+    walls = {wall: recipe.walls[wall].draw(generator) for wall in WALLS}  # type: ignore[index]
+    patterns = {wall: recipe.pattern[name] for wall, name in walls.items() if name in recipe.pattern}
+    tiles = {wall: _tiles(pattern, generator, folder) for wall, pattern in patterns.items()}
+    solids: list[tuple[Solid, str]] = []
+    solid_tiles = {}
+    for table in recipe.block:
+        for _ in range(int(table.count.draw(generator))):
+            solid = _solid(table, recipe, room, generator, folder)
+            paint = table.paint.draw(generator)
+            if paint in recipe.pattern:
+                solid_tiles[len(solids)] = _side_tiles(recipe.pattern[paint], generator, folder)
+            solids.append((solid, paint))
+    lamps = _lamp_places(recipe, room, generator)
+    _require_room(recipe, room, [solid for solid, _ in solids], lamps)
     cameras: dict[str, Camera] = {}
     for camera in recipe.camera:
         cameras.update(drawn_cameras(camera, room, generator))
