@@ -53,7 +53,7 @@ class CalibrationResult(Result):
         return write_calibration(self.calibration, required_folder("folder", folder))
 
     def lines(self) -> list[str]:
-        """Camera, noise and scale, one sentence each, then suspicions and notes.
+        """Suspicions, then camera, noise and scale, one sentence each, then notes.
 
         Returns
         -------
@@ -62,7 +62,7 @@ class CalibrationResult(Result):
         """
         result = self.calibration
         camera, fit, noise = result.camera, result.camera_fit, result.noise
-        lines = [f"Calibration of {self._title}"]
+        lines = [f"Calibration of {self._title}", *suspicion_lines(result)]
         if camera is not None and fit is not None:
             position = ", ".join(f"{x:.1f}" for x in camera.position_mm)
             lines.append(
@@ -74,7 +74,7 @@ class CalibrationResult(Result):
         lines.append(f"Gain {gain}, read noise {read}.")
         if result.radiometry.constant is not None and not result.radiometry.is_free:
             lines.append(f"Absolute scale C = {result.radiometry.constant:.5g} mm² m² DN/e-.")
-        return [*lines, *suspicion_lines(result), *(f"• {note}" for note in result.notes)]
+        return [*lines, *(f"• {note}" for note in result.notes)]
 
     def tables(self) -> list[Table]:
         """Figures of the calibration, filter weights, and patches of a chart.
@@ -88,7 +88,7 @@ class CalibrationResult(Result):
         tables = [Table(self._title, ("", "value", "± 1 σ", "unit"), tuple(calibration_rows(result)))]
         if result.colour is not None:
             columns = ("weights", "X, %", "Y, %", "Z, %", "ΔE*ab", "CIEDE2000")
-            title = "Filter weights: rms error, mean and largest colour difference"
+            title = "Filter weights, also of the best subsets of bands: rms error; mean / largest colour difference"
             tables.append(Table(title, columns, tuple(map(tuple, colour_rows(result.colour)))))
         if result.patches is not None:
             errors = patch_errors(result.patches, result.capture.label_reflectances())
