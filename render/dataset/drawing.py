@@ -236,7 +236,10 @@ def _solid(
 def _lamp_places(
     recipe: Recipe, room: NDArray[np.float64], generator: np.random.Generator
 ) -> list[tuple[_Rectangle, int]]:
-    """Lamps in the ceiling, each with the index of its table. Raises Rejected for those that do not fit."""
+    """Lamps in the ceiling, each with the index of its table.
+
+    Raises Rejected for those that do not fit.
+    """
     lamps: list[tuple[_Rectangle, int]] = []
     for index, lamp in enumerate(recipe.lamp):
         for _ in range(int(lamp.count.draw(generator))):
