@@ -134,9 +134,14 @@ class Outcome(FrozenMappings):
 
     @property
     def of_numbers(self) -> str:
-        """Sentence on the numbers of both sides; empty where they are the same."""
+        """Sentence on the numbers of both sides, which do not decide; empty where they are the same."""
         first, second = self.numbers
-        return "" if first == second else f"The candidate stores {second}; the baseline {first}."
+        if first == second:
+            return ""
+        light = (
+            "Numbers are stored differently, the light is the same" if self.same else "Numbers are stored differently"
+        )
+        return f"{light}: the candidate holds {second}, the baseline {first}."
 
     @property
     def equivalence_95(self) -> float:
@@ -299,7 +304,6 @@ class Outcome(FrozenMappings):
                 for kind in ("pattern", *CANCELLING, *STRUCTURE)
                 for row in self.of_kind(kind)
             },
-            "numbers": {row.name: _record(row) for row in self.of_kind("numbers")},
             "stored": dict(zip(("baseline", "candidate"), self.numbers, strict=True)) if self.of_numbers else None,
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
@@ -469,12 +473,14 @@ def github_lines(outcome: Outcome) -> list[str]:
     Returns
     -------
     list of str
-        A notice where the pictures are the same; otherwise an error for the verdict and for the clearest pools.
+        A notice where the pictures are the same, and a warning where their numbers are stored differently; otherwise an
+        error for the verdict and for the clearest pools.
     """
     file = Path(outcome.candidate)
     location = f"file={_escaped(outcome.candidate)},line=1," if file.is_file() else ""
     if outcome.same:
-        return [f"::notice {location}title=cbox regress::{_escaped(summary(outcome))}"]
+        lines = {"notice": summary(outcome), "warning": outcome.of_numbers}
+        return [f"::{kind} {location}title=cbox regress::{_escaped(text)}" for kind, text in lines.items() if text]
     return [f"::error {location}title=cbox regress::{_escaped(summary(outcome))}"] + [
         f"::error {location}title=cbox regress::{_escaped(_pool_text(row))}"
         for row in outcome.deciding[:_MAX_GITHUB_POOLS]

@@ -39,8 +39,7 @@ SHARES = {
     "filter": 0.011,
     "part": 0.02,
     "motion": 0.02,
-    "layer": 0.0005,
-    "numbers": 0.0005,
+    "layer": 0.001,
 }
 
 #: Kinds of pools that find what means do not show.
