@@ -44,8 +44,10 @@ _CLEARER = 2.0
 _LEAST_PX = 24
 #: Edges of the squares in which something may have moved, px: an object with the surroundings that it uncovers.
 _MOVED_PX = (7, 11, 15)
-#: Pixels that correlation makes one, above which noise along an edge is alike, too.
-_MOST_ALIKE = 1.25
+#: Steepness of a square over that of the clearest one, from which its motion shows what correlated noise can do.
+_AS_STEEP = 0.5
+#: Median of the sum of two squares of normal numbers.
+_MEDIAN_OF_TWO = 1.386
 #: Width of the Gaussian that smooths slopes, px: wide ones have less noise, narrow ones lose fewer edges.
 _SLOPE_PX = 0.8
 #: Part of the pixels with the steepest slopes, whose scatter shows the noise of places inside a pixel.
@@ -154,7 +156,8 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     The difference is fitted by the slopes of both sides' mean, downwards and to the right, in squares at all positions.
     Products of noise with its own slopes have no sign, whichever side has more of it. A pixel's variance is that of its
     surroundings and a part in proportion to the square of its slope, as samples at random places of a pixel have. What
-    the fit leaves in a square enlarges it.
+    the fit leaves in a square enlarges it. Denoisers move edges of few samples as a whole. Where noise is correlated,
+    squares elsewhere that are about as steep show how far, and few of them show little.
 
     Parameters
     ----------
@@ -166,12 +169,10 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     Returns
     -------
     Finding or None
-        The size is the distance in px, to first order. None for small pictures, and for noise that makes neighbours
-        alike: denoisers move edges of few samples as a whole.
+        The size is the distance in px, to first order. None for small pictures.
     """
     used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
-    alike = difference.clustering > _MOST_ALIKE or not difference.of_pixel_filter
-    if min(used.shape) < _LEAST_PX or not used.any() or alike:
+    if min(used.shape) < _LEAST_PX or not used.any():
         return None
     half, total = 0.5 * (baseline + candidate), candidate - baseline
     slopes = np.stack(np.gradient(gaussian_filter(half, _SLOPE_PX, mode="nearest")))
@@ -233,8 +234,13 @@ def _moved_square(
     clear = np.where(used & (count >= _LEAST_SLOPES), np.sqrt(np.maximum(square, 0.0) / np.maximum(excess, 1.0)), 0.0)
     position = np.unravel_index(int(clear.argmax()), clear.shape)
     peak, degrees = float(clear[position]), float(np.clip(count[position] - 2, _LEAST_DEGREES, _MOST_OF_SLOPES))
-    others = _elsewhere(clear, position, 2 * edge)
-    probability = min(1.0, looks * float(fisher_tail(peak**2 / 2, 2, degrees))) if peak > _CLEARER * others else 1.0
+    alike = _without(np.where(trace >= _AS_STEEP * trace[position], clear, 0.0), position, 2 * edge)
+    alike = alike[alike > 0]
+    spread = max(1.0, float(np.median(alike**2)) / _MEDIAN_OF_TWO) if alike.size else 1.0
+    if clustering > 1:
+        degrees = min(degrees, 2 * alike.size / edge**2)
+    clearer = peak > _CLEARER * _elsewhere(clear, position, 2 * edge) and degrees > 0
+    probability = min(1.0, looks * float(fisher_tail(peak**2 / 2 / spread, 2, degrees))) if clearer else 1.0
     size, (row, column) = float(np.hypot(down[position], right[position])), (int(n) for n in position)
     name = f"something moved in {edge} x {edge} px around x {column} y {row}"
     sigma, bounds = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
@@ -249,9 +255,15 @@ def _bounds(row: int, column: int, edge: int, shape: tuple[int, ...]) -> tuple[i
 
 def _elsewhere(sigmas: NDArray[np.float64], position: tuple[np.intp, ...], reach: int) -> float:
     """Clearest square elsewhere but for some, which may be changes, too."""
-    rest = sigmas.copy()
     for _ in range(_OTHERS):
-        y, x = position
-        rest[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = 0.0
-        position = np.unravel_index(int(rest.argmax()), rest.shape)
-    return float(rest[position])
+        sigmas = _without(sigmas, position, reach)
+        position = np.unravel_index(int(sigmas.argmax()), sigmas.shape)
+    return float(sigmas[position])
+
+
+def _without(sigmas: NDArray[np.float64], position: tuple[np.intp, ...], reach: int) -> NDArray[np.float64]:
+    """(y, x) sigmas, 0 around a position."""
+    y, x = position
+    rest = sigmas.copy()
+    rest[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = 0.0
+    return rest
