@@ -122,11 +122,16 @@ class Outcome(FrozenMappings):
     @property
     def unseen(self) -> str:
         """Size of changes that these pictures cannot show, in words; empty where they differ."""
-        size = self.would_have_seen_in_parts
-        if not self.same or not math.isfinite(size):
+        parts = self.would_have_seen_in_parts
+        if not self.same or not math.isfinite(parts):
             return ""
         part = "a surface" if self.of_kind("surface") else "one of 8 x 8 blocks"
-        text = f"Changes of {part} below {100 * size:.2g} % of its light could not be seen"
+        text = f"Changes of {part} below {100 * parts:.3g} % of its light could not be seen"
+        for row in (*self.of_kind("part"), *self.of_kind("motion")):
+            edge = round(row.pixels**0.5)
+            if math.isfinite(row.detectable):
+                size = f"{100 * row.detectable:.3g} %" if row.unit == "1" else f"{row.detectable:.2g} {row.unit}"
+                text += f", nor {'' if row.unit == '1' else 'motions '}of {edge} x {edge} px below {size}"
         if self.single_pictures:
             text += ", nor another texture of single pixels, which single pictures show as noise"
             text += ": compare several pictures of other seeds on each side"

@@ -44,6 +44,8 @@ _CLEARER = 2.0
 _LEAST_PX = 24
 #: Edges of the squares in which something may have moved, px: an object with the surroundings that it uncovers.
 _MOVED_PX = (7, 11, 15)
+#: Part of the squares that are less steep than those of edges.
+_EDGES = 0.9
 #: Steepness of a square over that of the clearest one, from which its motion shows what correlated noise can do.
 _AS_STEEP = 0.5
 #: Median of the sum of two squares of normal numbers.
@@ -135,7 +137,8 @@ def _clearest(
     """
     inside, around = scatters
     mean = uniform_filter(off, edge, mode="nearest")
-    sigmas = np.abs(mean) / np.sqrt(np.maximum(inside, around) / independent)
+    scatter = np.sqrt(np.maximum(inside, around) / independent)
+    sigmas = np.abs(mean) / scatter
     few = float(np.clip(_OF_STEPS * independent, _LEAST_DEGREES, _SQUARE_DEGREES))
     shares = 2 * looks * student_tail(sigmas, np.where(inside > around, few, _SQUARE_DEGREES))
     inner, border = np.zeros_like(used), edge // 2
@@ -147,7 +150,9 @@ def _clearest(
     size, (y, x) = float(mean[position]), (int(n) for n in position)
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
     sigma, bounds = sigma_of(size, probability, _SQUARE_DEGREES), {"bounds_px": _bounds(y, x, edge, used.shape)}
-    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds)
+    typical = float(np.median(scatter[used]))
+    counted = {"looks": looks, "typical_sigma": typical}
+    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds, **counted)
 
 
 def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
@@ -244,7 +249,10 @@ def _moved_square(
     size, (row, column) = float(np.hypot(down[position], right[position])), (int(n) for n in position)
     name = f"something moved in {edge} x {edge} px around x {column} y {row}"
     sigma, bounds = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
-    return Finding(name, edge**2, size, sigma, degrees, probability, bounds, "px")
+    steep = used & (count >= _LEAST_SLOPES)
+    # along edges, where a motion shows
+    typical = float(np.sqrt(2 * clustering / np.quantile(trace[steep], _EDGES))) if steep.any() else np.inf
+    return Finding(name, edge**2, size, sigma, max(degrees, 1.0), probability, bounds, "px", looks, typical)
 
 
 def _bounds(row: int, column: int, edge: int, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
