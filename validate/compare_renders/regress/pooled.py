@@ -512,9 +512,10 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
 def _by_blocks(
     pooling: Pooling, used: NDArray[np.bool_], terms: NDArray[np.float64], norms: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Standard deviation of a sum of terms by its blocks, and degrees of freedom; 0 where pixels are independent.
+    """Standard deviation of a sum of terms by its blocks, and degrees of freedom.
 
-    Filters and denoisers move an edge as a whole, so that its pixels agree by chance. It is infinite for few blocks.
+    It is 0 where pixels are independent, and infinite for few blocks. Filters and denoisers move an edge as a whole, so
+    that its pixels agree by chance.
     """
     if not pooling.noise.estimated or pooling.noise.clustering == 1:
         return 0.0, np.inf

@@ -306,7 +306,7 @@ def _moved_products(apart: NDArray[np.float64], both: NDArray[np.float64], by: t
 
 
 def _of_tiles(apart: NDArray[np.float64], both: NDArray[np.float64], tile_px: int) -> tuple[NDArray[np.float64], float]:
-    """(n,) products of each pixel of a tile with its partners in all other tiles, and the variance of their sum.
+    """Products of each pixel over all pairs of tiles (n,), and the variance of their sum.
 
     The variance is that over random signs of all pixels, which noise that repeats hardly enlarges.
     """
