@@ -36,6 +36,8 @@ _SQUARE_DEGREES = 20.0
 _LEAST_LEVEL = 0.1
 #: Least scatter of the surroundings over the typical one: where a denoiser left little noise, its errors are no part.
 _LEAST_SCATTER = 0.3
+#: Relative scatter that is always allowed: single precision of files.
+_PRECISION = 1e-6
 #: Squares elsewhere that may have changed, too.
 _OTHERS = 2
 #: Factor by which a finding has to be clearer than all others: a denoiser's noisy spots are about alike.
@@ -184,7 +186,7 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     steepness = (slopes**2).sum(axis=0)
     level = np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
     around = median_filter((total / level) ** 2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
-    around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300) * level**2
+    around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + _PRECISION**2) * level**2
     steep = used & (steepness / around >= float(np.quantile((steepness / around)[used], 1 - _STEEPEST)))
     steep &= steepness > 1e-20 * float(steepness.max())  # of another scale there are pixels without slopes
     at_slopes = (total**2 / _MEDIAN_OF_SQUARE - around)[steep] / steepness[steep]
