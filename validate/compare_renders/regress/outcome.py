@@ -133,7 +133,7 @@ class Outcome(FrozenMappings):
                 size = f"{100 * row.detectable:.3g} %" if row.unit == "1" else f"{row.detectable:.2g} {row.unit}"
                 text += f", nor {'' if row.unit == '1' else 'motions '}of {edge} x {edge} px below {size}"
         if self.single_pictures:
-            text += ", nor another texture of single pixels, which single pictures show as noise"
+            text += ". Another texture of single pixels counts as noise"
             text += ": compare several pictures of other seeds on each side"
         return f"{text}."
 
