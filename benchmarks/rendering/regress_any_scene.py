@@ -26,7 +26,7 @@ from cboxlab.validation.compare_renders.regress import UNKNOWN, Outcome, regress
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, median_filter, uniform_filter1d, zoom
 
-mi.set_variant("llvm_ad_rgb")
+mi.set_variant("scalar_rgb")  # pictures this small are rendered before a kernel is compiled
 SIZE = 48
 SPOILT_SAMPLES = 64
 Picture = NDArray[np.float64]

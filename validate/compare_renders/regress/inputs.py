@@ -206,10 +206,6 @@ def regress_pictures(
 
         layers = " and ".join(row.name for row in outcome.deciding)
         changes = (pattern_alone(f"the light is the same, the {layers} layer differs"),)
-    elif outcome.deciding and all(row.kind == "numbers" for row in outcome.deciding):
-        from .naming import pattern_alone
-
-        changes = (pattern_alone(f"{outcome.deciding[0].name}: its sums have few digits, or it was multiplied later"),)
     elif not outcome.same:
         from .naming import named_changes
 

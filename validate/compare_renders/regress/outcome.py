@@ -123,21 +123,31 @@ class Outcome(FrozenMappings):
     @property
     def unseen(self) -> str:
         """Size of changes that these pictures cannot show, in words; empty where they differ."""
-        size = self.would_have_seen_in_parts
-        if not self.same or not math.isfinite(size):
+        parts = self.would_have_seen_in_parts
+        if not self.same or not math.isfinite(parts):
             return ""
         part = "a surface" if self.of_kind("surface") else "one of 8 x 8 blocks"
-        text = f"Changes of {part} below {100 * size:.2g} % of its light could not be seen"
+        text = f"Changes of {part} below {100 * parts:.3g} % of its light could not be seen"
+        for row in (*self.of_kind("part"), *self.of_kind("motion")):
+            edge = round(row.pixels**0.5)
+            if math.isfinite(row.detectable):
+                size = f"{100 * row.detectable:.3g} %" if row.unit == "1" else f"{row.detectable:.2g} {row.unit}"
+                text += f", nor {'' if row.unit == '1' else 'motions '}of {edge} x {edge} px below {size}"
         if self.single_pictures:
-            text += ", nor another texture of single pixels, which single pictures show as noise"
+            text += ". Another texture of single pixels counts as noise"
             text += ": compare several pictures of other seeds on each side"
         return f"{text}."
 
     @property
     def of_numbers(self) -> str:
-        """Sentence on the numbers of both sides; empty where they are the same."""
+        """Sentence on the numbers of both sides, which do not decide; empty where they are the same."""
         first, second = self.numbers
-        return "" if first == second else f"The candidate stores {second}; the baseline {first}."
+        if first == second:
+            return ""
+        light = (
+            "Numbers are stored differently, the light is the same" if self.same else "Numbers are stored differently"
+        )
+        return f"{light}: the candidate holds {second}, the baseline {first}."
 
     @property
     def equivalence_95(self) -> float:
@@ -300,7 +310,6 @@ class Outcome(FrozenMappings):
                 for kind in ("pattern", *CANCELLING, *STRUCTURE)
                 for row in self.of_kind(kind)
             },
-            "numbers": {row.name: _record(row) for row in self.of_kind("numbers")},
             "stored": dict(zip(("baseline", "candidate"), self.numbers, strict=True)) if self.of_numbers else None,
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
@@ -459,12 +468,14 @@ def github_lines(outcome: Outcome) -> list[str]:
     Returns
     -------
     list of str
-        A notice where the pictures are the same; otherwise an error for the verdict and for the clearest pools.
+        A notice where the pictures are the same, and a warning where their numbers are stored differently; otherwise an
+        error for the verdict and for the clearest pools.
     """
     file = Path(outcome.candidate)
     location = f"file={_escaped(outcome.candidate)},line=1," if file.is_file() else ""
     if outcome.same:
-        return [f"::notice {location}title=cbox regress::{_escaped(summary(outcome))}"]
+        lines = {"notice": summary(outcome), "warning": outcome.of_numbers}
+        return [f"::{kind} {location}title=cbox regress::{_escaped(text)}" for kind, text in lines.items() if text]
     return [f"::error {location}title=cbox regress::{_escaped(summary(outcome))}"] + [
         f"::error {location}title=cbox regress::{_escaped(_pool_text(row))}"
         for row in outcome.deciding[:_MAX_GITHUB_POOLS]

@@ -21,12 +21,14 @@ from .grids import Sums
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
+    BLOCK_PX,
     POWER,
     SHARES,
     Difference,
     PooledMean,
     all_patterns,
     block_spread,
+    block_sums,
     common_size,
     mirror_order,
     pool_of_finding,
@@ -481,11 +483,16 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
         w, s, light = weight[used], np.asarray(slope)[used], half[used]
         s = s - light * (w * s * light).sum() / max(float((w * light**2).sum()), 1e-300)
         terms, norms = w * s * residual[used], w * s**2
-        root = float(np.hypot(np.sqrt((terms**2).sum() * pooling.noise.clustering), (w * s) @ common[used]))
+        root = float(np.sqrt((terms**2).sum() * pooling.noise.clustering))
         few = (terms**2).sum() ** 2 < _MIN_PATTERN_PIXELS * (terms**4).sum()
         independent = float(used.sum()) / pooling.noise.clustering
         if used.sum() < 2 * _MIN_PIXELS or independent < _MIN_INDEPENDENT or root == 0 or few:
             continue
+        by_blocks, blocks = _by_blocks(pooling, used, terms, norms)
+        if not np.isfinite(by_blocks):
+            continue
+        if by_blocks > root:
+            root, independent = by_blocks, min(independent, blocks + 1.0)
         rows.append(
             _row(
                 pooling,
@@ -493,10 +500,27 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
                 prefix + name,
                 int(used.sum()),
                 difference=float(terms.sum() / norms.sum()),
-                sigma=root / float(norms.sum()),
+                sigma=float(np.hypot(root, (w * s) @ common[used])) / float(norms.sum()),
                 degrees=independent - 1.0,
                 count=_PATTERN_GROUPS * len(patterns),
                 unit=unit,
             )
         )
     return rows
+
+
+def _by_blocks(
+    pooling: Pooling, used: NDArray[np.bool_], terms: NDArray[np.float64], norms: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Standard deviation of a sum of terms by its blocks, and degrees of freedom.
+
+    It is 0 where pixels are independent, and infinite for few blocks. Filters and denoisers move an edge as a whole, so
+    that its pixels agree by chance.
+    """
+    if not pooling.noise.estimated or pooling.noise.clustering == 1:
+        return 0.0, np.inf
+    pictures = np.zeros((2, *used.shape))
+    pictures[:, used] = terms, norms
+    alike = 1 + pooling.noise.clustering / BLOCK_PX**2
+    _, sigma, degrees, _ = common_size(block_sums(pictures[0]), block_sums(pictures[1]), alike)
+    return sigma * float(norms.sum()), degrees

@@ -63,11 +63,9 @@ _SMOOTHER = 1.5
 #: Probability of steps between tiles below which they are no correlated noise.
 _STEPPED = 1e-3
 #: Kinds of pools that find a pattern all over the picture.
-_EVERYWHERE = ("grid", "wave", "steps", "reused", "shared", "numbers")
+_EVERYWHERE = ("grid", "wave", "steps", "reused", "shared")
 #: Probability of a fact without noise, such as a layer that differs, over its critical one.
 _CERTAIN = 1e-6
-#: Part of one side's values on steps of sums, above which the other side's steps are no difference.
-_SOME_STEPS = 0.1
 #: Most degrees of freedom of a single pixel, whose noise is not normal.
 _MAX_PIXEL_DEGREES = 8.0
 
@@ -319,8 +317,6 @@ def regress_sides(
     between = _between_cubes(comparison, false_alarms)
     layers = _layers(*_sides(as_found), false_alarms)
     numbers = _numbers(baseline), _numbers(candidate)
-    sums = _sums_in_few_digits(baseline, candidate, *numbers)
-    of_sums = () if sums is None else (pool_of_finding("numbers", sums, false_alarms * SHARES["numbers"]),)
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
         for row in layers
@@ -331,7 +327,7 @@ def regress_sides(
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
-        pools=(*pools, *between, *cancelling, *layers, *of_sums),
+        pools=(*pools, *between, *cancelling, *layers),
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
@@ -392,21 +388,6 @@ def _layers(baseline: Side, candidate: Side, false_alarms: float) -> tuple[Poole
 def _numbers(side: Side) -> NumberSteps:
     """Numbers that the files of a side hold."""
     return steps_of(side.radiance if side.batches is None else side.batches)
-
-
-def _sums_in_few_digits(baseline: Side, candidate: Side, first: NumberSteps, second: NumberSteps) -> Finding | None:
-    """Digits of sums that one side alone has.
-
-    None for files that were multiplied by a factor when read.
-    """
-    if not (baseline.as_stored and candidate.as_stored):
-        return None
-    name, pixels = "digits of sums", int(candidate.radiance[..., 0].size)
-    for side, of_side, other in (("candidate", second, first), ("baseline", first, second)):
-        if of_side.are_sums and other.of_sums < _SOME_STEPS:
-            step = of_side.relative_step
-            return Finding(f"the {side} alone holds {of_side.text}", pixels, step, step / 10, 12.0, 0.0)
-    return Finding(name, pixels, 0.0, 1e-13, 12.0, 1.0)
 
 
 def _sides(comparison: RegressionData) -> tuple[Side, Side]:

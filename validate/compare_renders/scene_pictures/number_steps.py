@@ -46,16 +46,6 @@ class NumberSteps:
     text: str
     #: Whether they are coarser than 32-bit floats.
     coarse: bool = False
-    #: Part of the values, in short intervals, on steps of a constant relative size and any factor, as sums in few
-    #: digits have; 0 for those of a file's format.
-    of_sums: float = 0.0
-    #: Smallest step of these, over the values.
-    relative_step: float = 0.0
-
-    @property
-    def are_sums(self) -> bool:
-        """Whether nearly all values lie on steps of sums."""
-        return self.of_sums >= _MOST_VALUES
 
 
 def steps_of(pictures: NDArray[np.float64]) -> NumberSteps:
@@ -85,10 +75,8 @@ def steps_of(pictures: NDArray[np.float64]) -> NumberSteps:
         single = np.array_equal(values.astype(np.float32).astype(float), values)
     bits, part = _steps_of_sums(values)
     if part >= _MOST_VALUES:
-        return NumberSteps(
-            f"numbers of {bits} significant bits times a factor", coarse=True, of_sums=part, relative_step=2.0**-bits
-        )
-    return NumberSteps("32-bit floats" if single else "finer numbers", of_sums=part)
+        return NumberSteps(f"numbers of {bits} significant bits times a factor, as sums in few digits are", coarse=True)
+    return NumberSteps("32-bit floats" if single else "finer numbers")
 
 
 def _have_shared_exponents(pictures: NDArray[np.float64]) -> bool:

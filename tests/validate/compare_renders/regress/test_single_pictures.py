@@ -210,6 +210,10 @@ def test_random_numbers_reused_in_tiles_are_seen_where_one_side_alone_does_so():
     assert repeats.name.startswith("reused random numbers: noise of the candidate repeats")
     assert finding(rng.standard_normal(light.shape), rng.standard_normal(light.shape)).probability > 1e-3
     assert finding(repeated_noise(rng), repeated_noise(rng)) is None
+    # a twelfth of the variance repeats: all pairs of tiles show it, neighbouring tiles alone do not
+    faint = np.sqrt(0.92) * rng.standard_normal(light.shape) + np.sqrt(0.08) * repeated_noise(rng)
+    assert finding(rng.standard_normal(light.shape), faint).probability < 1e-6
+    assert finding(faint, rng.standard_normal(light.shape)).name.endswith("of the baseline repeats in tiles of 16 px")
 
 
 def test_random_numbers_shared_by_blocks_are_seen_where_one_side_alone_does_so():

@@ -4,7 +4,7 @@ from .all_patterns import all_patterns
 from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 from .dark import cut_values, dark_pixels
 from .difference import Difference, Finding, common_size
-from .fine_light import moved_slightly, other_contrast
+from .fine_light import BLOCK_PX, block_sums, moved_slightly, other_contrast
 from .moved import mirror_order, moved_texture
 from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
 from .odd_parts import odd_lines, odd_tiles, tile_steps
@@ -17,6 +17,7 @@ from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
 __all__ = [
+    "BLOCK_PX",
     "CANCELLING",
     "FIXED_TEXTURE",
     "MEANS",
@@ -29,6 +30,7 @@ __all__ = [
     "all_patterns",
     "block_changes",
     "block_spread",
+    "block_sums",
     "clustering_by_filter",
     "clustering_of_blocks",
     "clustering_of_neighbours",

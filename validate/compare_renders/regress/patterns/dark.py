@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from cboxlab.utils.distributions import NORMAL_OVER_MEDIAN
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, minimum_filter
 from scipy.special import bdtrc
 
 from .difference import Finding, sigma_of
@@ -30,6 +30,8 @@ _DARK_OVER_DIM = 2.0
 _MORE_ON_ONE_SIDE = 10.0
 #: Largest relative scatter of neighbours at which a dark pixel is no noise.
 _MAX_SCATTER = 0.15
+#: Light of a dark pixel over the least of the other side around it, below which no dark part of the scene explains it.
+_DARKER = 0.5
 #: Pixels a side of the neighbourhood.
 _WINDOW_PX = 7
 
@@ -53,8 +55,9 @@ def dark_pixels(
     critical
         Probability that a finding states as its own.
     with_errors
-        Whether both sides state their noise. Otherwise a pixel may be one sample. Noise that makes dark pixels then
-        makes them on both sides, and in penumbras and at edges rather than in quiet parts.
+        Whether both sides state their noise. Otherwise a pixel may be one sample, of a dark part of the scene near it.
+        Noise that makes dark pixels then makes them on both sides, and in penumbras and at edges rather than in quiet
+        parts.
 
     Returns
     -------
@@ -65,6 +68,9 @@ def dark_pixels(
     of_baseline, of_candidate = (
         first.between(0.0, _DARK_PART) & second.between(_LIT_PART, np.inf) for first, second in (sides, sides[::-1])
     )
+    if not with_errors:
+        around = [_DARKER * minimum_filter(picture, _WINDOW_PX, mode="nearest") for picture in (candidate, baseline)]
+        of_baseline, of_candidate = of_baseline & (baseline < around[0]), of_candidate & (candidate < around[1])
     quiet = [smooth & side.quiet & (not side.mostly_dim(smooth)) for side in sides]
     counts = [int((dark & calm).sum()) for dark, calm in zip((of_baseline, of_candidate), quiet, strict=True)]
     count = sum(counts)

@@ -49,6 +49,10 @@ class Finding(FrozenMappings):
     parameters: Mapping[str, Any] = field(default_factory=dict)
     #: Unit of ``size``.
     unit: str = "1"
+    #: Instances of the kind that ``probability`` counts.
+    looks: float = 1.0
+    #: Standard deviation of the size at a typical place; None for ``sigma``.
+    typical_sigma: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from .difference import Difference, Finding, common_size, self_normalised
 
-__all__ = ["block_sums", "fine_light", "moved_slightly", "other_contrast"]
+__all__ = ["BLOCK_PX", "block_sums", "fine_light", "moved_slightly", "other_contrast"]
 
 #: Pixels a side of the windows whose means are subtracted for the contrast: narrow filters change the finest structure
 #: alone, denoisers leave it and change wider structure.
@@ -29,7 +29,7 @@ _MOTIONS = 4 * len(_PLACE_PX)
 #: Width of the filter that gives the local level of the light, px: a product of a pixel's noise with it is small.
 _LEVEL_PX = 2.5
 #: Pixels a side of the blocks whose sums are independent: wider than a pixel filter.
-_BLOCK_PX = 4
+BLOCK_PX = 4
 #: Fewest blocks of a test.
 _LEAST_BLOCKS = 36
 #: Squares of a block over the median block's, from which it counts about fully.
@@ -157,7 +157,7 @@ def _common(
 
 def _merged(values: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
     """(n,) sums of 2 x 2 blocks, the last ones of fewer."""
-    rows, columns = (size // _BLOCK_PX for size in shape)
+    rows, columns = (size // BLOCK_PX for size in shape)
     grid = values.reshape(rows, columns)
     return np.add.reduceat(np.add.reduceat(grid, range(0, rows, 2), axis=0), range(0, columns, 2), axis=1).ravel()
 
@@ -174,7 +174,7 @@ def _alike(difference: Difference) -> float:
 
     Products of both sides are correlated over half the area of their noise.
     """
-    return 1 + difference.clustering / (2 * _BLOCK_PX**2)
+    return 1 + difference.clustering / (2 * BLOCK_PX**2)
 
 
 def _finding(
@@ -217,7 +217,7 @@ def _blocks(
     """
     first, second = fine
     height, width = first.shape
-    if (height // _BLOCK_PX) * (width // _BLOCK_PX) < _LEAST_BLOCKS:
+    if (height // BLOCK_PX) * (width // BLOCK_PX) < _LEAST_BLOCKS:
         return None
     before, after, product = (block_sums(p) for p in (first**2, second**2, first * second))
     both = before + after
@@ -242,6 +242,6 @@ def block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
     NDArray
         (n,) sums.
     """
-    height, width = (size // _BLOCK_PX for size in terms.shape)
-    inner = terms[: height * _BLOCK_PX, : width * _BLOCK_PX]
-    return np.asarray(inner.reshape(height, _BLOCK_PX, width, _BLOCK_PX).sum(axis=(1, 3)).ravel())
+    height, width = (size // BLOCK_PX for size in terms.shape)
+    inner = terms[: height * BLOCK_PX, : width * BLOCK_PX]
+    return np.asarray(inner.reshape(height, BLOCK_PX, width, BLOCK_PX).sum(axis=(1, 3)).ravel())

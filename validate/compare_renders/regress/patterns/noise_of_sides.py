@@ -13,16 +13,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from cboxlab.utils.distributions import student_tail
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter
 
 from .difference import Difference, Finding, self_normalised, sigma_of
-from .fine_light import block_sums
+from .fine_light import BLOCK_PX, block_sums
 
 __all__ = ["filtered_noise", "reused_numbers", "shared_numbers"]
 
 #: Pixels a side of the window whose mean is subtracted: noise of single pixels remains.
 _WINDOW_PX = 3
+#: Sum of the squared correlations of independent noise less its means over that window: 1 + 0.218 / 0.889^2.
+_FINE_ALIKE = 1.28
 #: Pixels a side of the window that gives the scatter of the difference around a pixel.
 _SCALE_PX = 7
 #: Steps along the line of a step whose median is subtracted, so that straight edges and gradients leave nothing.
@@ -96,24 +99,28 @@ def reused_numbers(difference: Difference) -> Finding | None:
     tested[:, repeated.shape[1] // 2 :] = False  # each distance once
     tested[repeated.shape[0] // 2 :, 0] = False
     tiles = range(_LEAST_PX, min(height, width) // 2 + 1)
-    distances: dict[str, tuple[tuple[int, int], ...]] = {
-        f"in tiles of {px} px": ((0, px), (px, 0), (px, px), (px, -px)) for px in tiles
-    }
+    repeats: dict[str, tuple[int, int] | int] = {f"in tiles of {px} px": px for px in tiles}
     for products in (repeated, of_difference):
         clear = np.where(tested, np.abs(products) / np.sqrt(np.maximum(overlap, _COMMON)), 0.0)
         for index in np.argsort(clear, axis=None)[: -_CANDIDATES - 1 : -1]:
             row, column = (int(i) for i in np.unravel_index(int(index), clear.shape))
             row -= 0 if row < repeated.shape[0] // 2 else repeated.shape[0]
-            distances[f"{column} px right, {row} px down"] = ((row, column),)
+            repeats[f"{column} px right, {row} px down"] = (row, column)
     variances = [float(np.sum(sides.apart * (sides.apart_alike + sign * sides.both))) for sign in (-1, 1)]
     looks, findings = int(tested.sum()) + len(tiles), []
-    for where, moves in distances.items():
-        terms, alike = (
-            block_sums(np.sum([_moved_products(sides.apart, other, by) for by in moves], axis=0))
-            for other in (sides.both, sides.apart_alike)
-        )
-        _, share = self_normalised(terms)
-        weaker, of_weaker = self_normalised(alike - np.sign(terms.sum()) * terms)
+    others = sides.both, sides.apart_alike
+    for where, by in repeats.items():
+        if isinstance(by, int):
+            (terms, variance), (alike, _) = (_of_tiles(sides.apart, other, by) for other in others)
+            # products of noise are correlated over half the area of the noise
+            pairs, neighbours = (height // by) * (width // by) - 1, max(_FINE_ALIKE, difference.clustering / 2)
+            clear = abs(float(terms.sum())) / max(float(np.sqrt(variance * neighbours)), 1e-300)
+            share = float(2 * student_tail(clear, max(terms.size / neighbours - 1, 1.0)))
+        else:
+            terms, alike = (block_sums(_moved_products(sides.apart, other, by)) for other in others)
+            pairs, neighbours = 1, 1.0
+            _, share = self_normalised(terms)
+        weaker, of_weaker = self_normalised(alike - np.sign(terms.sum()) * terms, neighbours)
         of_both = abs(terms.sum()) <= _CLEARLY * alike.sum()
         if of_both and weaker > 0 and looks * of_weaker < _REPEATS:
             return None  # both sides repeat, and their blocks are copies
@@ -123,7 +130,7 @@ def reused_numbers(difference: Difference) -> Finding | None:
         clearer, less_clear = (float(alike.sum()) + sign * abs(float(terms.sum())) for sign in (1, -1))
         # noise that repeats is alike; next to noise that a filter spreads it is the other way round
         probability = min(1.0, looks * share) if clearer > abs(less_clear) else 1.0
-        size = clearer / len(moves) / max(variances[of_candidate], 1e-300)
+        size = clearer / pairs / max(variances[of_candidate], 1e-300)
         findings.append(_finding(name, sides.apart.size, size, terms, probability))
     return min(findings, key=lambda finding: finding.probability)
 
@@ -183,13 +190,13 @@ def filtered_noise(difference: Difference) -> Finding | None:
     Returns
     -------
     Finding or None
-        The size is the correlation of neighbours of one side less that of the other. None for small pictures, and for
-        noise that reaches over more than a few pixels.
+        The size is the correlation of neighbours of one side less that of the other. None for small pictures.
     """
     pictures = _apart_and_both(difference)
-    if pictures is None or not difference.of_pixel_filter:
+    if pictures is None:
         return None
-    findings = [f for window in _FILTER_PX for f in _neighbours_alike(pictures, window)]
+    alike = 1 + difference.clustering / BLOCK_PX**2
+    findings = [f for window in _FILTER_PX for f in _neighbours_alike(pictures, window, alike)]
     looks = len(findings)
     clearest = min(findings, key=lambda finding: finding.probability, default=None)
     if clearest is None:
@@ -199,8 +206,13 @@ def filtered_noise(difference: Difference) -> Finding | None:
     return replace(clearest, probability=probability, sigma=sigma)
 
 
-def _neighbours_alike(pictures: tuple[NDArray[np.float64], NDArray[np.float64]], window_px: int) -> list[Finding]:
-    """Comparison of the sides' correlations, and of either side's with that of the difference."""
+def _neighbours_alike(
+    pictures: tuple[NDArray[np.float64], NDArray[np.float64]], window_px: int, alike: float
+) -> list[Finding]:
+    """Comparison of the sides' correlations, and of either side's with that of the difference.
+
+    alike : number of neighbouring blocks that correlation makes one.
+    """
     sides = _fine(pictures, window_px, _STRUCTURE_OF_BLOCKS)
     moves = ((0, 1), (1, 0))
     near, near_apart = (
@@ -224,9 +236,9 @@ def _neighbours_alike(pictures: tuple[NDArray[np.float64], NDArray[np.float64]],
     size = abs(correlation[1] - correlation[0])
     findings = []
     for part in (terms, 0.5 * (terms + of_difference), 0.5 * (terms - of_difference)):
-        _, share = self_normalised(weight * part)
+        _, share = self_normalised(weight * part, alike)
         share = share if correlation[filtered] > _LEAST_CORRELATION else 1.0
-        degrees = part.size - 1.0
+        degrees = part.size / alike - 1.0
         findings.append(Finding(name, sides.apart.size, size, sigma_of(size, share, degrees), degrees, share))
     return findings
 
@@ -291,6 +303,21 @@ def _products(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArra
 def _moved_products(apart: NDArray[np.float64], both: NDArray[np.float64], by: tuple[int, int]) -> NDArray[np.float64]:
     """(y, x) products of the candidate with itself, moved, less those of the baseline."""
     return 0.5 * (_overlapping(apart, both, by) + _overlapping(both, apart, by))
+
+
+def _of_tiles(apart: NDArray[np.float64], both: NDArray[np.float64], tile_px: int) -> tuple[NDArray[np.float64], float]:
+    """Products of each pixel over all pairs of tiles (n,), and the variance of their sum.
+
+    The variance is that over random signs of all pixels, which noise that repeats hardly enlarges.
+    """
+    rows, columns = (size // tile_px for size in apart.shape)
+    tiles = [p[: rows * tile_px, : columns * tile_px].reshape(rows, tile_px, columns, tile_px) for p in (apart, both)]
+    sums = [part.sum(axis=(0, 2)) for part in tiles]
+    squares = [(part**2).sum(axis=(0, 2)) for part in tiles]
+    product = tiles[0] * tiles[1]
+    same = product.sum(axis=(0, 2))
+    variance = squares[0] * squares[1] + same**2 - 2 * (product**2).sum(axis=(0, 2))
+    return np.asarray(sums[0] * sums[1] - same).ravel(), float(variance.sum())
 
 
 def _overlapping(first: NDArray[np.float64], second: NDArray[np.float64], by: tuple[int, int]) -> NDArray[np.float64]:

@@ -36,6 +36,8 @@ _SQUARE_DEGREES = 20.0
 _LEAST_LEVEL = 0.1
 #: Least scatter of the surroundings over the typical one: where a denoiser left little noise, its errors are no part.
 _LEAST_SCATTER = 0.3
+#: Relative scatter that is always allowed: single precision of files.
+_PRECISION = 1e-6
 #: Squares elsewhere that may have changed, too.
 _OTHERS = 2
 #: Factor by which a finding has to be clearer than all others: a denoiser's noisy spots are about alike.
@@ -44,8 +46,12 @@ _CLEARER = 2.0
 _LEAST_PX = 24
 #: Edges of the squares in which something may have moved, px: an object with the surroundings that it uncovers.
 _MOVED_PX = (7, 11, 15)
-#: Pixels that correlation makes one, above which noise along an edge is alike, too.
-_MOST_ALIKE = 1.25
+#: Part of the squares that are less steep than those of edges.
+_EDGES = 0.9
+#: Steepness of a square over that of the clearest one, from which its motion shows what correlated noise can do.
+_AS_STEEP = 0.5
+#: Median of the sum of two squares of normal numbers.
+_MEDIAN_OF_TWO = 1.386
 #: Width of the Gaussian that smooths slopes, px: wide ones have less noise, narrow ones lose fewer edges.
 _SLOPE_PX = 0.8
 #: Part of the pixels with the steepest slopes, whose scatter shows the noise of places inside a pixel.
@@ -133,7 +139,8 @@ def _clearest(
     """
     inside, around = scatters
     mean = uniform_filter(off, edge, mode="nearest")
-    sigmas = np.abs(mean) / np.sqrt(np.maximum(inside, around) / independent)
+    scatter = np.sqrt(np.maximum(inside, around) / independent)
+    sigmas = np.abs(mean) / scatter
     few = float(np.clip(_OF_STEPS * independent, _LEAST_DEGREES, _SQUARE_DEGREES))
     shares = 2 * looks * student_tail(sigmas, np.where(inside > around, few, _SQUARE_DEGREES))
     inner, border = np.zeros_like(used), edge // 2
@@ -145,7 +152,9 @@ def _clearest(
     size, (y, x) = float(mean[position]), (int(n) for n in position)
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
     sigma, bounds = sigma_of(size, probability, _SQUARE_DEGREES), {"bounds_px": _bounds(y, x, edge, used.shape)}
-    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds)
+    typical = float(np.median(scatter[used]))
+    counted = {"looks": looks, "typical_sigma": typical}
+    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds, **counted)
 
 
 def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
@@ -154,7 +163,8 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     The difference is fitted by the slopes of both sides' mean, downwards and to the right, in squares at all positions.
     Products of noise with its own slopes have no sign, whichever side has more of it. A pixel's variance is that of its
     surroundings and a part in proportion to the square of its slope, as samples at random places of a pixel have. What
-    the fit leaves in a square enlarges it.
+    the fit leaves in a square enlarges it. Denoisers move edges of few samples as a whole. Where noise is correlated,
+    squares elsewhere that are about as steep show how far, and few of them show little.
 
     Parameters
     ----------
@@ -166,19 +176,17 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     Returns
     -------
     Finding or None
-        The size is the distance in px, to first order. None for small pictures, and for noise that makes neighbours
-        alike: denoisers move edges of few samples as a whole.
+        The size is the distance in px, to first order. None for small pictures.
     """
     used = np.logical_or.reduce([difference.smooth, *difference.groups.values()])
-    alike = difference.clustering > _MOST_ALIKE or not difference.of_pixel_filter
-    if min(used.shape) < _LEAST_PX or not used.any() or alike:
+    if min(used.shape) < _LEAST_PX or not used.any():
         return None
     half, total = 0.5 * (baseline + candidate), candidate - baseline
     slopes = np.stack(np.gradient(gaussian_filter(half, _SLOPE_PX, mode="nearest")))
     steepness = (slopes**2).sum(axis=0)
     level = np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
     around = median_filter((total / level) ** 2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
-    around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300) * level**2
+    around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + _PRECISION**2) * level**2
     steep = used & (steepness / around >= float(np.quantile((steepness / around)[used], 1 - _STEEPEST)))
     steep &= steepness > 1e-20 * float(steepness.max())  # of another scale there are pixels without slopes
     at_slopes = (total**2 / _MEDIAN_OF_SQUARE - around)[steep] / steepness[steep]
@@ -233,12 +241,20 @@ def _moved_square(
     clear = np.where(used & (count >= _LEAST_SLOPES), np.sqrt(np.maximum(square, 0.0) / np.maximum(excess, 1.0)), 0.0)
     position = np.unravel_index(int(clear.argmax()), clear.shape)
     peak, degrees = float(clear[position]), float(np.clip(count[position] - 2, _LEAST_DEGREES, _MOST_OF_SLOPES))
-    others = _elsewhere(clear, position, 2 * edge)
-    probability = min(1.0, looks * float(fisher_tail(peak**2 / 2, 2, degrees))) if peak > _CLEARER * others else 1.0
+    alike = _without(np.where(trace >= _AS_STEEP * trace[position], clear, 0.0), position, 2 * edge)
+    alike = alike[alike > 0]
+    spread = max(1.0, float(np.median(alike**2)) / _MEDIAN_OF_TWO) if alike.size else 1.0
+    if clustering > 1:
+        degrees = min(degrees, 2 * alike.size / edge**2)
+    clearer = peak > _CLEARER * _elsewhere(clear, position, 2 * edge) and degrees > 0
+    probability = min(1.0, looks * float(fisher_tail(peak**2 / 2 / spread, 2, degrees))) if clearer else 1.0
     size, (row, column) = float(np.hypot(down[position], right[position])), (int(n) for n in position)
     name = f"something moved in {edge} x {edge} px around x {column} y {row}"
     sigma, bounds = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
-    return Finding(name, edge**2, size, sigma, degrees, probability, bounds, "px")
+    steep = used & (count >= _LEAST_SLOPES)
+    # along edges, where a motion shows
+    typical = float(np.sqrt(2 * clustering / np.quantile(trace[steep], _EDGES))) if steep.any() else np.inf
+    return Finding(name, edge**2, size, sigma, max(degrees, 1.0), probability, bounds, "px", looks, typical)
 
 
 def _bounds(row: int, column: int, edge: int, shape: tuple[int, ...]) -> tuple[int, int, int, int]:
@@ -249,9 +265,15 @@ def _bounds(row: int, column: int, edge: int, shape: tuple[int, ...]) -> tuple[i
 
 def _elsewhere(sigmas: NDArray[np.float64], position: tuple[np.intp, ...], reach: int) -> float:
     """Clearest square elsewhere but for some, which may be changes, too."""
-    rest = sigmas.copy()
     for _ in range(_OTHERS):
-        y, x = position
-        rest[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = 0.0
-        position = np.unravel_index(int(rest.argmax()), rest.shape)
-    return float(rest[position])
+        sigmas = _without(sigmas, position, reach)
+        position = np.unravel_index(int(sigmas.argmax()), sigmas.shape)
+    return float(sigmas[position])
+
+
+def _without(sigmas: NDArray[np.float64], position: tuple[np.intp, ...], reach: int) -> NDArray[np.float64]:
+    """(y, x) sigmas, 0 around a position."""
+    y, x = position
+    rest = sigmas.copy()
+    rest[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1] = 0.0
+    return rest

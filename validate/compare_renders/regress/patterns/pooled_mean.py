@@ -39,8 +39,7 @@ SHARES = {
     "filter": 0.011,
     "part": 0.02,
     "motion": 0.02,
-    "layer": 0.0005,
-    "numbers": 0.0005,
+    "layer": 0.001,
 }
 
 #: Kinds of pools that find what means do not show.
@@ -111,7 +110,8 @@ def pool_of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         The test.
     """
     sigma = max(finding.sigma, _LEAST_SIGMA)
-    threshold = float(student_quantile(critical / 2, finding.degrees))
+    threshold = float(student_quantile(critical / 2 / finding.looks, finding.degrees))
+    typical = sigma if finding.typical_sigma is None else finding.typical_sigma
     return PooledMean(
         kind,
         finding.name,
@@ -122,7 +122,7 @@ def pool_of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         finding.size / sigma,
         finding.probability,
         critical,
-        (threshold + float(normal_quantile(1.0 - POWER))) * sigma,
+        (threshold + float(normal_quantile(1.0 - POWER))) * typical,
         finding.unit,
         finding.parameters.get("bounds_px"),
     )

@@ -98,7 +98,9 @@ def slow_change(difference: Difference) -> Finding | None:
             _by_blocks(terms, norms, bright, n, 1 + difference.clustering * (n / shortest) ** 2) for n in numbers
         )
     else:
-        probability = max(_by_waves(slow, free, power[free + 1 :], halves), _by_blocks(terms, norms, bright, _BLOCKS))
+        alike = 1 + difference.clustering * (_BLOCKS / min(used.shape)) ** 2
+        by_blocks = _by_blocks(terms, norms, bright, _BLOCKS, alike)
+        probability = max(_by_waves(slow, free, power[free + 1 :], halves), by_blocks)
     size = float(np.sqrt(slow * free / max(float((weight**2).sum()), 1e-300)))
     sigma = sigma_of(size, probability, len(waves))
     amplitudes = {"amplitudes": rough}
