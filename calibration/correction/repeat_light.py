@@ -28,7 +28,7 @@ LIGHT_CHANGE_NOTED = 0.003
 LIGHT_FALSE_ALARM = 1e-4
 #: Robust standard deviations beyond which a pixel's deviation is a cosmic ray.
 _OUTLIER_SIGMAS = 5.5
-#: Fits without outliers, each judged by the fit before: a change of 26 % is then measured to 0.1 % of itself.
+#: Most fits without outliers, each judged by the fit before: a change of 26 % is then measured to 0.1 % of itself.
 _ROUNDS = 4
 
 
@@ -71,8 +71,10 @@ def _sizes(
     sizes, usual = np.zeros(len(deviation)), np.ones(deviation.shape, bool)
     for _ in range(_ROUNDS):
         usual = _without_outliers(deviation - sizes[:, None] * model, mean)
-        pairs = zip(deviation, usual, strict=True)
+        before, pairs = sizes, zip(deviation, usual, strict=True)
         sizes = np.array([row[use] @ model[use] / max(float(model[use] @ model[use]), 1e-300) for row, use in pairs])
+        if np.array_equal(sizes, before):
+            break
     return sizes, np.where(usual, deviation - sizes[:, None] * model, 0.0)
 
 

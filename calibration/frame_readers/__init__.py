@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from cboxlab.utils.errors import InputError
@@ -40,6 +41,12 @@ Number = TypeVar("Number", np.uint16, np.float64)
 _GROUP = "cboxlab.frames"
 #: Headers kept: a capture's frames are checked once and read several times.
 _HEADERS_KEPT = 4096
+#: Files whose pictures are kept: a calibration reads each frame four or five times.
+_FILES_KEPT = 256
+#: Most pixels of these, in all pictures of a file: 256 files of counts then take 32 MiB.
+_MOST_PIXELS_KEPT = 2**16
+#: Age of a file from which its pictures are kept, ns: a second change within the clock's step would not be noticed.
+_SETTLED_NS = 2 * 10**9
 
 
 @lru_cache(maxsize=1)
@@ -222,13 +229,31 @@ def _checked_pictures(
     """(n, y, x) pictures of a file by its reader, of the shape in the header."""
     header: FrameHeader = frame_header(path)
     pictures = range(header.pictures) if pictures is None else pictures
+    shape, state = (len(pictures), *header.shape), path.stat()
+    if np.prod(shape) > _MOST_PIXELS_KEPT or time.time_ns() - state.st_mtime_ns < _SETTLED_NS:
+        return _pictures(path, reader, read, pictures, shape)
+    return _pictures_as_of(path, state.st_mtime_ns, state.st_size, reader, read, pictures, shape).copy()
+
+
+@lru_cache(maxsize=_FILES_KEPT)
+def _pictures_as_of(path: Path, changed_ns: int, size: int, *arguments: Any) -> NDArray[Any]:
+    """Pictures of one version of a file."""
+    return _pictures(path, *arguments)
+
+
+def _pictures(
+    path: Path,
+    reader: FrameReader,
+    read: Callable[[Path, range], NDArray[Number]],
+    pictures: range,
+    shape: tuple[int, ...],
+) -> NDArray[Number]:
     try:
         values = read(path, pictures)
     except InputError:
         raise
     except (Exception, SystemExit) as error:
         raise _unreadable(path, reader, error) from None
-    if values.shape != (len(pictures), *header.shape):
-        expected = f"{(len(pictures), *header.shape)} as in the file's header"
-        raise InputError(path, f"pictures of shape {values.shape}", expected)
+    if values.shape != shape:
+        raise InputError(path, f"pictures of shape {values.shape}", f"{shape} as in the file's header")
     return values

@@ -114,7 +114,7 @@ def build_warp(tracer: Tracer, camera: Camera, image: RenderedImage, signal: NDA
         face_signal = layer + lacking / np.where(most, part, 1.0)[..., None]
         layer[:] = _continued(np.where(single[..., None], np.moveaxis(signal, 0, -1), face_signal), single | most)
     still = Warp(tracer, camera, coverage, border, faces, layers, np.zeros_like(signal))
-    return replace(still, base=warp_change(still, camera))
+    return replace(still, base=_change(still, camera, coverage.reshape(-1, coverage.shape[-1])[border][:, faces]))
 
 
 def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
@@ -134,6 +134,8 @@ def warp_change(warp: Warp, camera: Camera) -> NDArray[np.float64]:
     NDArray
         (band, y, x) change.
     """
+    if camera is warp.camera:
+        return np.zeros_like(warp.base)
     return _change(warp, camera, _coverage(warp, [camera])[0])
 
 

@@ -1,24 +1,32 @@
 """Report of a validation or diagnosis: report.html, metrics.json, maps, and texts."""
 
-from .bands import named_bands
-from .blocks import ReportSection
-from .diagnosis import (
-    diagnosis_record,
-    explained_share,
-    finding_sentences,
-    path_steps,
-    ranked_values,
-    step_name,
-    write_diagnosis,
-)
-from .figures import FIGURES, comparison_figure
-from .metrics import PathStep
-from .page import write_tables
-from .plots import STYLE, map_next_to, picture_row
-from .table_sections import correlation_section
-from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
-from .verdict import chi2_by_place, verdict
-from .write import validation_record, write_validation
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cboxlab.utils.lazy import lazy_names
+
+from .verdict import chi2_by_place, verdict  # a name that a module has too cannot be lazy
+
+if TYPE_CHECKING:
+    from .bands import named_bands
+    from .blocks import ReportSection
+    from .diagnosis import (
+        diagnosis_record,
+        explained_share,
+        finding_sentences,
+        path_steps,
+        ranked_values,
+        step_name,
+        write_diagnosis,
+    )
+    from .figures import FIGURES, comparison_figure
+    from .metrics import PathStep
+    from .page import write_tables
+    from .plots import STYLE, map_next_to, picture_row
+    from .table_sections import correlation_section
+    from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
+    from .write import validation_record, write_validation
 
 __all__ = [
     "FIGURES",
@@ -48,3 +56,5 @@ __all__ = [
     "write_trend",
     "write_validation",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__)

@@ -26,7 +26,7 @@ from .metrics import ValidationFacts
 from .numerals import chi2_text
 from .picture_sections import band_maps, maps_section, residual_section, scatter_section, weights_section
 from .plots import Drawing, MapRow
-from .story import story_without
+from .story_without import story_without
 from .table_sections import camera_section, masks_section, tables_section, where_section
 from .verdict import verdict, warnings
 from .viewer import picture_data, viewer_fragment

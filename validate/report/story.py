@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
+from ..compare import COLOUR_DIFFERENCES, HEADLINE
 from ..diagnose import Diagnosis, LikelyCause
 from ..diagnose.explain import advice
 from .bands import NamedBand
@@ -32,9 +32,10 @@ from .diagnosis import (
 from .explanation import explanation_sections
 from .numerals import chi2_text, number, significant
 from .plots import STYLE, Drawing, MapRow, falling_curve, map_row, residual_scale
+from .story_without import NOTHING_MISSING, beyond_adequate, pooled
 from .verdict import verdict
 
-__all__ = ["pooled", "signature_layers", "story", "story_without"]
+__all__ = ["signature_layers", "story"]
 
 #: Most bands of signatures shown: those that differ most.
 _MAX_BANDS = 7
@@ -44,9 +45,6 @@ _MAX_LAYER_NUMBERS = 1 << 19
 
 #: Largest value of a signature, in standard deviations, below which camera and lamp imitate all of it.
 _MIN_VISIBLE_SIGMA = 0.01
-
-#: Sentence on an adequate model.
-_NOTHING_MISSING = "This capture shows nothing that the model lacks."
 
 #: Sentence on a cause without a signature in the picture.
 _IMITATED = " Camera and lamp can imitate all of it: the evidence is their survey and the lamp's stated power alone."
@@ -59,71 +57,6 @@ _MIN_PROBABILITY = 0.0005
 
 #: Effects in the table of effects tried alone.
 _NUM_RANKED = 8
-
-
-def pooled(values: NDArray) -> NDArray[np.float64]:
-    """Sum over the bands used, over its standard deviation.
-
-    Parameters
-    ----------
-    values
-        (band, y, x) values over sigma; NaN where a sample is left out.
-
-    Returns
-    -------
-    NDArray
-        (y, x) with the noise of one band; NaN without a band.
-    """
-    used = np.isfinite(values)
-    count = used.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(count > 0, np.where(used, values, 0.0).sum(axis=0) / np.sqrt(count), np.nan)
-
-
-def story_without(c: Comparison, bands: Sequence[NamedBand]) -> Story:
-    """Chapters of a comparison without a diagnosis.
-
-    Parameters
-    ----------
-    c
-        The comparison.
-    bands
-        Bands in the order of the page.
-
-    Returns
-    -------
-    Story
-        The verdict, and the advice to run a diagnosis where the model is not adequate.
-    """
-    result = verdict(c, bands)
-    residual = pooled(c.maps["residual_over_sigma"].values)
-    picture = map_row({"Photograph minus rendering, all bands": residual}, residual_scale())
-    adequate = result.level == "explained"
-    sentence = (
-        "The model is adequate: noise explains the difference."
-        if adequate
-        else f"{result.headline} No diagnosis looked for the cause."
-    )
-    advice = (
-        "Run a diagnosis of this capture: it tries every effect of the catalogue and names those that the model lacks."
-    )
-    return Story(
-        Headline(sentence, result.details, picture),
-        ReportSection(
-            "What is missing",
-            (_NOTHING_MISSING if adequate else "No diagnosis looked for the cause.",),
-        ),
-        None,
-        ReportSection("What to do next", steps=_beyond_adequate() if adequate else (advice,)),
-    )
-
-
-def _beyond_adequate() -> tuple[str, ...]:
-    """Steps after the result that the model is adequate."""
-    return (
-        "You need not add anything to the model.",
-        "If you take more frames per band, the noise falls and may reveal smaller errors of the model.",
-    )
 
 
 def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
@@ -237,7 +170,7 @@ def _missing(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> ReportSection:
     if diagnosis.adequate:
         return ReportSection(
             "What is missing",
-            (_NOTHING_MISSING,),
+            (NOTHING_MISSING,),
             (*((_limits(diagnosis),) if diagnosis.limits else ()), _ranking(diagnosis)),
         )
     first, *others = diagnosis.causes
@@ -400,7 +333,7 @@ def _falling(diagnosis: Diagnosis) -> ReportSection:
 def _next_steps(diagnosis: Diagnosis) -> tuple[str, ...]:
     """Steps for the reader: confirm, add to the model, take a further capture, search the rest."""
     if diagnosis.adequate:
-        return _beyond_adequate()
+        return beyond_adequate()
     steps = []
     for effect in diagnosis.path[-1].effects:
         values = " ".join(f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in effect.values.items())

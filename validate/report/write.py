@@ -7,21 +7,21 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cboxlab.rendering.model import model_text
 from cboxlab.utils.files import origin, this_command
 
 from ..compare import Failure, Validation, failures, write_maps
-from ..diagnose import Diagnosis
 from .bands import named_bands
 from .blocks import ReportSection
-from .diagnosis import path_steps
 from .metrics import PathStep, ValidationFacts, metrics, write_metrics
 from .page import ReportInputs, build_report
-from .story import signature_layers, story
 from .table_sections import parts_section
 from .viewer import viewer_data
+
+if TYPE_CHECKING:
+    from ..diagnose import Diagnosis
 
 __all__ = ["validation_record", "write_validation"]
 
@@ -169,7 +169,14 @@ def write_validation(
     prepared, c = result.prepared, result.comparison
     calibration = prepared.calibration
     subsets, failed = failures(result)
-    run = _run(result, failed, [] if diagnosis is None else path_steps(diagnosis))
+    steps, chapters, layers = [], None, []
+    if diagnosis is not None:
+        from .diagnosis import path_steps  # slow to import, and only needed here
+        from .story import signature_layers, story
+
+        steps, layers = path_steps(diagnosis), signature_layers(diagnosis)
+        chapters = story(diagnosis, named_bands(c.bands, prepared.responses))
+    run = _run(result, failed, steps)
     report, figures, maps = folder / "report.html", folder / "metrics.json", folder / "maps"
     settings = result.model.render
     remarks = ReportSection("Remarks of the calibration", steps=calibration.notes)
@@ -183,8 +190,8 @@ def write_validation(
             _assumptions(result),
             weights=prepared.weights,
             responses=prepared.responses,
-            story=None if diagnosis is None else story(diagnosis, named_bands(c.bands, prepared.responses)),
-            viewer=viewer_data(result, [] if diagnosis is None else signature_layers(diagnosis)),
+            story=chapters,
+            viewer=viewer_data(result, layers),
             sections=(parts_section(c, subsets), *sections, remarks),
             further_warnings=_another_box(result),
             suspicions=calibration.suspicions,
