@@ -187,8 +187,8 @@ def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
             )
         if kind == "scene" and notes and further < WARM_UP_REPEATS:
             notes.append(
-                f"{further} further repeat{'s' * (further > 1)} cannot tell a lamp that warms up from one that trembles: "
-                f"{WARM_UP_REPEATS} or more can, of all bands together"
+                f"a lamp that warms up and one that trembles look alike in {further} further "
+                f"repeat{'s' * (further > 1)}: take {WARM_UP_REPEATS} or more, of all bands together"
             )
     return notes
 
