@@ -13,7 +13,7 @@ from .content import check_frame_content, check_names, check_same_view, check_sp
 from .counts import check_black_levels, check_counts, check_level_of_darks
 from .dark_light import check_dark_temperature, check_light_in_darks
 from .darks import check_bias_drift, check_darks
-from .fields import check_fields, check_pattern
+from .fields import check_fields, check_lines, check_pattern
 from .filters import check_filter_shift
 from .fingerprint import check_division, check_fingerprint, check_flat_shapes
 from .points import check_points
@@ -35,6 +35,7 @@ def _check_counts(
     yield from check_black_levels(capture, stacks, dark, noise)
     yield from check_darks(stacks, noise, capture.saturation_dn)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
+    yield from check_lines(stacks, dark, capture.saturation_dn)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     moved = [*check_fingerprint(stacks, dark)]
     yield from moved
