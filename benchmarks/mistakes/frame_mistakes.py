@@ -193,6 +193,28 @@ def _(d: Draft, rng: np.random.Generator) -> None:
             d.put(path, sum(np.roll(y, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)) / 9)
 
 
+@mistake("a dead column", r"dead columns")
+def _(d: Draft, rng: np.random.Generator) -> None:
+    column = int(rng.integers(1, d.manifest["camera"]["width_px"] - 1))
+
+    def dead(y: NDArray) -> NDArray:
+        y[:, column] = 0.0
+        return y
+
+    d.change(dead, *frame_kinds(d))
+
+
+@mistake("two hot rows", r"hot rows")
+def _(d: Draft, rng: np.random.Generator) -> None:
+    rows, excess = rng.integers(1, d.manifest["camera"]["height_px"] - 1, 2), float(rng.uniform(60, 600))
+
+    def hot(y: NDArray) -> NDArray:
+        y[rows] += excess
+        return y
+
+    d.change(hot, *frame_kinds(d))
+
+
 # --- points --------------------------------------------------------------------------------------------------------
 
 

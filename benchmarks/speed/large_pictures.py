@@ -45,6 +45,7 @@ from cboxlab.rendering.synthetic import (
     write_photographs,
 )
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
+from cboxlab.validation.predict import transported
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_light, photographed_scene
 from numpy.typing import NDArray
 
@@ -56,7 +57,12 @@ _WHOLE_PX = 64
 #: Relative error of the picture, median over pixels: below that of any prediction.
 _PICTURE_ERROR = 0.0007
 #: Effects that may be hidden, with their numbers: about a percent of the light.
-_HIDDEN = {"veiling-glare": {"fraction": 0.01}, "defocus": {"sigma_px": 0.5}, "vignetting": {"edge_loss": 0.03}}
+_HIDDEN: dict[str, dict[str, float | str]] = {
+    "gloss": {"material": "white", "specular": 0.06, "roughness": 0.2},
+    "veiling-glare": {"fraction": 0.01},
+    "defocus": {"sigma_px": 0.5},
+    "vignetting": {"edge_loss": 0.03},
+}
 #: Seed of camera and noise.
 _SEED = 3
 #: Bounds of a capture of 24 megapixels: CPU seconds of calibration and of diagnosis, and memory, GB.
@@ -72,6 +78,7 @@ def write_small(folder: Path, side_px: int, settings: CaptureSettings, hidden: s
     effects = () if hidden is None else (AppliedEffect(catalogue()[hidden], _HIDDEN[hidden]),)
     scene, lights = photographed_scene(model), Lights()
     image = render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=_SEED), _PICTURE_ERROR)
+    image = transported(image, scene, camera, effects, _SEED)
     signals, field, hooks = photographed_light(image, effects, scene, camera, settings)
 
     def light(frame: Frame, signal: NDArray[np.float64]) -> NDArray[np.float64]:

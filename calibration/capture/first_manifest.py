@@ -30,6 +30,7 @@ from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in, mosaic_of, require_one_size
 from .folder_tables import FolderTables, tables_in
 from .frame_classes import FrameGroup, FrameRole, common_values, group_frames, numbered_alike, require_roles
+from .frame_names import unread_exposure
 from .manifest import (
     BandTable,
     BracketTable,
@@ -434,8 +435,11 @@ class _Draft:
         where = f"[[{header}]] of {group.frames[0].listed}"
         for key, field in _TABLES[header].model_fields.items():
             if field.is_required() and key not in keys:
-                self.missing.append(MissingKey(where, example_of(_TABLES[header], key), field.description or "", True))
-                lines.append(f"# {key} =    # missing: {field.description}")
+                why = field.description or ""
+                unread = unread_exposure(group.frames[0].stem) if key == "exposure_s" else None
+                why += "" if unread is None else f"; '{unread}' in the name may be it, which is not certain"
+                self.missing.append(MissingKey(where, example_of(_TABLES[header], key), why, True))
+                lines.append(f"# {key} =    # missing: {why}")
         if header == "band":
             for key in keys:
                 self._written[f"[[band]] {key}"].add(str(group.band))

@@ -22,6 +22,7 @@ __all__ = [
     "may_mean_dark",
     "parse_name",
     "states_frames",
+    "unread_exposure",
 ]
 
 #: By kind of table, the words for it in names. A word stands for itself: "darkroom" is none of them.
@@ -85,6 +86,10 @@ _SUMMED = re.compile(r"(?:live)?stack(?:ed)?|integrated|sum(?:med)?|total|\d+(?:
 _PART_OF_NUMBER = re.compile(r"\d{1,2}|\d+(?:[.,]\d+)?e")
 #: Two exposures as a range: 0.5-4s.
 _RANGE = re.compile(r"\d[.,]\d+-\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)(?![a-z])")
+#: What may be an exposure, whatever it is read as: t100ms, 1-30s, 4_s, 2min, 1h.
+_LIKE_EXPOSURE = re.compile(
+    r"(?<![0-9a-z])t?\d+(?:(?:[-_.,]|e-?)\d+)*[-_\s]?(?:us|µs|ms|secs?|s|mins?|m|hrs?|h)(?![a-z0-9])"
+)
 #: A comma before three digits, which may separate thousands: 1,000s.
 _THOUSANDS = re.compile(r"[1-9]\d*,\d{3}")
 _NUMBERED_KIND = re.compile(r"([a-z]+?)(\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)?)")
@@ -355,6 +360,23 @@ def _with_units(parts: list[str]) -> list[str]:
         else:
             joined.append(part)
     return joined
+
+
+def unread_exposure(stem: str) -> str | None:
+    """Part of a name that may be an exposure, for a question where the exposure is not certain.
+
+    Parameters
+    ----------
+    stem
+        Name of the file without its ending.
+
+    Returns
+    -------
+    str | None
+        As written: "1-30s", "t100ms", "2min"; None for a name without such a part.
+    """
+    match = _LIKE_EXPOSURE.search(stem.lower())
+    return None if match is None else stem[match.start() : match.end()]
 
 
 def is_setting(word: str) -> bool:

@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from .noise import ROUNDING_VARIANCE, NoiseModel, measure_noise
     from .noise_line import VarianceSamples, samples_of_repeats
     from .nominal_fall_off import LensAxis, fall_off_terms
-    from .repeat_light import with_steady_light
+    from .repeat_light import WARM_UP_REPEATS, with_steady_light
 
 __all__ = [
     "ROUNDING_VARIANCE",
+    "WARM_UP_REPEATS",
     "CorrectedBands",
     "DarkLibrary",
     "LensAxis",

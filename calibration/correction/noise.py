@@ -28,7 +28,7 @@ from .noise_line import (
     samples_of_repeats,
 )
 from .picture_noise import clipped_variance, second_differences, steps_of_cells
-from .repeat_light import LIGHT_CHANGE_NOTED, light_change
+from .repeat_light import LIGHT_CHANGE_NOTED, WARM_UP_REPEATS, light_change
 
 __all__ = ["ROUNDING_VARIANCE", "NoiseModel", "measure_noise"]
 
@@ -167,9 +167,11 @@ def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
         ("flat", manifest.flats),
         ("reference", manifest.reference),
     )
+    further = 0
     for kind, tables in kinds:
         for table in _of_different_frames(tables):
             stack = capture.frames(table)
+            further += len(stack) - 1 if kind == "scene" else 0
             good = (stack.max(axis=0) < capture.saturation_dn) & (stack.min(axis=0) > 0)
             level = None if kind == "scene" else dark.at(table.exposure_s)
             change = light_change(stack.astype(float), level, good)
@@ -182,6 +184,11 @@ def _light_notes(capture: Capture, dark: DarkLibrary) -> list[str]:
             notes.append(
                 f"{bands}: the light of the {kind}{exposure} changes by {100 * change:.2g} % between repeats; they "
                 f"are {averaged}scaled to one mean for the noise"
+            )
+        if kind == "scene" and notes and further < WARM_UP_REPEATS:
+            notes.append(
+                f"a lamp that warms up and one that trembles look alike in {further} further "
+                f"repeat{'s' * (further > 1)}: take {WARM_UP_REPEATS} or more, of all bands together"
             )
     return notes
 

@@ -49,6 +49,9 @@ _BORDER_PX = 4
 _MASKED_PX = 8
 #: Range of masked counts, 1st to 99th of 100, over the white level, at most: beyond it they have seen light.
 _MASKED_RANGE = 0.02
+#: Counts other than 0 that the empty rows at the end of a picture would have as its others have, at most: with more,
+#: chance empties one file in a thousand million. LibRaw reads some truncated files so, without a word.
+_CHANCE_COUNTS = 20.0
 #: LibRaw's moment of a file that states none.
 _NO_TIME = datetime(1970, 1, 2)
 
@@ -62,6 +65,14 @@ def _require_mosaic(path: Path, raw: Any) -> None:
         raise InputError(path, "several colours in each pixel", "one count in each pixel", hint)
     if raw.raw_image_visible.shape != (raw.sizes.height, raw.sizes.width):
         raise InputError(path, "a sensor whose rows of pixels run diagonally", "rows and columns of pixels")
+
+
+def _require_last_rows(path: Path, counts: NDArray[np.uint16]) -> None:
+    """Raise InputError for a picture that ends in rows of zeros."""
+    lit = np.flatnonzero(counts.any(axis=1))
+    if lit.size and (counts[: lit[-1] + 1] > 0).mean() * counts[lit[-1] + 1 :].size > _CHANCE_COUNTS:
+        found = f"a picture without counts below row {lit[-1]} of {len(counts)}"
+        raise InputError(path, found, "counts in all rows", "The file is truncated: copy it again.")
 
 
 def _single_precision(value: float) -> float | None:
@@ -151,7 +162,9 @@ def _read(path: Path, pictures: range) -> NDArray[np.uint16]:
 
     with rawpy.imread(str(path)) as raw:
         _require_mosaic(path, raw)
-        return as_counts(path, raw.raw_image_visible.copy()[None])
+        counts = as_counts(path, raw.raw_image_visible.copy()[None])
+        _require_last_rows(path, counts[0])
+        return counts
 
 
 READER = FrameReader("raw", "camera raw", _SUFFIXES, "rawpy", _header, _read)

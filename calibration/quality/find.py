@@ -27,6 +27,7 @@ from .frame_checks import (
     check_independence,
     check_level_of_darks,
     check_light_in_darks,
+    check_lines,
     check_noise,
     check_pattern,
     check_repeats,
@@ -49,6 +50,7 @@ def _check_counts(
     yield from check_black_levels(capture, stacks, dark, noise)
     yield from check_darks(stacks, noise, capture.saturation_dn)
     yield from check_warm_up(stacks, dark, capture.saturation_dn, capture.manifest.camera.readout_s)
+    yield from check_lines(stacks, dark, capture.saturation_dn)
     yield from check_flat_shapes(stacks, dark, capture.saturation_dn)
     moved = [*check_fingerprint(stacks, dark)]
     yield from moved

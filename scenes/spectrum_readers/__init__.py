@@ -58,7 +58,7 @@ def is_plain_table(path: Path) -> bool:
     Returns
     -------
     bool
-        True also for a text without any letter, such as an empty file.
+        True also for a text without any letter, such as an empty file. False for values with a sign of per cent.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def is_plain_table(path: Path) -> bool:
         As `read_text`.
     """
     text = read_text(path, "a CSV file of spectra", of_windows=True)
-    return not text.strip() or _PLAIN.match(text) is not None
+    return not text.strip() or (_PLAIN.match(text) is not None and "%" not in text.partition("\n")[2])
 
 
 def recognised_reader(source: InstrumentText) -> SpectrumReader:

@@ -52,6 +52,10 @@ _STYLES = (
 )
 #: A wavelength with its unit.
 _WITH_UNIT = re.compile(r"(\d+(?:[.,]\d+)?)\s*(?:nm|\[nm\]|\(nm\))", re.I)
+#: The sign of per cent behind a number.
+_PER_CENT = re.compile(r"(?<=[\d.,])\s*%")
+#: The same behind the first number of a line, which is a wavelength.
+_PER_CENT_FIRST = re.compile(r"[\s\"]*\d+(?:\.\d+)?\s*%")
 #: Empty cells at the beginning of a line.
 _EMPTY_CELLS = re.compile(r"(?:[ \t]*[,;]|\t)+")
 
@@ -68,6 +72,8 @@ class NumberTable:
     header: list[tuple[int, str]]
     #: Line and text of the comments before the first row, without their mark.
     comments: list[tuple[int, str]]
+    #: Whether each value had a sign of per cent in its cell, and is a fraction here.
+    from_per_cent: bool = False
 
 
 def split_cells(line: str, separator: str) -> list[str]:
@@ -180,6 +186,15 @@ def numeric_rows(
     return [(number, rows[number]) for number, _ in lines]
 
 
+def _rows_in_per_cent(source: InstrumentText, lines: Sequence[tuple[int, str]]) -> tuple[Style, dict[int, list[float]]]:
+    """Rows whose values all have a sign of per cent, as fractions; none if a value lacks it."""
+    style, rows = _style(source, [(number, _PER_CENT.sub("", line)) for number, line in lines])
+    signs = {number: len(_PER_CENT.findall(line)) for number, line in lines if not _PER_CENT_FIRST.match(line)}
+    if any(signs.get(number) != len(cells) - 1 for number, cells in rows.items()):
+        return style, {}
+    return style, {number: [cells[0], *(value / 100 for value in cells[1:])] for number, cells in rows.items()}
+
+
 def find_table(source: InstrumentText) -> NumberTable:
     """The table of a file: the longest block of rows of numbers.
 
@@ -203,11 +218,15 @@ def find_table(source: InstrumentText) -> NumberTable:
     numbers = {n for n, _ in comments}
     lines = _without_empty_columns([(n, line) for n, line in filled if n not in numbers])
     style, rows = _style(source, lines)
+    from_per_cent = False
+    if not rows:
+        style, rows = _rows_in_per_cent(source, lines)
+        from_per_cent = bool(rows)
     if not rows:
         expected = "a spectrum: rows of a wavelength and values"
         hint = "Export the spectrum as text with a header that names the columns and their units."
         if any(re.search(r"\d\s*%", line) for _, line in lines):
-            hint = "Remove '%' from the numbers, and write it into the header, such as 'Reflectance (%)'."
+            hint = "Write '%' behind every value, or behind none and into the header, such as 'Reflectance (%)'."
         raise InputError(source.path, "no table of numbers", expected, hint)
     blocks: list[list[int]] = [[]]
     for number, _ in lines:
@@ -235,4 +254,5 @@ def find_table(source: InstrumentText) -> NumberTable:
         hint = "Keep one table in the file."
         raise InputError(source.at(others[0]), "numbers outside the table", f"one table, from line {table[0]}", hint)
     header = [(n, line) for n, line in lines[:first]]
-    return NumberTable(style, [(n, rows[n]) for n in table], header, [c for c in comments if c[0] < table[0]])
+    before = [comment for comment in comments if comment[0] < table[0]]
+    return NumberTable(style, [(n, rows[n]) for n in table], header, before, from_per_cent)

@@ -194,6 +194,7 @@ def _read(source: InstrumentText) -> InstrumentFile:
     if plain:
         return InstrumentFile("plain CSV", unique_names(source, spectra), ("Values as they stand in the file.",))
     notes += [f"Wavelengths times {factor:g}, to nm." for factor in sorted(factors) if factor != 1.0]
+    notes += ["Values in per cent, by the sign in each cell, as fractions."] if table.from_per_cent else []
     first, last = table.rows[0][1][0], table.rows[-1][1][0]
     if first > last:
         notes.append("Wavelengths descend in the file.")
@@ -221,7 +222,7 @@ def _column(
     if preamble is None:
         return measured_spectrum(source, _name(cells, sample), rows)
     text = " ".join(cells)
-    per_cent = states_per_cent(text)
+    per_cent = states_per_cent(text) and not table.from_per_cent
     quantity = quantity_named(text) or quantity_named(_title(preamble))
     if quantity == "absorbance":
         hint = "Export reflectance or transmittance."

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .counts import check_black_levels, check_counts, check_level_of_darks
     from .dark_light import check_dark_temperature, check_light_in_darks
     from .darks import check_bias_drift, check_darks
-    from .fields import check_fields, check_pattern
+    from .fields import check_fields, check_lines, check_pattern
     from .fingerprint import check_division, check_fingerprint, check_flat_shapes
     from .repeats import check_independence, check_noise, check_repeats
     from .schedule import check_brackets, check_exposures, check_schedule
@@ -35,6 +35,7 @@ __all__ = [
     "check_independence",
     "check_level_of_darks",
     "check_light_in_darks",
+    "check_lines",
     "check_noise",
     "check_pattern",
     "check_repeats",

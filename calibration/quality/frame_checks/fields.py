@@ -1,12 +1,13 @@
-"""Checks of flats and references for their light over the picture and over a mosaic."""
+"""Checks of flats and references for their light, and of all frames for defective lines."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from ...capture import Capture, channel_mask, pattern_rows, split_channel
 from ...correction import DarkLibrary
@@ -14,7 +15,7 @@ from ...radiometry import counts_over_constant
 from .stacks import Stack
 from .suspicion import Suspicion
 
-__all__ = ["check_fields", "check_pattern"]
+__all__ = ["check_fields", "check_lines", "check_pattern"]
 
 #: Smallest suspicious range of reference over flat in the picture: sound captures have less than 0.5 %, and the sphere
 #: or panel of a laboratory is even to 1 %.
@@ -48,6 +49,27 @@ SMALLEST_LEVEL_ERROR = 0.1
 
 #: Largest such difference with the right pattern.
 LARGEST_RIGHT_ERROR = 0.04
+
+#: Rows or columns whose median is the expected light of the one in their middle: two defective neighbours do not count.
+LINES = 5
+
+#: Share of a line's pixels that must be defective: a lamp, a window or an object covers a part of it.
+DEFECTIVE_SHARE = 0.95
+
+#: Largest light of a dead line over that of its neighbours: black paint reflects more.
+LARGEST_DEAD_LIGHT = 0.02
+
+#: Smallest light over the brightest at which a dead line is visible.
+BRIGHT_LIGHT = 0.1
+
+#: Smallest share of a line's pixels that must have this light nearby.
+BRIGHT_SHARE = 0.5
+
+#: Smallest excess of a hot line over its neighbours, over full scale: columns of sound sensors differ by a few counts.
+SMALLEST_HOT_EXCESS = 0.01
+
+#: Smallest picture in which lines are judged, px.
+SMALLEST_LINES_PX = 24
 
 
 def check_pattern(
@@ -273,3 +295,68 @@ def _extremes(surface: NDArray[np.float64]) -> tuple[str, str]:
         return PLACES[int(by_row.argmax())][1], PLACES[int(by_row.argmin())][1]
     largest, smallest = (divmod(int(index), 3) for index in (means.argmax(), means.argmin()))
     return PLACES[largest[0]][largest[1]], PLACES[smallest[0]][smallest[1]]
+
+
+def check_lines(stacks: Sequence[Stack], dark: DarkLibrary, saturation_dn: float) -> Iterator[Suspicion]:
+    """Detect dead and hot rows and columns of the sensor.
+
+    A line is dead if it has no light between bright neighbours, in all photographs or in all flats. It is hot if it
+    exceeds its neighbours in all dark frames. A line that is brighter in photographs alone may be a ceiling.
+
+    Parameters
+    ----------
+    stacks
+        All frames.
+    dark
+        Dark frames.
+    saturation_dn
+        Count of saturated pixels, DN.
+
+    Yields
+    ------
+    Suspicion
+        At most one for rows, one for columns.
+    """
+    smallest = SMALLEST_HOT_EXCESS * saturation_dn
+    large = [stack for stack in stacks if min(stack.mean.shape) >= SMALLEST_LINES_PX]
+    for name, axes in (("row", (0, 1)), ("column", (1, 0))):
+        dead: set[int] = set()
+        for kind, lattice in dict.fromkeys((stack.kind, stack.lattice) for stack in large):
+            alike = [stack for stack in large if (stack.kind, stack.lattice) == (kind, lattice)]
+            images = [(stack.mean - stack.thinned(dark.at(stack.exposure_s))).transpose(axes) for stack in alike]
+            first, step = (0, 1) if lattice is None else (lattice[axes[0]], lattice[2])
+            if kind in ("band", "flat"):
+                dead |= {first + step * k for k in _in_all(images, _dead_lines)}
+        darks = [stack.frames.mean(axis=0).transpose(axes) for stack in large if stack.kind == "dark"]
+        hot = _in_all(darks, lambda image: _hot_lines(image, smallest))
+        for word, lines, why in (
+            ("dead", dead, "no light, between bright neighbours"),
+            ("hot", hot - dead, f"{smallest:.3g} DN or more above their neighbours"),
+        ):
+            if lines:
+                listing = ", ".join(f"{k}" for k in sorted(lines)[:6]) + (" ..." if len(lines) > 6 else "")
+                yield Suspicion(
+                    f"{word} {name}s of the sensor: {listing}",
+                    "camera",
+                    f"Counted from 0, these {name}s have {why}, over {DEFECTIVE_SHARE:.0%} of their length or more.",
+                )
+
+
+def _in_all(images: Sequence[NDArray[np.float64]], lines_of: Callable[[NDArray[np.float64]], set[int]]) -> set[int]:
+    """Rows that are defective in all images; none without images."""
+    return set.intersection(*map(lines_of, images)) if images else set()
+
+
+def _dead_lines(image: NDArray[np.float64]) -> set[int]:
+    """Rows of an image (y, x) without light between bright neighbours."""
+    neighbours = median_filter(image, (LINES, 1), mode="nearest")
+    bright = neighbours > BRIGHT_LIGHT * max(float(np.percentile(image, 99)), 1.0)
+    without = bright & (image < LARGEST_DEAD_LIGHT * neighbours)
+    share = without.sum(axis=1) / np.maximum(bright.sum(axis=1), 1)
+    return {*np.flatnonzero((share >= DEFECTIVE_SHARE) & (bright.mean(axis=1) > BRIGHT_SHARE)).tolist()}
+
+
+def _hot_lines(image: NDArray[np.float64], smallest_dn: float) -> set[int]:
+    """Rows of an image (y, x) above their neighbours over nearly all of their length."""
+    excess = image - median_filter(image, (LINES, 1), mode="nearest")
+    return {*np.flatnonzero((excess > smallest_dn).mean(axis=1) >= DEFECTIVE_SHARE).tolist()}

@@ -8,7 +8,7 @@ import numpy as np
 from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
 
-from ...correction import DarkLibrary
+from ...correction import WARM_UP_REPEATS, DarkLibrary
 from .stacks import Stack
 from .suspicion import Suspicion
 
@@ -25,10 +25,6 @@ TIME_CONSTANTS_MIN = np.geomspace(0.2, 20.0, 60)
 
 #: Kinds of tables whose frames the scene's lamp lights.
 OF_THE_LAMP = ("band", "bracket")
-
-#: Fewest degrees of freedom of the repeats about an exponential: four exposures of two repeats, or one of five. With
-#: three exposures of two, three differences are left: a trembling by 0.3 % explains what a straight drift does not.
-FEWEST_DEGREES = 2
 
 
 def check_warm_up(
@@ -58,9 +54,10 @@ def check_warm_up(
     bands = [s for s in stacks if s.kind in OF_THE_LAMP and s.start_s is not None and len(s.frames) > 1]
     first_of = {stack.paths: stack for stack in reversed(bands)}  # channels of a mosaic share their frames
     measured = [each for s in first_of.values() if (each := _light(s, dark, saturation_dn, readout_s)) is not None]
-    degrees = sum(minutes.size - 1 for minutes, _ in measured) - 2
-    if degrees < FEWEST_DEGREES:
+    further = sum(minutes.size - 1 for minutes, _ in measured)
+    if further < WARM_UP_REPEATS:
         return
+    degrees = further - 2
     minutes, light = [minutes for minutes, _ in measured], np.concatenate([light for _, light in measured])
     start, end = min(each.min() for each in minutes), max(each.max() for each in minutes)
     straight = np.concatenate([each - each.mean() for each in minutes])

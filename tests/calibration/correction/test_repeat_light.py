@@ -165,4 +165,6 @@ def test_a_capture_says_whose_light_changes(folder, frame, word):
     brighten(folder, f"frames/{frame}.tif", 1.02)
     noise, notes = light_notes(folder)
     assert len(notes) == 1 and notes[0].startswith(f"f550: the light of the {word} changes by 2")
+    limits = [note for note in noise.notes if "look alike in 2 further repeats" in note]
+    assert len(limits) == (word == "scene")
     assert abs(noise.gain_e_per_dn - GAIN) < 4 * noise.gain_sigma

@@ -264,6 +264,20 @@ def test_truncated_files_are_named(tmp_path, name, share):
         read_pictures(tmp_path / name)
 
 
+@pytest.mark.parametrize(("share", "empty_rows", "is_truncated"), [(1.0, 1, True), (0.05, 30, True), (0.01, 3, False)])
+def test_a_raw_picture_that_ends_in_zeros_is_truncated(tmp_path, share, empty_rows, is_truncated):
+    """LibRaw reads a packed file without its end so; dark frames have few counts, and empty rows by chance."""
+    generator = np.random.default_rng(5)
+    image = ((generator.random((60, 80)) < share) * generator.integers(1, 900, (60, 80))).astype(np.uint16)
+    image[-empty_rows:] = 0
+    write_dng(tmp_path / "a.dng", image)
+    if is_truncated:
+        with pytest.raises(InputError, match=f"below row {59 - empty_rows} of 60"):
+            read_pictures(tmp_path / "a.dng")
+    else:
+        assert np.array_equal(read_pictures(tmp_path / "a.dng")[0], image)
+
+
 def test_a_packed_file_that_announces_more_than_it_holds(tmp_path):
     cards = ["SIMPLE  =                    T", "BITPIX  =                   16", "NAXIS   =                    2"]
     cards += [f"NAXIS{k}  =               100000" for k in (1, 2)] + ["END"]

@@ -251,6 +251,8 @@ def test_other_files_are_refused(tmp_path, text, fault):
         ("nm,R,G\n400,0.1,0.2\n401,0.1,0.2\n", "R", [0.1, 0.1]),
         ("# wavelength_nm value\n400 1\n401 2\n", "value", [1, 2]),
         ("Wellenlänge (µm);Weiß %R\n0,400;85,1\n0,401;85,2\n".encode("cp1252"), "Weiß %R", [0.851, 0.852]),
+        ("Wavelength (nm);% R\n400;85,1 %\n401;85,2 %\n", "% R", [0.851, 0.852]),
+        ("Wavelength (nm),QE\n400,85.1%\n401,85.2%\n", "QE", [0.851, 0.852]),
         ("Wavelength (nm)\t%R\r\n400\t85.1\r\n401\t85.2\r\n".encode("utf-16"), "%R", [0.851, 0.852]),
         ("nm;radiance/W/(sr m² nm)\n400;1\n401;2\n", "radiance/W/(sr m² nm)", [1, 2]),
         ("Wave;Sample;Dark\n[nm];[counts];[counts]\n\n400;1;9\n401;2;9\n", "Sample", [1, 2]),
@@ -275,7 +277,9 @@ def test_tables_of_spectrophotometers(tmp_path, text, name, values):
         ("nm;absorptance (%)\n400;1\n410;2\n", "per cent"),
         ("nm a\n400 1 000\n410 2 000\n", "without a header"),
         ("# Mode: %R\nnm;tile\n400;40\n410;45\n", "reflectance of 45"),
-        ("nm;R\n400;25%\n410;35%\n", "Remove '%' from the numbers"),
+        ("nm,R,T\n400,25%,20\n410,35%,30\n", "behind every value, or behind none"),
+        ("nm;R\n400%;25\n410%;35\n", "behind every value, or behind none"),
+        ("nm;R\n400;25\n410;35%\n", "line 3: found '410;35%'"),
         ("nm;OD\n400;2.5\n410;3.5\n", "absorbance"),
         ('nm,counts\n400,"1,400"\n410,"1,500"\n', "thousands"),
         ("nm,r\n400,0.5\n410,-1.23e34\n", "line 3: found -1.23e"),
@@ -293,6 +297,8 @@ PERCENT = ",".join(str(p) for p in range(10, 90, 10))
 @pytest.mark.parametrize(
     ("text", "spectra"),
     [
+        # a sign of per cent in every cell
+        ("wavelength_nm,a,b\n400,50%,10%\n410,60%,20%\n", {"a": [0.5, 0.6], "b": [0.1, 0.2]}),
         # wavelengths with their unit, and no header
         ("CS-2000A\nSpeed mode,Normal\nLv,5.2E+01\n400nm,1.5\n410nm,2.5\n", {"value": [1.5, 2.5]}),
         ("E [lx]\t521\n\n400 [nm]\t1,5\n410 [nm]\t2,5\n", {"value": [1.5, 2.5]}),
