@@ -1,6 +1,7 @@
 """Ray casting, visibility, and the coverage of pixels by surfaces."""
 
 from .flat_faces import FlatFaces
+from .form_factor import point_to_polygon
 from .pinhole import Film, film_for, resampling
 from .planar_pixels import PlanarPixels, planar_pixels
 from .primary import border_pixels, facet_coverage, pixel_coverage, pixel_faces
@@ -36,6 +37,7 @@ __all__ = [
     "pixel_faces",
     "pixel_rays",
     "planar_pixels",
+    "point_to_polygon",
     "resampling",
     "visible",
 ]

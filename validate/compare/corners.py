@@ -6,21 +6,23 @@ there is fitted by
 
     I(p) = sum_k w_k(p - d) B_k(p),
 
-with a polynomial B_k as the brightness of each face k. Where a shadow lies on a face, it counts twice: whole, and times
-the part of the lamps that each of its points sees. The shift d with the least misfit is the corner's. A polynomial
-is not the light: reflected light bends brightness near an edge. So polynomials of several degrees are fitted
-to squares of several sizes. The mean of their shifts is the position, and their scatter is a part of its error.
+with a polynomial B_k as the brightness of each face k. The shift d with the least misfit is the corner's. Where that
+does not determine it, as at the foot of a block, light is added that is no polynomial. A face in half shadow counts
+twice: whole, and times the part of the lamps that each of its points sees. Each other face at the corner also shines on
+it: its form factor from each point, times one level. What remains bends brightness near an edge. So polynomials
+of several degrees are fitted to squares of several sizes. The mean of their shifts is the position, and their scatter
+is a part of its error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, fit_camera
-from cboxlab.rendering.visibility import part_of_lamps
+from cboxlab.rendering.visibility import part_of_lamps, point_to_polygon
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
@@ -67,6 +69,12 @@ _LIGHT_ACROSS = 3
 #: Smallest scatter of the part of the lamps that a face sees, for a shadow on it.
 _LEAST_SHADOW = 0.02
 
+#: Smallest scatter of the form factor to another face: a smaller one is as a polynomial.
+_LEAST_NEAR_LIGHT = 0.01
+
+#: Distance of a plane at which a point lies in it, mm: its normal is rounded.
+_IN_PLANE_MM = 0.5
+
 #: Distance towards the camera at which light is computed, as a part of the way: else a face would shade itself.
 _OFF_THE_FACE = 1e-5
 
@@ -101,6 +109,18 @@ _STEP_PX = 0.05
 
 #: Smallest share of a face in the square of pixels; smaller ones are joined to their neighbours by the fit's weights.
 _SMALLEST_SHARE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """Light on a face around a corner that is no polynomial."""
+
+    #: Number of the face.
+    face: int
+    #: (n, n) the light at each ray; beyond the rim of the face, as at its nearest point.
+    shape: NDArray[np.float64]
+    #: Whether it multiplies the polynomial of the face's brightness; otherwise it has one level.
+    is_factor: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,13 +301,13 @@ class _Square:
         self._at = np.stack([v[usable], u[usable]]).astype(float)
         self._measured = values[usable]
         self._faces = _faces_around(scene, camera, middle)
-        self._light_of_lamps = partial(_lit_around, scene, camera, middle)
-        self._lit: dict[int, NDArray[np.float64]] = {}
-        self._shares: dict[float, NDArray[np.float64]] = {}
+        self._further_light = partial(_light_around, scene, camera, middle, corner_mm)
+        self._lit: list[_Light] = []
+        self._shares: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self.is_usable = len(np.unique(self._faces)) > 1
         self.reason = "" if self.is_usable else "no edge near it"
 
-    def _of_blur(self, blur: float) -> NDArray[np.float64]:
+    def _of_blur(self, blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if blur not in self._shares:
             self._shares[blur] = _blurred(self._faces, self._lit, blur)
         return self._shares[blur]
@@ -297,15 +317,18 @@ class _Square:
     ) -> tuple[NDArray[np.float64], float, float]:
         """Shift of the least misfit, its standard deviation by noise, sum of squares."""
         near = np.abs(self._at).max(axis=0) <= reach
-        at, measured, shares = self._at[:, near], self._measured[near], self._of_blur(blur)
+        at, measured = self._at[:, near], self._measured[near]
+        shares, levels = self._of_blur(blur)
         y, x = at / reach
         powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
         brightness = np.stack([y**i * x**j for i, j in powers], axis=1)
 
         def misfit(shift: NDArray[np.float64]) -> NDArray[np.float64]:
             index = (at - shift[::-1, None] + _MARGIN_PX) * _RAYS_ACROSS + (_RAYS_ACROSS - 1) / 2
-            parts = [map_coordinates(share, index, order=1, mode="nearest") for share in shares]
-            design = np.concatenate([part[:, None] * brightness for part in parts], axis=1)
+            parts = [map_coordinates(share, index, order=1, mode="nearest")[:, None] for share in (*shares, *levels)]
+            design = np.concatenate(
+                [*(part * brightness for part in parts[: len(shares)]), *parts[len(shares) :]], axis=1
+            )
             square = design.T @ design
             square[np.diag_indices_from(square)] += _RIDGE * measured.size
             level = np.linalg.solve(square, design.T @ measured)
@@ -316,7 +339,7 @@ class _Square:
             start = min(starts, key=lambda shift: float(np.sum(misfit(shift) ** 2)))
         shift, jacobian, residual = _least_squares(misfit, start)
         cost = float(residual @ residual)
-        freedom = max(measured.size - len(powers) * len(shares) - 2, 1)
+        freedom = max(measured.size - len(powers) * len(shares) - len(levels) - 2, 1)
         variance = float(np.trace(np.linalg.pinv(jacobian.T @ jacobian))) * cost / freedom / 2
         outside = np.abs(shift).max() > _SEARCH_PX
         return shift, np.inf if outside or variance == 0 else float(np.sqrt(variance)), cost
@@ -328,17 +351,19 @@ class _Square:
     def position(self, blur: float) -> tuple[NDArray[np.float64], float]:
         """Position (u, v) of the corner and its standard deviation, px; else infinite.
 
-        Shadows are computed only where polynomials alone do not determine the position. Reflected light is weaker at
-        the contact of two faces and shifts their edge, so that the error there is larger.
+        Further light is computed only where polynomials alone do not determine the position. What of it is unknown
+        shifts edges where two faces meet, so that the error there is larger.
         """
         if not self.is_usable:
             return self._expected, np.inf
         position, scatter = self._mean_position(blur)
         if scatter < _LARGEST_SIGMA_PX:
             return position, scatter
-        self._lit, self._shares = self._light_of_lamps(), {}
-        if self._lit:
-            position, scatter = self._mean_position(blur)
+        lights = self._further_light()
+        for some in ([light for light in lights if light.is_factor], lights):
+            if len(some) > len(self._lit):
+                self._lit, self._shares = some, {}
+                position, scatter = min((position, scatter), self._mean_position(blur), key=lambda each: each[1])
         return position, float(np.hypot(scatter, EDGE_BIAS_PX))
 
     def _mean_position(self, blur: float) -> tuple[NDArray[np.float64], float]:
@@ -393,8 +418,11 @@ def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> ND
 
 def _first_met(
     scene: Scene, camera: Camera, middle: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Number of the flat face that each ray (u, v) meets first, 0 for none, and (n, 3) where."""
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Number of the flat face that each ray (u, v) meets first, 0 for none; (n, 3) where; (k, 4) planes of the faces.
+
+    A plane is the normal n and n . p, rounded.
+    """
     direction = camera.directions(u.ravel(), v.ravel())
     nearest, number = np.full(len(direction), np.inf), np.zeros(len(direction), np.int64)
     flat: dict[tuple[float, ...], int] = {}
@@ -420,7 +448,8 @@ def _first_met(
             nearest[nearer] = distance[nearer]
             number[nearer] = flat.setdefault(key, len(flat) + 1)
     travelled = np.where(number > 0, nearest, 0.0) * (1 - _OFF_THE_FACE)
-    return number.reshape(u.shape), camera.position_mm + travelled[:, None] * direction
+    planes = np.array([*flat]).reshape(-1, 4)
+    return number.reshape(u.shape), camera.position_mm + travelled[:, None] * direction, planes
 
 
 def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArray[np.int64]) -> bool:
@@ -432,33 +461,65 @@ def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArr
     return bool(np.all(image.max(axis=0) > middle - reach) and np.all(image.min(axis=0) < middle + reach))
 
 
-def _lit_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
-    """(n, n) part of the lamps that points of a face see, by its number, if a shadow lies on it.
-
-    Beyond the rim of the face, as at its nearest point.
-    """
+def _light_around(
+    scene: Scene, camera: Camera, middle: NDArray[np.int64], corner_mm: NDArray[np.float64]
+) -> list[_Light]:
+    """Half shadows on the faces around a corner, and the light of the faces that meet there on each other."""
     size = (2 * _MARGIN_PX + 1) * _LIGHT_ACROSS
     at = (np.arange(size) + 0.5) / _LIGHT_ACROSS - _MARGIN_PX - 0.5
     u, v = np.meshgrid(middle[0] + at, middle[1] + at)
-    number, positions = _first_met(scene, camera, middle, u, v)
-    light = np.zeros(number.shape)
-    light[number > 0] = part_of_lamps(scene, positions[number.ravel() > 0])
+    number, positions, planes = _first_met(scene, camera, middle, u, v)
+    positions = positions.reshape(*number.shape, 3)
     rays = (np.arange(size * _RAYS_ACROSS // _LIGHT_ACROSS) + 0.5) * _LIGHT_ACROSS / _RAYS_ACROSS - 0.5
-    parts = {}
+    grid = np.meshgrid(rays, rays, indexing="ij")
+    lights = []
     for face in np.unique(number[number > 0]):
         of_face = number == face
-        if np.std(light[of_face]) > _LEAST_SHADOW:
-            nearest = distance_transform_edt(~of_face, return_distances=False, return_indices=True)
-            extended = light[tuple(nearest)]
-            grid = np.meshgrid(rays, rays, indexing="ij")
-            parts[int(face)] = np.asarray(map_coordinates(extended, grid, order=1, mode="nearest"), np.float64)
-    return parts
+        points, plane = positions[of_face], planes[face - 1]
+        shapes = [(part_of_lamps(scene, points), True, _LEAST_SHADOW)]
+        if abs(corner_mm @ plane[:3] - plane[3]) < _IN_PLANE_MM:
+            plane = plane * np.sign(camera.position_mm @ plane[:3] - plane[3])
+            shapes += [(light, False, _LEAST_NEAR_LIGHT) for light in _near_light(scene, corner_mm, plane, points)]
+        nearest = tuple(distance_transform_edt(~of_face, return_distances=False, return_indices=True))
+        for values, is_factor, least in shapes:
+            if np.std(values) > least:
+                light = np.zeros(number.shape)
+                light[of_face] = values
+                at_rays = map_coordinates(light[nearest], grid, order=1, mode="nearest")
+                lights.append(_Light(int(face), np.asarray(at_rays, np.float64), is_factor))
+    return lights
 
 
-def _blurred(faces: NDArray[np.int64], light: Mapping[int, NDArray[np.float64]], blur_px: float) -> NDArray[np.float64]:
-    """(k, n, n) shares of faces around each ray within pixel and blur, and of their lamp light."""
+def _near_light(
+    scene: Scene, corner_mm: NDArray[np.float64], plane: NDArray[np.float64], points: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """(n,) form factors from points of a plane (n, n . p) to each face that meets it at a corner, all in front of it.
+
+    So the floor has those of a block's faces; the floor lies on both sides of the block's.
+    """
+    factors: dict[tuple[float, ...], NDArray[np.float64]] = {}
+    for corners in np.concatenate([surface.vertices_mm[surface.faces] for surface in scene.surfaces]):
+        a, b, c = corners
+        normal = np.cross(b - a, c - a)
+        normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
+        height = corners @ plane[:3] - plane[3]
+        is_at_corner = abs((corner_mm - a) @ normal) < _IN_PLANE_MM
+        if is_at_corner and height.min() > -_IN_PLANE_MM and height.max() > _IN_PLANE_MM:
+            factor = np.where((points - a) @ normal > 0, point_to_polygon(points, plane[:3], corners), 0.0)
+            key = tuple(normal.round(3))
+            factors[key] = factors.get(key, 0.0) + factor
+    return [*factors.values()]
+
+
+def _blurred(
+    faces: NDArray[np.int64], lights: Sequence[_Light], blur_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(k, n, n) shares of faces around each ray within pixel and blur, times lamp light too; (m, n, n) other light."""
     numbers, counts = np.unique(faces, return_counts=True)
     large = numbers[counts > _SMALLEST_SHARE * faces.size]
-    parts = [(faces == k).astype(float) for k in large]
-    parts += [(faces == k) * light[k] for k in large if k in light]
-    return np.stack([gaussian_filter(uniform_filter(part, _RAYS_ACROSS), blur_px * _RAYS_ACROSS) for part in parts])
+    shares = [(faces == k).astype(float) for k in large]
+    of_large = [light for light in lights if light.face in large]
+    shares += [(faces == light.face) * light.shape for light in of_large if light.is_factor]
+    levels = [(faces == light.face) * light.shape for light in of_large if not light.is_factor]
+    blurred = [gaussian_filter(uniform_filter(part, _RAYS_ACROSS), blur_px * _RAYS_ACROSS) for part in shares + levels]
+    return np.array(blurred[: len(shares)]), np.array(blurred[len(shares) :])
