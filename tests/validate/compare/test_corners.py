@@ -9,10 +9,11 @@ import pytest
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.geometry import SurveyedPoints
 from cboxlab.calibration.result import calibrate_capture
-from cboxlab.rendering.visibility import build_tracer, facet_coverage, part_of_lamps
+from cboxlab.rendering.visibility import MARGIN_PX, RAYS_ACROSS, build_tracer, facet_coverage, part_of_lamps
+from cboxlab.rendering.visibility.square_faces import _near_light
 from cboxlab.scenes import cornell_camera, load_scene
 from cboxlab.validation.compare import locate_corners, scene_corners
-from cboxlab.validation.compare.corners import _MARGIN_PX, _RAYS_ACROSS, _near_light, _Square
+from cboxlab.validation.compare.corners import _Square
 from cboxlab.validation.compare.edge_offsets import are_visible
 from cboxlab.validation.synthetic import perturbed_camera
 from scipy.ndimage import gaussian_filter
@@ -127,7 +128,7 @@ def test_the_part_of_the_lamp_that_a_position_sees_is_that_of_many_rays():
 def test_a_corners_error_is_that_of_its_noise_also_where_few_pixels_determine_it():
     """Of 25 pixels the position and the brightness of two faces take 8 degrees of freedom."""
     v, u = np.mgrid[-2:3, -2:3].reshape(2, -1).astype(float)
-    rays = (np.arange((2 * _MARGIN_PX + 1) * _RAYS_ACROSS) - (_RAYS_ACROSS - 1) / 2) / _RAYS_ACROSS - _MARGIN_PX
+    rays = (np.arange((2 * MARGIN_PX + 1) * RAYS_ACROSS) - (RAYS_ACROSS - 1) / 2) / RAYS_ACROSS - MARGIN_PX
 
     def face(u, v):
         """A quarter of the picture, blurred by a pixel."""
