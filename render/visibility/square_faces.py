@@ -1,4 +1,4 @@
-"""Faces that rays around a pixel meet first, and light on them that is no polynomial, in double precision."""
+"""Faces that rays around a pixel meet first, and light on them, in double precision."""
 
 from __future__ import annotations
 
