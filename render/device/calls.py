@@ -14,8 +14,8 @@ __all__ = ["finish_call", "lane_ranges", "lanes_per_call"]
 #: on cores of 2.5 GHz. Half of it would take 1.6 times the time in all.
 _PROMPT_SAMPLES = 2**20
 
-#: Fewest lanes in one kernel call: fewer would take most of their time to record the kernel.
-_FEWEST_LANES = 2**10
+#: Fewest lanes in one kernel call: fewer would leave cores idle, or take most of their time to record the kernel.
+_FEWEST_LANES = 2**8
 
 
 def lanes_per_call(samples: int, most: int) -> int:

@@ -6,31 +6,30 @@ there is fitted by
 
     I(p) = sum_k w_k(p - d) B_k(p),
 
-with a polynomial B_k as the brightness of each face k. Where a shadow lies on a face, it counts twice: whole, and times
-the part of the lamps that each of its points sees. The shift d with the least misfit is the corner's. A polynomial
-is not the light: reflected light bends brightness near an edge. So polynomials of several degrees are fitted
-to squares of several sizes. The mean of their shifts is the position, and their scatter is a part of its error.
+with a polynomial B_k as the brightness of each face k. The shift d with the least misfit is the corner's. Where that
+does not determine it, as at the foot of a block, light is added that is no polynomial. A face in half shadow counts
+twice: whole, and times the part of the lamps that each of its points sees. Each other face at the corner also shines on
+it: its form factor from each point, times one level. What remains bends brightness near an edge. So polynomials
+of several degrees are fitted to squares of several sizes. The mean of their shifts is the position, and their scatter
+is a part of its error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, fit_camera
-from cboxlab.rendering.visibility import part_of_lamps
+from cboxlab.rendering.visibility import MARGIN_PX, RAYS_ACROSS, FaceLight, faces_around, light_around
 from cboxlab.scenes import Scene
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import (
-    distance_transform_edt,
     gaussian_filter,
     map_coordinates,
-    maximum_filter,
-    minimum_filter,
     uniform_filter,
 )
 
@@ -54,21 +53,6 @@ _SMALLEST_PART = 0.3
 
 #: Largest shift from the position by the corrected camera, px.
 _SEARCH_PX = 1.5
-
-#: Pixels around a corner whose faces are computed, px: the square, the shift and the blur.
-_MARGIN_PX = 13
-
-#: Rays across a pixel, odd so that one is at its centre. An edge along the rows is then known to 0.06 px.
-_RAYS_ACROSS = 9
-
-#: Distance across a pixel of points at which the light of the lamps is computed, as a part of 1: three a pixel.
-_LIGHT_ACROSS = 3
-
-#: Smallest scatter of the part of the lamps that a face sees, for a shadow on it.
-_LEAST_SHADOW = 0.02
-
-#: Distance towards the camera at which light is computed, as a part of the way: else a face would shade itself.
-_OFF_THE_FACE = 1e-5
 
 #: Blurs of the lens that are tried first (standard deviation), px; the pixel's width is added. Each round halves the
 #: distance between them.
@@ -280,14 +264,14 @@ class _Square:
             return
         self._at = np.stack([v[usable], u[usable]]).astype(float)
         self._measured = values[usable]
-        self._faces = _faces_around(scene, camera, middle)
-        self._light_of_lamps = partial(_lit_around, scene, camera, middle)
-        self._lit: dict[int, NDArray[np.float64]] = {}
-        self._shares: dict[float, NDArray[np.float64]] = {}
+        self._faces = faces_around(scene, camera, middle)
+        self._further_light = partial(light_around, scene, camera, middle, corner_mm)
+        self._lit: list[FaceLight] = []
+        self._shares: dict[float, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self.is_usable = len(np.unique(self._faces)) > 1
         self.reason = "" if self.is_usable else "no edge near it"
 
-    def _of_blur(self, blur: float) -> NDArray[np.float64]:
+    def _of_blur(self, blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         if blur not in self._shares:
             self._shares[blur] = _blurred(self._faces, self._lit, blur)
         return self._shares[blur]
@@ -297,15 +281,18 @@ class _Square:
     ) -> tuple[NDArray[np.float64], float, float]:
         """Shift of the least misfit, its standard deviation by noise, sum of squares."""
         near = np.abs(self._at).max(axis=0) <= reach
-        at, measured, shares = self._at[:, near], self._measured[near], self._of_blur(blur)
+        at, measured = self._at[:, near], self._measured[near]
+        shares, levels = self._of_blur(blur)
         y, x = at / reach
         powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
         brightness = np.stack([y**i * x**j for i, j in powers], axis=1)
 
         def misfit(shift: NDArray[np.float64]) -> NDArray[np.float64]:
-            index = (at - shift[::-1, None] + _MARGIN_PX) * _RAYS_ACROSS + (_RAYS_ACROSS - 1) / 2
-            parts = [map_coordinates(share, index, order=1, mode="nearest") for share in shares]
-            design = np.concatenate([part[:, None] * brightness for part in parts], axis=1)
+            index = (at - shift[::-1, None] + MARGIN_PX) * RAYS_ACROSS + (RAYS_ACROSS - 1) / 2
+            parts = [map_coordinates(share, index, order=1, mode="nearest")[:, None] for share in (*shares, *levels)]
+            design = np.concatenate(
+                [*(part * brightness for part in parts[: len(shares)]), *parts[len(shares) :]], axis=1
+            )
             square = design.T @ design
             square[np.diag_indices_from(square)] += _RIDGE * measured.size
             level = np.linalg.solve(square, design.T @ measured)
@@ -316,7 +303,7 @@ class _Square:
             start = min(starts, key=lambda shift: float(np.sum(misfit(shift) ** 2)))
         shift, jacobian, residual = _least_squares(misfit, start)
         cost = float(residual @ residual)
-        freedom = max(measured.size - len(powers) * len(shares) - 2, 1)
+        freedom = max(measured.size - len(powers) * len(shares) - len(levels) - 2, 1)
         variance = float(np.trace(np.linalg.pinv(jacobian.T @ jacobian))) * cost / freedom / 2
         outside = np.abs(shift).max() > _SEARCH_PX
         return shift, np.inf if outside or variance == 0 else float(np.sqrt(variance)), cost
@@ -328,17 +315,19 @@ class _Square:
     def position(self, blur: float) -> tuple[NDArray[np.float64], float]:
         """Position (u, v) of the corner and its standard deviation, px; else infinite.
 
-        Shadows are computed only where polynomials alone do not determine the position. Reflected light is weaker at
-        the contact of two faces and shifts their edge, so that the error there is larger.
+        Further light is computed only where polynomials alone do not determine the position. What of it is unknown
+        shifts edges where two faces meet, so that the error there is larger.
         """
         if not self.is_usable:
             return self._expected, np.inf
         position, scatter = self._mean_position(blur)
         if scatter < _LARGEST_SIGMA_PX:
             return position, scatter
-        self._lit, self._shares = self._light_of_lamps(), {}
-        if self._lit:
-            position, scatter = self._mean_position(blur)
+        lights = self._further_light()
+        for some in ([light for light in lights if light.is_factor], lights):
+            if len(some) > len(self._lit):
+                self._lit, self._shares = some, {}
+                position, scatter = min((position, scatter), self._mean_position(blur), key=lambda each: each[1])
         return position, float(np.hypot(scatter, EDGE_BIAS_PX))
 
     def _mean_position(self, blur: float) -> tuple[NDArray[np.float64], float]:
@@ -373,92 +362,18 @@ def _least_squares(
     return shift, jacobian, residual
 
 
-def _faces_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n, n) number of the flat face that each ray around a pixel meets first; 0 for none."""
-    pixels = 2 * _MARGIN_PX + 1
-    first = middle - _MARGIN_PX - 0.5
-    # by rays at the pixels' corners: pixels in which an edge may be; only there are all rays traced
-    across = np.arange(-1, pixels + 2)
-    coarse = _first_met(scene, camera, middle, *np.meshgrid(first[0] + across, first[1] + across))[0]
-    is_mixed = maximum_filter(coarse, 4, origin=-1) != minimum_filter(coarse, 4, origin=-1)
-    rays = (np.arange(_RAYS_ACROSS) + 0.5) / _RAYS_ACROSS
-    row, column = np.nonzero(is_mixed[:pixels, :pixels])
-    number = np.repeat(np.repeat(coarse[1:-2, 1:-2], _RAYS_ACROSS, axis=0), _RAYS_ACROSS, axis=1)
-    u = first[0] + column[:, None, None] + rays
-    v = first[1] + row[:, None, None] + rays[:, None]
-    blocks = number.reshape(pixels, _RAYS_ACROSS, pixels, _RAYS_ACROSS).swapaxes(1, 2)
-    blocks[row, column] = _first_met(scene, camera, middle, *np.broadcast_arrays(u, v))[0]
-    return number
+def _blurred(
+    faces: NDArray[np.int64], lights: Sequence[FaceLight], blur_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(k, n, n) shares of faces around each ray, within pixel and blur, and of their lamp light.
 
-
-def _first_met(
-    scene: Scene, camera: Camera, middle: NDArray[np.int64], u: NDArray[np.float64], v: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Number of the flat face that each ray (u, v) meets first, 0 for none, and (n, 3) where."""
-    direction = camera.directions(u.ravel(), v.ravel())
-    nearest, number = np.full(len(direction), np.inf), np.zeros(len(direction), np.int64)
-    flat: dict[tuple[float, ...], int] = {}
-    for surface in scene.all_surfaces:
-        for face in surface.faces:
-            corners = surface.vertices_mm[face]
-            if not _may_be_seen(camera, corners, middle):
-                continue
-            a, b, c = corners
-            normal = np.cross(b - a, c - a)
-            length = float(np.linalg.norm(normal))
-            if length == 0:
-                continue
-            key = (*(normal / length).round(3), round(float(a @ normal) / length, 1))
-            from_a = camera.position_mm - a
-            turned = np.cross(from_a, b - a)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                slope = direction @ np.cross(c - a, b - a)
-                first, second = direction @ np.cross(c - a, from_a) / slope, direction @ turned / slope
-                distance = float((c - a) @ turned) / slope
-            hit = (first >= -1e-9) & (second >= -1e-9) & (first + second <= 1 + 1e-9) & (distance > 1e-6)
-            nearer = hit & (distance < nearest)
-            nearest[nearer] = distance[nearer]
-            number[nearer] = flat.setdefault(key, len(flat) + 1)
-    travelled = np.where(number > 0, nearest, 0.0) * (1 - _OFF_THE_FACE)
-    return number.reshape(u.shape), camera.position_mm + travelled[:, None] * direction
-
-
-def _may_be_seen(camera: Camera, triangle_mm: NDArray[np.float64], middle: NDArray[np.int64]) -> bool:
-    """Whether the image of a triangle may reach the rays around a pixel."""
-    image = camera.project(triangle_mm)
-    if not np.isfinite(image).all():
-        return True  # partly behind the camera
-    reach = _MARGIN_PX + 2
-    return bool(np.all(image.max(axis=0) > middle - reach) and np.all(image.min(axis=0) < middle + reach))
-
-
-def _lit_around(scene: Scene, camera: Camera, middle: NDArray[np.int64]) -> dict[int, NDArray[np.float64]]:
-    """(n, n) part of the lamps that points of a face see, by its number, if a shadow lies on it.
-
-    Beyond the rim of the face, as at its nearest point.
+    Then (m, n, n) shares times other light.
     """
-    size = (2 * _MARGIN_PX + 1) * _LIGHT_ACROSS
-    at = (np.arange(size) + 0.5) / _LIGHT_ACROSS - _MARGIN_PX - 0.5
-    u, v = np.meshgrid(middle[0] + at, middle[1] + at)
-    number, positions = _first_met(scene, camera, middle, u, v)
-    light = np.zeros(number.shape)
-    light[number > 0] = part_of_lamps(scene, positions[number.ravel() > 0])
-    rays = (np.arange(size * _RAYS_ACROSS // _LIGHT_ACROSS) + 0.5) * _LIGHT_ACROSS / _RAYS_ACROSS - 0.5
-    parts = {}
-    for face in np.unique(number[number > 0]):
-        of_face = number == face
-        if np.std(light[of_face]) > _LEAST_SHADOW:
-            nearest = distance_transform_edt(~of_face, return_distances=False, return_indices=True)
-            extended = light[tuple(nearest)]
-            grid = np.meshgrid(rays, rays, indexing="ij")
-            parts[int(face)] = np.asarray(map_coordinates(extended, grid, order=1, mode="nearest"), np.float64)
-    return parts
-
-
-def _blurred(faces: NDArray[np.int64], light: Mapping[int, NDArray[np.float64]], blur_px: float) -> NDArray[np.float64]:
-    """(k, n, n) shares of faces around each ray within pixel and blur, and of their lamp light."""
     numbers, counts = np.unique(faces, return_counts=True)
     large = numbers[counts > _SMALLEST_SHARE * faces.size]
-    parts = [(faces == k).astype(float) for k in large]
-    parts += [(faces == k) * light[k] for k in large if k in light]
-    return np.stack([gaussian_filter(uniform_filter(part, _RAYS_ACROSS), blur_px * _RAYS_ACROSS) for part in parts])
+    shares = [(faces == k).astype(float) for k in large]
+    of_large = [light for light in lights if light.face in large]
+    shares += [(faces == light.face) * light.shape for light in of_large if light.is_factor]
+    levels = [(faces == light.face) * light.shape for light in of_large if not light.is_factor]
+    blurred = [gaussian_filter(uniform_filter(part, RAYS_ACROSS), blur_px * RAYS_ACROSS) for part in shares + levels]
+    return np.array(blurred[: len(shares)]), np.array(blurred[len(shares) :])

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from cboxlab.rendering.integrators import RenderJob, render_image
+from cboxlab.rendering.visibility import point_to_polygon
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Lamp, Material, Scene, Surface
 from cboxlab.scenes.shapes import quad_mesh, ring_mesh
@@ -24,7 +25,6 @@ from .closed_forms import (
     disk_above,
     parallel_squares,
     perpendicular_rectangles,
-    point_to_polygon,
     sphere_over,
 )
 from .enclosure import FACES, cube_radiosity

@@ -71,7 +71,7 @@ def test_a_pattern_a_flip_and_a_curve_are_shown_and_put_away(page, bench):
     assert "550\xa0nm" in per_band and "NaN" not in per_band
 
 
-def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(page):
+def test_difference_and_slider_are_in_view_together_on_a_telephone_and_use_a_wide_window(page):
     add(page, "veiling-glare")
     page.size(400, 800)
     page.run("document.querySelector('#effects input[type=range]').scrollIntoView({block: 'end'})")
@@ -80,6 +80,10 @@ def test_chi_square_difference_and_slider_are_in_view_together_on_a_telephone(pa
         ".getBoundingClientRect(); return b.width > 0 && b.top >= 0 && b.bottom <= innerHeight})"
     )
     page.until(inside)
+    page.size(1280)
+    page.run("page.viewer.set({mode: 'side'}); page.viewer.select(16, 20)")
+    widths = page.run("[...document.querySelectorAll('.cbv-panes figure')].map((f) => f.offsetWidth)")
+    assert len(widths) == 3 and widths[2] > 1.9 * widths[0]  # the difference, with the pixel's panel open
     assert float(page.run("document.getElementById('glance-chi2').textContent")) == chi2(page)
 
 

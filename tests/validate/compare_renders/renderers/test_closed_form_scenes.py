@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from cboxlab.rendering.device.variant import compiled
+from cboxlab.rendering.visibility import point_to_polygon
 from cboxlab.validation.compare_renders.renderers.closed_form_scenes import _furnace, measure_closed_forms
 from cboxlab.validation.compare_renders.renderers.closed_forms import (
     disk_above,
     parallel_squares,
     perpendicular_rectangles,
-    point_to_polygon,
 )
 from cboxlab.validation.compare_renders.renderers.enclosure import FACES, cube_radiosity
 from oracles.form_factors import corner_to_rectangle

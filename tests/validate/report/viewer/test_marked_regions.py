@@ -71,6 +71,7 @@ def test_a_dragged_rectangle_has_the_figures_of_its_pixels(page):
         assert float(row["difference_percent"]) == pytest.approx(percent, abs=1e-4)
     panel = page.run("document.querySelector('.cbv-pixel[aria-label=Region]').innerText")
     assert "Rectangle from 8, 5 to 30, 20, 368\xa0px" in panel
+    assert page.run("[...document.querySelectorAll('.cbv-scroll')].every((e) => e.scrollWidth <= e.clientWidth)")
     # the panel stands next to the pictures, not below them
     assert page.run("document.querySelector('.cbv-side').getBoundingClientRect().left") > point(page, 47, 0)[0]
     page.run("document.querySelector('canvas').focus()")

@@ -14,6 +14,9 @@ function numberText(value) {
   return typeof value === "number" ? String(+value.toPrecision(6)) : value === null ? "" : value;
 }
 
+/** A number in a sentence, with the sign that tables have. */
+const printed = (value) => String(numberText(value)).replace("-", "−");
+
 /** Value and standard deviation, to two significant digits of the latter. */
 function withError(value, sigma) {
   if (typeof value !== "number" || !(sigma > 0)) return numberText(value);
@@ -79,8 +82,8 @@ function parameterControls(parameter, id, moved, begun, profile) {
   const curve = make("button", { class: "small", "aria-label": `χ² over this number: ${parameter.label}` }, "χ² over this number");
   curve.addEventListener("click", profile);
   const drawing = make("div", { class: "profile" });
-  const known = [`${numberText(parameter.low)} to ${numberText(parameter.high)} ${parameter.unit}`.trim()];
-  if (parameter.null !== null) known.push(`no effect at ${numberText(parameter.null)}`);
+  const known = [`${printed(parameter.low)} to ${printed(parameter.high)} ${parameter.unit}`.trim()];
+  if (parameter.null !== null) known.push(`no effect at ${printed(parameter.null)}`);
   const at = (value) => {
     number.value = numberText(value);
     slider.setAttribute("aria-valuetext", `${numberText(value)} ${parameter.unit}`.trim());
@@ -125,7 +128,7 @@ function profileDrawing(parameter, found, present) {
   const [first, last] = [Math.min(...places), Math.max(...places)];
   const x = (c) => margin + ((width - 2 * margin) * (c - first)) / (last - first || 1);
   const y = (log) => height - margin - ((height - 2 * margin) * (log - low)) / (high - low || 1);
-  const short = (value) => (typeof value === "number" ? numberText(+value.toPrecision(3)) : value);
+  const short = (value) => (typeof value === "number" ? printed(+value.toPrecision(3)) : value);
   const unit = found.unit ? " " + found.unit : "";
   const at = (value) => short(found.chi2_per_dof[found.values.indexOf(value)]);
   const [start, end] = [found.values[0], found.values.at(-1)];

@@ -160,7 +160,7 @@ async function showPattern() {
   const effect = $("new-effect").value;
   const { record, numbers } = parsed(await (await request("pattern", { effect })).arrayBuffer());
   const size = numbers.length / record.numbers.length;
-  const value = ({ value: number, unit }) => `${typeof number === "number" ? numberText(+number.toPrecision(3)) : number} ${unit}`.trim();
+  const value = ({ value: number, unit }) => `${typeof number === "number" ? printed(+number.toPrecision(3)) : number} ${unit}`.trim();
   const maps = record.numbers.map((each, i) => ({
     id: PATTERN + each.name, name: `${effect}, ${each.label} ${value(each)}`, unit: "σ", perBand: true,
     values: numbers.slice(i * size, (i + 1) * size),
