@@ -263,7 +263,7 @@ def rescaled(calibration: Calibration, factors: NDArray[np.float64], bent: NDArr
     factors
         (band,) factors on the bands' constants.
     bent
-        (y, x) factor on the flat fields, by which the signals are divided.
+        (y, x), or (band, y, x) or a shape that suits it: factor on the flat fields, by which the signals are divided.
 
     Returns
     -------
@@ -271,14 +271,14 @@ def rescaled(calibration: Calibration, factors: NDArray[np.float64], bent: NDArr
         Responses, constants, flat fields and signals changed alike.
     """
     bands, radiometry = calibration.bands, calibration.radiometry
-    images = bands.images.copy()
+    images, bent = bands.images.copy(), np.broadcast_to(bent, bands.images["signal"].shape)
     images["signal"] = bands.images["signal"] / bent
     images["variance"] = bands.images["variance"] / bent**2
-    coefficients = bands.coefficients / np.stack([bent**2, bent, np.ones_like(bent)])
-    flats = {
-        band: replace(flat, response=flat.response * bent, relative_variance=flat.relative_variance * bent**2)
-        for band, flat in bands.flats.items()
-    }
+    coefficients = bands.coefficients / np.stack([bent**2, bent, np.ones_like(bent)], axis=1)
+    flats = {}
+    for band, by in zip(bands.images.band.values, bent, strict=True):
+        flat = bands.flats[band]
+        flats[band] = replace(flat, response=flat.response * by, relative_variance=flat.relative_variance * by**2)
     before = 1.0 if radiometry.band_factors is None else radiometry.band_factors
     constant = None if radiometry.constant is None else radiometry.constant * float(factors[0])
     responses = calibration.responses
