@@ -201,8 +201,8 @@ class CorrectedBands(FrozenMappings):
         )
         signal = signal - levels[:, None, None] * by_level
         images["signal"] = self.images["signal"].copy(data=signal)
-        pull, seen = np.where(used, (signal - expected_signal) / np.sqrt(variance), 0.0), used.sum(axis=0)
-        pull_of_bands = np.where(seen > 0, pull.sum(axis=0) / np.sqrt(np.maximum(seen, 1)), np.nan)
+        pull, bands = np.where(used, (signal - expected_signal) / np.sqrt(variance), 0.0), used.sum(axis=0)
+        pull_of_bands = np.where(bands > 0, pull.sum(axis=0) / np.sqrt(np.maximum(bands, 1)), np.nan)
         hot = np.where(lone_bright_pixels(pull_of_bands), np.uint8(Mask.HOT), np.uint8(0))
         images["mask"] = self.images["mask"] | hot
         return replace(self, images=images, further_dark_dn=levels)

@@ -1,4 +1,4 @@
-"""Defective pixels in dark and flat frames or in residuals, by robust thresholds of stated false-alarm rate."""
+"""Defective pixels in darks, flats and residuals, by thresholds of stated false-alarm rate."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[n
 
 
 def lone_bright_pixels(pull: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Pixels that are brighter than a rendering, and their neighbours are not: hot ones, where no darks show them.
+    """Pixels brighter than a rendering whose neighbours are not: hot ones without darks.
 
     Parameters
     ----------
@@ -74,11 +74,11 @@ def lone_bright_pixels(pull: NDArray[np.float64]) -> NDArray[np.bool_]:
     """
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(pull, 1, constant_values=np.nan), (3, 3))
     around = np.delete(windows.reshape(*pull.shape, 9), 4, axis=-1)
-    seen = np.isfinite(pull) & (np.isfinite(around).sum(axis=-1) >= _FEWEST_NEIGHBOURS)
+    usable = np.isfinite(pull) & (np.isfinite(around).sum(axis=-1) >= _FEWEST_NEIGHBOURS)
     lone = np.zeros(pull.shape, bool)
-    middle = np.nanmedian(around[seen], axis=-1)
-    excess, next_excess = pull[seen] - middle, np.nanmax(around[seen], axis=-1) - middle
-    lone[seen] = (excess > _LONE_SIGMAS) & (next_excess < _LONE_SHARE * excess)
+    middle = np.nanmedian(around[usable], axis=-1)
+    excess, next_excess = pull[usable] - middle, np.nanmax(around[usable], axis=-1) - middle
+    lone[usable] = (excess > _LONE_SIGMAS) & (next_excess < _LONE_SHARE * excess)
     return lone
 
 
