@@ -240,8 +240,11 @@ def refined_scale(
     sigma = np.sqrt(excess * np.diag(np.linalg.inv(information)))
     bent = 1 + np.tensordot(further, terms, 1)
     of_bands = factors[owner]
-    if scale.absolute:  # the factor is the lamp's, and a flat has mean 1
-        of_bands, bent = np.ones(count), bent / bent.mean()
+    if (
+        scale.absolute
+    ):  # the factor is the lamp's, and a flat has mean 1: by such a one references measured the constant
+        response = next(iter(calibration.bands.flats.values())).response
+        of_bands, bent = np.ones(count), bent * response.mean() / np.mean(response * bent)
         return replace(scale, fall_off=scale.fall_off + further, fall_off_sigma=sigma[total:]), of_bands, bent
     refined = replace(
         scale,

@@ -26,7 +26,9 @@ AXIS = LensAxis(60.0, 24.0, 20.0)
 def calibration(measured, axis=None, scale="free"):
     images = band_images(BANDS, measured, np.ones_like(measured))
     manifest = SimpleNamespace(is_absolute=False, is_free_by_band=scale == "free-by-band", scale=scale)
-    bands = SimpleNamespace(nominal_axis=axis, images=images)
+    response = 1 / (1 + 0.3 * fall_off_terms(AXIS, SHAPE)[0])
+    flats = {"a": SimpleNamespace(response=response / response.mean())}
+    bands = SimpleNamespace(nominal_axis=axis, images=images, flats=flats)
     return SimpleNamespace(images=images, bands=bands, capture=SimpleNamespace(manifest=manifest))
 
 
@@ -87,14 +89,16 @@ def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
 
 
 def test_with_an_absolute_scale_the_fall_off_alone_is_free():
-    """A lamp 20 % too strong stays so, in a picture whose flat keeps the mean 1."""
+    """A lamp 20 % too strong stays so, in a picture whose flat, nominal times further fall-off, keeps the mean 1."""
     signal, square = rendering(), (AXIS.radius_px(SHAPE) / AXIS.radius_px(SHAPE).max()) ** 2
     measured = 1.2 * signal * (1 - 0.1 * square)
     noise = {"variance": np.full(signal.shape, 1e-4), "used": np.ones(signal.shape, bool)}
     first = replace(start(False, True), absolute=True)
-    fitted, of_bands, bent = refined_scale(first, calibration(measured, AXIS), signal=signal, **noise)
+    capture = calibration(measured, AXIS)
+    fitted, of_bands, bent = refined_scale(first, capture, signal=signal, **noise)
     assert (of_bands == 1).all() and (fitted.constant == first.constant).all()
-    np.testing.assert_allclose(bent, (1 - 0.1 * square) / (1 - 0.1 * square).mean(), rtol=1e-6)
+    np.testing.assert_allclose(bent / bent[20, 24], 1 - 0.1 * square, rtol=1e-6)
+    assert np.mean(capture.bands.flats["a"].response * bent) == pytest.approx(1.0)
     assert fitted.not_known == ("the lens's fall-off beyond cos^4",) and not fitted.record(BANDS)["factors"]
 
 
