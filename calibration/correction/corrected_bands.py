@@ -16,7 +16,7 @@ from ..instrument import Mask, band_images
 from .black_level import black_level, dark_level_sigmas, fitted_dark_levels
 from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
-from .defects import dead_pixels, hot_pixels, vignetted_pixels
+from .defects import dead_pixels, hot_pixels, lone_bright_pixels, vignetted_pixels
 from .exposure_agreement import ExposureFinding, exposure_findings
 from .exposure_merge import Exposure, MergedFrames, exposures_of, merge_exposures, merged_tables
 from .noise import NoiseModel
@@ -76,9 +76,10 @@ class CorrectedBands(FrozenMappings):
             return None
         triples = zip(self.images.band.values, self.further_dark_dn, self.dark_sigma_dn, strict=True)
         levels = ", ".join(f"{band} {level:+.2g} (± {sigma:.2g})" for band, level, sigma in triples)
+        hot = int(np.count_nonzero(np.any(self.images["mask"].values & Mask.HOT, axis=0)))
         return (
             f"No darks were taken: the bands' dark levels are fitted about the stated ones, in DN: {levels}. A dark "
-            "offset or a glare of that size is not seen; photograph with the lens covered."
+            f"offset or a glare of that size is not seen; photograph with the lens covered. Hot pixels left out: {hot}."
         )
 
     def _scattering(self, signal: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
@@ -173,6 +174,8 @@ class CorrectedBands(FrozenMappings):
     ) -> CorrectedBands:
         """Bands whose dark levels are fitted to a comparison, where no darks measured them.
 
+        Hot pixels, which no darks show, are masked.
+
         Parameters
         ----------
         expected_signal
@@ -185,7 +188,7 @@ class CorrectedBands(FrozenMappings):
         Returns
         -------
         CorrectedBands
-            With the signals changed; unchanged with darks.
+            With signals and masks changed; unchanged with darks.
         """
         if not self.dark_sigma_dn.any():
             return self
@@ -196,7 +199,12 @@ class CorrectedBands(FrozenMappings):
         levels = fitted_dark_levels(
             signal, by_level, self.dark_sigma_dn, signal=expected_signal, variance=variance, used=used
         )
-        images["signal"] = self.images["signal"].copy(data=signal - levels[:, None, None] * by_level)
+        signal = signal - levels[:, None, None] * by_level
+        images["signal"] = self.images["signal"].copy(data=signal)
+        pull, bands = np.where(used, (signal - expected_signal) / np.sqrt(variance), 0.0), used.sum(axis=0)
+        pull_of_bands = np.where(bands > 0, pull.sum(axis=0) / np.sqrt(np.maximum(bands, 1)), np.nan)
+        hot = np.where(lone_bright_pixels(pull_of_bands), np.uint8(Mask.HOT), np.uint8(0))
+        images["mask"] = self.images["mask"] | hot
         return replace(self, images=images, further_dark_dn=levels)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
@@ -354,7 +362,7 @@ def _frame_notes(capture: Capture) -> list[str]:
             "no dark frames: a dark level of 0 was assumed"
             if black is None
             else f"no dark frames: the black level of {black.text} was subtracted, known to {black.sigma_dn:.2g} DN; "
-            "a model fits its error and dark current; hot pixels are not corrected"
+            "a model fits its error and dark current, and shows hot pixels"
         )
     if manifest.dark == "subtracted":
         notes.append("the dark was subtracted beforehand: its noise is not included")

@@ -1,4 +1,4 @@
-"""Defective pixels in dark and flat frames, by robust thresholds of stated false-alarm rate."""
+"""Defective pixels in darks, flats and residuals, by thresholds of stated false-alarm rate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cboxlab.utils.distributions import normal_quantile, robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-__all__ = ["FALSE_ALARMS_PER_IMAGE", "dead_pixels", "hot_pixels", "vignetted_pixels"]
+__all__ = ["FALSE_ALARMS_PER_IMAGE", "dead_pixels", "hot_pixels", "lone_bright_pixels", "vignetted_pixels"]
 
 #: Mean number of sound pixels flagged in an image by each test, if sound pixels are normally distributed.
 FALSE_ALARMS_PER_IMAGE = 0.01
@@ -19,6 +19,12 @@ _VIGNETTED_SHARE = 0.1
 #: 5 x 5 pixels without the pixel itself: it would often be the median, and the spread would be underestimated.
 _NEIGHBOURS = np.ones((5, 5), bool)
 _NEIGHBOURS[2, 2] = False
+#: Standard deviations by which a residual exceeds those of its neighbours in a hot pixel: chance gives 2e-6.
+_LONE_SIGMAS = 5.0
+#: Largest excess of a neighbour over that of a hot pixel: stains and shifted edges reach further.
+_LONE_SHARE = 0.5
+#: Fewest neighbours of the eight that have a residual.
+_FEWEST_NEIGHBOURS = 5
 
 
 def _robust(
@@ -49,6 +55,29 @@ def hot_pixels(dark: NDArray[np.float64], smallest_sigma_dn: float) -> NDArray[n
         (y, x) True for hot pixels.
     """
     return _robust(dark, smallest_sigma_dn) > normal_quantile(FALSE_ALARMS_PER_IMAGE / dark.size)
+
+
+def lone_bright_pixels(pull: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Pixels brighter than a rendering whose neighbours are not: hot ones without darks.
+
+    Parameters
+    ----------
+    pull
+        (y, x) measured minus rendered in standard deviations; NaN where unused.
+
+    Returns
+    -------
+    NDArray
+        (y, x) True for such pixels.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(pull, 1, constant_values=np.nan), (3, 3))
+    around = np.delete(windows.reshape(*pull.shape, 9), 4, axis=-1)
+    usable = np.isfinite(pull) & (np.isfinite(around).sum(axis=-1) >= _FEWEST_NEIGHBOURS)
+    lone = np.zeros(pull.shape, bool)
+    middle = np.nanmedian(around[usable], axis=-1)
+    excess, next_excess = pull[usable] - middle, np.nanmax(around[usable], axis=-1) - middle
+    lone[usable] = (excess > _LONE_SIGMAS) & (next_excess < _LONE_SHARE * excess)
+    return lone
 
 
 def dead_pixels(

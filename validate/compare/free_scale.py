@@ -240,8 +240,11 @@ def refined_scale(
     sigma = np.sqrt(excess * np.diag(np.linalg.inv(information)))
     bent = 1 + np.tensordot(further, terms, 1)
     of_bands = factors[owner]
-    if scale.absolute:  # the factor is the lamp's, and a flat has mean 1
-        of_bands, bent = np.ones(count), bent / bent.mean()
+    if (
+        scale.absolute
+    ):  # the factor is the lamp's, and a flat has mean 1: by such a one references measured the constant
+        response = next(iter(calibration.bands.flats.values())).response
+        of_bands, bent = np.ones(count), bent * response.mean() / np.mean(response * bent)
         return replace(scale, fall_off=scale.fall_off + further, fall_off_sigma=sigma[total:]), of_bands, bent
     refined = replace(
         scale,
@@ -263,7 +266,7 @@ def rescaled(calibration: Calibration, factors: NDArray[np.float64], bent: NDArr
     factors
         (band,) factors on the bands' constants.
     bent
-        (y, x) factor on the flat fields, by which the signals are divided.
+        (y, x), or (band, y, x) or a shape that suits it: factor on the flat fields, by which the signals are divided.
 
     Returns
     -------
@@ -271,14 +274,14 @@ def rescaled(calibration: Calibration, factors: NDArray[np.float64], bent: NDArr
         Responses, constants, flat fields and signals changed alike.
     """
     bands, radiometry = calibration.bands, calibration.radiometry
-    images = bands.images.copy()
+    images, bent = bands.images.copy(), np.broadcast_to(bent, bands.images["signal"].shape)
     images["signal"] = bands.images["signal"] / bent
     images["variance"] = bands.images["variance"] / bent**2
-    coefficients = bands.coefficients / np.stack([bent**2, bent, np.ones_like(bent)])
-    flats = {
-        band: replace(flat, response=flat.response * bent, relative_variance=flat.relative_variance * bent**2)
-        for band, flat in bands.flats.items()
-    }
+    coefficients = bands.coefficients / np.stack([bent**2, bent, np.ones_like(bent)], axis=1)
+    flats = {}
+    for band, by in zip(bands.images.band.values, bent, strict=True):
+        flat = bands.flats[band]
+        flats[band] = replace(flat, response=flat.response * by, relative_variance=flat.relative_variance * by**2)
     before = 1.0 if radiometry.band_factors is None else radiometry.band_factors
     constant = None if radiometry.constant is None else radiometry.constant * float(factors[0])
     responses = calibration.responses

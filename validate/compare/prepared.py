@@ -98,6 +98,36 @@ class CalibratedCapture:
         variance = noise + rendering_variance
         return scattering.with_dark_levels_of(signal, variance, used).with_scale_of(signal, variance, used)
 
+    def fitted_about(
+        self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
+    ) -> CalibratedCapture:
+        """The same capture fitted to a prediction, its signals in the units of that prediction.
+
+        Effects alter what a photograph says of dark levels and fall-off: a dark wall looks like a tilt. The responses
+        of the bands stay, so that further predictions need no new factors.
+
+        Parameters
+        ----------
+        signal
+            (band, y, x) predicted signal with its effects, DN.
+        rendering_variance
+            (band, y, x) variance of the prediction, DN^2.
+        used
+            (band, y, x) True for the samples used.
+
+        Returns
+        -------
+        CalibratedCapture
+            For a comparison with that prediction; itself with references, flats and darks.
+        """
+        if not self.is_partly_unknown:
+            return self
+        fitted = self.fitted_to(signal, rendering_variance, used)
+        if self.free_scale is None or fitted.free_scale is None:
+            return fitted
+        factors = (fitted.free_scale.constant / self.free_scale.constant)[:, None, None]
+        return replace(fitted, calibration=rescaled(fitted.calibration, 1 / factors[:, 0, 0], factors))
+
     def with_scale_of(
         self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:

@@ -170,7 +170,7 @@ def linearised_fit(
         lamp_sigma=prepared.lamp_sigma,
         band_errors=BandErrors(tabulation_errors(prepared.responses, lamp), _dark_errors(prepared)),
     )
-    columns = free_columns(prepared.calibration, prepared.free_scale, nuisances.lamp_scale * base)
+    columns = free_columns(prepared.calibration, prepared.free_scale, nuisances.lamp_scale * rendered.signal)
     free = tuple(column[rendered.used] for column in columns)
     model = model.marginalised_over([model.whiten_used(change) for change in free])
     if prepared.calibration.capture.cell is not None:

@@ -432,5 +432,6 @@ def refitted(
         pilot = altered.pilot if light is validation.light else None
         rerendered = rendered_from(prepared, light, camera, settings, effects, progress, pilot)
         altered = refitted_picture(prepared, rerendered, effects, motion <= _MAX_SETTLED_PX)
-    added = effects[len(linearised.model_effects) :]
+    added, scale = effects[len(linearised.model_effects) :], altered.fit.lamp_scale
+    prepared = prepared.fitted_about(scale * altered.signal, scale**2 * altered.variance, rendered.used)
     return linearised_fit(prepared, replace(altered, used=rendered.used), linearised.model_effects, added)

@@ -7,6 +7,8 @@ import pytest
 import xarray as xr
 from cboxlab.calibration.correction.black_level import dark_level_sigmas
 from cboxlab.calibration.correction.corrected_bands import CorrectedBands
+from cboxlab.calibration.correction.defects import lone_bright_pixels
+from cboxlab.calibration.instrument import Mask
 
 SHAPE = (2, 40, 40)
 RESPONSE = np.linspace(0.6, 1.4, 1600).reshape(40, 40)
@@ -15,7 +17,7 @@ SIGMAS = np.array([0.5, 2.0])
 
 def bands_of(signal):
     images = xr.Dataset({"signal": (("band", "y", "x"), signal)}, {"band": ["a", "b"]})
-    images["variance"] = images["signal"] * 0 + 1.0
+    images["variance"], images["mask"] = images["signal"] * 0 + 1.0, images["signal"].astype(np.uint8) * 0
     flats = dict.fromkeys("ab", SimpleNamespace(response=RESPONSE))
     return CorrectedBands(images, np.zeros((2, 3, 40, 40)), flats, (), dark_sigma_dn=SIGMAS)
 
@@ -32,6 +34,7 @@ def test_the_levels_are_found_next_to_factors_of_the_bands(levels):
     corrected = bands_of(measured).with_dark_levels_of(*arguments)
     fitted = corrected.further_dark_dn
     np.testing.assert_allclose(fitted, levels, atol=0.07)
+    assert (corrected.images.mask[:, 3, 4] == Mask.HOT).all()
     np.testing.assert_allclose(corrected.images.signal.values, measured - fitted[:, None, None] / RESPONSE)
     again = corrected.with_dark_levels_of(*arguments)
     np.testing.assert_allclose(again.images.signal.values, corrected.images.signal, atol=1e-9)
@@ -42,6 +45,15 @@ def test_a_level_beyond_what_was_stated_stays_in_the_photograph():
     measured = rendered + np.array([12.0, 0.0])[:, None, None] / RESPONSE
     corrected = bands_of(measured).with_dark_levels_of(rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool))
     np.testing.assert_allclose(corrected.further_dark_dn, [2 * SIGMAS[0], 0.0], atol=1e-3)
+
+
+def test_hot_pixels_are_bright_alone():
+    """A stain of two pixels, a dark one and a step of six standard deviations are none; noise is once in 500,000."""
+    pull = np.random.default_rng(6).standard_normal((60, 60))
+    pull[:, 30:] += 6.0
+    pull[[10, 20, 40], [10, 0, 50]] = 9.0, 9.0, 15.0
+    pull[40, 9:11], pull[50, 10], pull[0] = 15.0, -15.0, np.nan
+    assert list(zip(*np.nonzero(lone_bright_pixels(pull)), strict=True)) == [(10, 10), (20, 0), (40, 50)]
 
 
 def test_dark_current_of_long_exposures_adds_to_the_rounding_of_a_stated_level():

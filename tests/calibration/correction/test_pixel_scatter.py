@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import channel_mask
-from cboxlab.calibration.correction.picture_noise import pixel_scatter, scatter_of_residuals, steps_within
+from cboxlab.calibration.correction.picture_noise import (
+    pixel_scatter,
+    scatter_of_residuals,
+    second_differences,
+    steps_within,
+)
 
 SIDE, GAIN = 96, 4.0
 
@@ -57,6 +62,14 @@ def test_steps_are_the_shortest_between_pixels_of_one_channel():
     bayer = channel_mask("RGGB", (48, 48), "G")
     assert steps_within(bayer, (2, 2)) == ((1, -1), (1, 1))
     assert steps_within(np.ones((48, 48), bool), (1, 1)) == ((1, 0), (0, 1))
+
+
+def test_the_mean_of_variances_is_that_of_the_difference():
+    """The middle pixel of three has two thirds of it, by the difference's answer to each pixel alone."""
+    variance, usable, steps = np.array([[2.0, 7.0, 1.0]]), np.ones((1, 3), bool), ((0, 1),)
+    answers = [second_differences(pixel[None], usable, steps)[0] for pixel in np.eye(3)]
+    expected = variance @ np.square(answers)
+    np.testing.assert_allclose(second_differences(variance, usable, steps)[1], expected.ravel())
 
 
 def test_without_darks_their_levels_scatter_besides_sensitivities():

@@ -15,6 +15,7 @@ from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.validation.compare import validate_capture
 from cboxlab.validation.compare.free_scale import FreeScale, free_columns, refined_scale, rescaled
+from cboxlab.validation.compare.prepared import CalibratedCapture
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
 
 BANDS = ("a", "b", "c")
@@ -25,7 +26,9 @@ AXIS = LensAxis(60.0, 24.0, 20.0)
 def calibration(measured, axis=None, scale="free"):
     images = band_images(BANDS, measured, np.ones_like(measured))
     manifest = SimpleNamespace(is_absolute=False, is_free_by_band=scale == "free-by-band", scale=scale)
-    bands = SimpleNamespace(nominal_axis=axis, images=images)
+    response = 1 / (1 + 0.3 * fall_off_terms(AXIS, SHAPE)[0])
+    flats = {"a": SimpleNamespace(response=response / response.mean())}
+    bands = SimpleNamespace(nominal_axis=axis, images=images, flats=flats)
     return SimpleNamespace(images=images, bands=bands, capture=SimpleNamespace(manifest=manifest))
 
 
@@ -86,14 +89,16 @@ def test_factors_and_fall_off_are_those_of_the_photograph(by_band, nominal):
 
 
 def test_with_an_absolute_scale_the_fall_off_alone_is_free():
-    """A lamp 20 % too strong stays so, in a picture whose flat keeps the mean 1."""
+    """A lamp 20 % too strong stays so, in a picture whose flat, nominal times further fall-off, keeps the mean 1."""
     signal, square = rendering(), (AXIS.radius_px(SHAPE) / AXIS.radius_px(SHAPE).max()) ** 2
     measured = 1.2 * signal * (1 - 0.1 * square)
     noise = {"variance": np.full(signal.shape, 1e-4), "used": np.ones(signal.shape, bool)}
     first = replace(start(False, True), absolute=True)
-    fitted, of_bands, bent = refined_scale(first, calibration(measured, AXIS), signal=signal, **noise)
+    capture = calibration(measured, AXIS)
+    fitted, of_bands, bent = refined_scale(first, capture, signal=signal, **noise)
     assert (of_bands == 1).all() and (fitted.constant == first.constant).all()
-    np.testing.assert_allclose(bent, (1 - 0.1 * square) / (1 - 0.1 * square).mean(), rtol=1e-6)
+    np.testing.assert_allclose(bent / bent[20, 24], 1 - 0.1 * square, rtol=1e-6)
+    assert np.mean(capture.bands.flats["a"].response * bent) == pytest.approx(1.0)
     assert fitted.not_known == ("the lens's fall-off beyond cos^4",) and not fitted.record(BANDS)["factors"]
 
 
@@ -148,6 +153,30 @@ def test_a_second_fit_corrects_the_first_one_exactly():
     columns = free_columns(calibration(signal, AXIS), begun, signal)
     change = np.tensordot(truth - first, np.array(columns), 1)
     np.testing.assert_allclose(signal + change, signal * bent[0] / bent[1])
+
+
+@pytest.mark.parametrize("by_band", [False, True])
+def test_with_an_effect_in_place_fall_off_and_factors_are_fitted_again(by_band):
+    """A first fit took a dark wall for a tilt. In the prediction's units the photograph is that prediction then."""
+    plain, terms = rendering(), fall_off_terms(AXIS, SHAPE)
+    dark = np.where(np.arange(SHAPE[1]) < 15, 0.9, 1.0) * plain
+    bent = 1 + np.tensordot([-0.1, 0.02, 0.0, 0.01], terms, 1)
+    factors = np.array([2.0, 3.0, 0.5] if by_band else [2.0, 2.0, 2.0])[:, None, None]
+    flat = FlatField(np.ones(SHAPE), np.zeros(SHAPE), np.inf, np.zeros(0), np.zeros(SHAPE, bool))
+    images = band_images(BANDS, factors * dark * bent, np.ones(plain.shape))
+    coefficients = np.ones((3, 3, *SHAPE)) * np.array([1.0, 0.0, 0.0])[:, None, None]
+    bands = CorrectedBands(images, coefficients, dict.fromkeys(BANDS, flat), (), AXIS)
+    manifest = SimpleNamespace(is_free_by_band=by_band, is_absolute=False)
+    names = ["bands", "images", "radiometry", "responses", "capture", "predicted_variance"]
+    radiometry = make_dataclass("R", ["constant", "band_factors"])(1.0, None)
+    capture = SimpleNamespace(manifest=manifest, cell=None)
+    calibration = make_dataclass("C", names)(bands, images, radiometry, None, capture, bands.predicted_variance)
+    first = CalibratedCapture(calibration, None, None, None, None, None, None, free_scale=start(by_band, True))
+    every = plain > 0
+    fitted = first.fitted_about(1.9 * dark, np.zeros(plain.shape), every)
+    np.testing.assert_allclose(fitted.calibration.bands.images["signal"], 1.9 * dark, rtol=2e-3)
+    assert fitted.free_scale.fall_off == pytest.approx([-0.1, 0.02, 0.0, 0.01], abs=5e-3)
+    assert replace(first, free_scale=None).fitted_about(dark, dark, every).calibration is calibration
 
 
 @pytest.fixture(scope="module")
