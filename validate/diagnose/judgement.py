@@ -19,6 +19,7 @@ from .alternatives import (
 )
 from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
+from .hypotheses import MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import (
     LinearisedFit,
@@ -58,9 +59,6 @@ _MIN_CERTAINTY = 5.0
 #: Largest relative change of an amplitude by fitting flaws with it, if three standard deviations do not allow more.
 _MAX_INSTABILITY = 0.4
 
-#: Standard deviations by which an amplitude may change.
-_UNSTABLE_SIGMA = 3.0
-
 #: Chi2 per sample by which a base may be off; more is a cause to be found.
 _MAX_FLAWED = 0.6
 
@@ -78,9 +76,6 @@ _NUM_SAMPLED = 25
 
 #: Reflectance by which light is divided, at least.
 _DARK = 0.01
-
-#: Minimum gain of a flaw in pixels held out, over that in the fitted ones.
-_MIN_HELDOUT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +109,7 @@ class Verdict:
         if not (self.needed and self.certainty > _MIN_CERTAINTY and self.gain > 0):
             return False
         sigma = self.stability / self.certainty
-        return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))
+        return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, SIGNIFICANT_SIGMA * sigma))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +170,7 @@ class FlawsWithEffects:
         """Flaws worth a sentence, the largest first."""
         if not self.evident:
             return ()
-        return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > _MIN_HELDOUT)
+        return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > MIN_HELDOUT_GAIN)
 
 
 @dataclass(frozen=True, eq=False)

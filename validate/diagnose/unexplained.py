@@ -15,16 +15,13 @@ from scipy.linalg import solve_triangular
 
 from ..predict import charge_exchange
 from .evidence import (
-    INDISTINGUISHABLE_CHI2,
     MIN_GAIN_PER_SAMPLE,
-    SHAPE_ERROR,
     least_gain_of,
     price_of,
     shape_error_of,
     square,
 )
 from .explain import (
-    MIN_HELDOUT_GAIN,
     NONE,
     Explanation,
     Lead,
@@ -34,6 +31,7 @@ from .explain import (
     lead_of_frames,
 )
 from .field_fit import ChargeExchange, ResidualData, light_exchange
+from .hypotheses import INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate

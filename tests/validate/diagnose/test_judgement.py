@@ -66,7 +66,7 @@ def test_an_amplitude_may_change_next_to_flaws_by_its_own_error_or_a_fixed_part(
     """The larger of both; a verdict just below and just above."""
     for part, holds in ((0.99, True), (1.01, False)):
         # s - 1 = n s / c, where s / c is its error
-        by_error = 1 / (1 - part * judgement._UNSTABLE_SIGMA / certainty) - 1
+        by_error = 1 / (1 - part * judgement.SIGNIFICANT_SIGMA / certainty) - 1
         stability = 1 + max(by_error, part * judgement._MAX_INSTABILITY)
         verdict = judgement.Verdict("x", 1.0, 1e6, certainty, stability, True)
         assert verdict.holds_next_to_flaws is holds, stability

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from .paints import paints
-from .slopes import slopes
+from .slopes import MIN_FACE_PX, slopes
 
 __all__ = ["FlawColumns", "flaw_columns"]
 
@@ -39,9 +39,6 @@ _COLOURED = 0.1
 
 #: Fewest neighbouring pixels by which two faces meet in the picture.
 _MIN_CONTACT_PX = 4
-
-#: Fewest pixels of a face for fields over it.
-_MIN_FACE_PX = 20
 
 #: Largest distance in space of the points seen by neighbouring pixels of one corner, over the mean distance of
 #: neighbours within the faces: more is an outline before something behind.
@@ -225,7 +222,7 @@ def _edge(picture: _Picture, warp: Warp, first: int, second: int) -> Iterator[tu
 def _shading(picture: _Picture, face: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) slow relative changes over a face, alike in all bands or rising with the band."""
     where = picture.face == face
-    if where.sum() < _MIN_FACE_PX:
+    if where.sum() < MIN_FACE_PX:
         return
     rows, columns = np.nonzero(where)
     v, u = (2 * (x - x.mean()) / max(np.ptp(x), 1) for x in (rows, columns))

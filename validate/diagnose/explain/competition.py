@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..families import families
 from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
+from ..hypotheses import MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .as_field import fitted_field
 from .explanation import NO_FORM, NONE, Explanation, Rival
 from .noise import noise_level
@@ -21,14 +22,12 @@ from .odds import probabilities
 from .prior_odds import soft_outline, spot_log_odds
 from .registration import Registration, registration
 
-__all__ = ["MIN_HELDOUT_GAIN", "explain", "explain_masked_families"]
+__all__ = ["explain", "explain_masked_families"]
 
 #: Part of the largest gain by which a family may fall short without penalty: shapes are wrong by as much, for the
-#: exchange between patches and first derivatives are approximate.
-_SHAPE_ERROR = 0.03
-
-#: The same of a form in one place: all of them are made of the same bells and share the errors of an outline.
-_SHAPE_ERROR_OF_SPOT = 0.01
+#: exchange between patches and first derivatives are approximate. Forms in one place are made of the same bells and
+#: share the errors of an outline: ``SHAPE_ERROR`` counts there.
+_SHAPE_ERROR_OF_EXCHANGE = 0.03
 
 #: Smallest difference of two scores by which families are distinguished: odds of 400 to 1.
 _MIN_SCORE_DIFFERENCE = 12.0
@@ -38,10 +37,6 @@ _MIN_SCORE_DIFFERENCE_PART = 0.002
 
 #: Smallest part of the excess that a family must explain.
 _MIN_SHARE = 0.2
-
-#: Smallest gain in samples held out, over that in fitted ones, at which a family is named. Pixels that scatter in deep
-#: shadow have 0.2 at most; grains of nine pixels or more at least 0.4.
-MIN_HELDOUT_GAIN = 0.3
 
 #: Most further forms of one family that are added: several grains or scratches.
 _MAX_FURTHER_FORMS = 3
@@ -304,7 +299,7 @@ def _scores(data: ResidualData, candidates: Sequence[FittedExplanation]) -> list
     scores = []
     for candidate in candidates:
         complexity = candidate.fit.gain - candidate.evidence
-        forgiven = _SHAPE_ERROR_OF_SPOT if candidate.local else _SHAPE_ERROR
+        forgiven = SHAPE_ERROR if candidate.local else _SHAPE_ERROR_OF_EXCHANGE
         lacks = max(most - candidate.fit.gain - forgiven * most, 0.0)
         scores.append(most - lacks - complexity + spot_log_odds(data, candidate, soft))
     return scores

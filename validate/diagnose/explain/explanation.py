@@ -11,6 +11,7 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..field_fit import Family
+from ..hypotheses import LIKELY
 from .registration import Registration
 
 __all__ = ["NONE", "NO_FORM", "SOUND", "Explanation", "Rival"]
@@ -20,10 +21,6 @@ NONE = "none"
 
 #: Form of an explanation without a family.
 NO_FORM = "no family explains it"
-
-#: Probability from which a family is named: likelier than not. Of 63 simulated causes left out of the fit, 19 had a
-#: wrong family without this condition and 1 with it; 43 and 38 had the right one.
-_LIKELY = 0.5
 
 #: Outcome that nothing but flaws of the picture differs.
 SOUND = "sound"
@@ -120,7 +117,7 @@ class Explanation(FrozenMappings):
             are sought next to it.
         """
         judged = len({rival.family for rival in self.rivals}) > 1 and self.family in self.odds
-        if self.family == NONE or not judged or self.probability >= _LIKELY:
+        if self.family == NONE or not judged or self.probability >= LIKELY:
             return self
         return replace(
             self,

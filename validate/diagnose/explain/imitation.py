@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-__all__ = ["FEATURES", "LEAST_PROBABILITY", "LIKELY", "Signs", "imitation_probability", "learnt_weights"]
+from ..hypotheses import INDISTINGUISHABLE_CHI2
+
+__all__ = ["FEATURES", "LEAST_PROBABILITY", "Signs", "imitation_probability", "learnt_weights"]
 
 #: Names of the features, with which the table states the weights.
 FEATURES = (
@@ -36,15 +38,9 @@ _MISSED_BY_SHAPES = 0.02
 #: twice the variance each, whose difference squared is lost.
 _MISSED_BY_NOISE = 4.0
 
-#: Lead of odds of 100 to 1: below it the capture does not distinguish a form from the effect.
-_DISTINGUISHED = 9.2
-
 #: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
 #: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
 LEAST_PROBABILITY = 0.02
-
-#: Probability of an imitation above which an effect is no answer: an unlisted cause is likelier.
-LIKELY = 0.5
 
 _TABLE = Path(__file__).parent / "data" / "imitations.json"
 
@@ -69,7 +65,7 @@ class Signs:
         """(feature,) in the sequence of ``FEATURES``."""
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
         allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (max(self.gain, _LEAST_GAIN) * self.count)
-        lead = np.sign(self.lead) * np.log1p(np.abs(self.lead) / _DISTINGUISHED)
+        lead = np.sign(self.lead) * np.log1p(np.abs(self.lead) / INDISTINGUISHABLE_CHI2)
         return np.array([1.0, np.log1p(missing / allowed), lead])
 
     @property

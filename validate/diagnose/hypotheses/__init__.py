@@ -4,8 +4,14 @@ from .hypothesis import (
     Hypothesis,
     hypotheses,
 )
+from .levels import INDISTINGUISHABLE_CHI2, LIKELY, MIN_HELDOUT_GAIN, SHAPE_ERROR, SIGNIFICANT_SIGMA
 
 __all__ = [
+    "INDISTINGUISHABLE_CHI2",
+    "LIKELY",
+    "MIN_HELDOUT_GAIN",
+    "SHAPE_ERROR",
+    "SIGNIFICANT_SIGMA",
     "Hypothesis",
     "hypotheses",
 ]
