@@ -5,8 +5,7 @@ __all__ = ["INDISTINGUISHABLE_CHI2", "LIKELY", "MIN_HELDOUT_GAIN", "SHAPE_ERROR"
 #: Difference in chi2 below which two fits do not distinguish two causes: odds of about 100 to 1.
 INDISTINGUISHABLE_CHI2 = 9.2
 
-#: Probability from which a cause is named, or keeps an effect from being named: likelier than not. Of 63 simulated
-#: causes left out of the fit, 19 had a wrong family without this condition and 1 with it; 43 and 38 had the right one.
+#: Probability from which an unlisted cause keeps an effect from being named: likelier than not.
 LIKELY = 0.5
 
 #: Smallest gain in samples held out, over that in fitted ones, of a family or a flaw that is named. Pixels that scatter
