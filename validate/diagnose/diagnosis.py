@@ -253,7 +253,7 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=unknown_notes(prepared, judged.imitated) + notes,
+        notes=unknown_notes(prepared, judged.imitated) + notes + unexplained.parts_notes(judged.verdicts, judged.leads),
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
@@ -334,9 +334,11 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
         imitations[name] = LEAST_PROBABILITY
         if not effect.candidate.by_priors:
             by_size = (effect.chi2_without - effect.candidate.chi2) / effect.count
-            gain, lead = verdicts[name].gain if name in verdicts else by_size, judged.leads[name]
+            lead, verdict = judged.leads[name], verdicts.get(name)
+            gain, by_part = (by_size, -np.inf) if verdict is None else (verdict.gain, verdict.by_part.lead)
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            imitations[name] = imitation_probability(Signs(gain, effect.count, heldout, lead.lead, lead.frames))
+            signs = Signs(gain, effect.count, heldout, lead.lead, lead.frames, by_part)
+            imitations[name] = imitation_probability(signs)
     return imitations
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.rendering.chain import after_stage
@@ -17,7 +17,7 @@ from .alternatives import (
     with_alternatives,
     with_better_alternatives,
 )
-from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
+from .base_flaws import FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
 from .hypotheses import MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
@@ -94,6 +94,8 @@ class Verdict:
     stability: float
     #: Whether it holds.
     holds: bool
+    #: Its amplitudes by place or by level of the signal.
+    by_part: PartAmplitudes = field(default_factory=PartAmplitudes)
 
     @property
     def needed(self) -> bool:
@@ -312,7 +314,9 @@ def verdict_of(
     (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
     information = float(np.sum(model.weighted(fitted, shape) * shape))
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
-    verdict = Verdict(name, gain, evidence, amplitude * np.sqrt(max(information, 0.0)), amplitude, False)
+    certainty = amplitude * np.sqrt(max(information, 0.0))
+    by_part = model.amplitudes_by_part(fitted, shape[:, 0], whitened)
+    verdict = Verdict(name, gain, evidence, certainty, amplitude, False, by_part)
     return replace(verdict, holds=verdict.holds_next_to_flaws)
 
 

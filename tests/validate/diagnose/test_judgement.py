@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose import judgement
-from cboxlab.validation.diagnose.base_flaws import Flaw
+from cboxlab.validation.diagnose.base_flaws import Flaw, PartAmplitudes
 from cboxlab.validation.diagnose.judgement import BaseFlaws
 
 COUNT = 400
@@ -29,6 +29,7 @@ def sound_base(residual):
         whitened=lambda vector: vector,
         fit=lambda vector: SimpleNamespace(score=float(vector @ vector)),
         weighted=lambda _, columns: columns,
+        amplitudes_by_part=lambda *_: PartAmplitudes(),
     )
     return SimpleNamespace(model=model, residual=residual)
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from .paints import paints
+from .parts import places_of
 from .slopes import MIN_FACE_PX, slopes
 
 __all__ = ["FlawColumns", "flaw_columns"]
@@ -56,6 +57,8 @@ class FlawColumns:
     kind: NDArray[np.str_]
     #: (n,) each, change of the used samples by a column at one standard deviation of its prior, DN.
     change: tuple[NDArray[np.float32], ...]
+    #: (n,) place that a sample lies in, an index of ``PLACES``.
+    place: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +129,8 @@ def flaw_columns(
     ):
         kinds.append(kind)
         columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
-    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns))
+    place = np.broadcast_to(places_of(picture.face, pairs, touching), used.shape)[used]
+    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns), place)
 
 
 def _meeting_faces(face: NDArray[np.int64]) -> list[tuple[int, int]]:

@@ -59,6 +59,8 @@ class Signs:
     lead: float
     #: The same of an event in a single frame, see `repeats.lead_of_frames`.
     frames: float = -np.inf
+    #: 2 ln of the evidence that parts of its pattern have their own amplitudes, see `PartAmplitudes`.
+    parts: float = -np.inf
 
     @property
     def features(self) -> NDArray[np.float64]:
@@ -69,9 +71,14 @@ class Signs:
         return np.array([1.0, np.log1p(missing / allowed), lead])
 
     @property
-    def by_frames(self) -> float:
-        """Least probability of an imitation, by events in single frames."""
-        return float(expit(self.frames / 2))
+    def least(self) -> float:
+        """Least probability of an imitation.
+
+        Events in single frames count at even odds: frames are compared without a model. That parts have their own
+        amplitudes is as unlikely beforehand as any unlisted cause.
+        """
+        by_parts = self.parts / 2 + np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))
+        return max(float(expit(self.frames / 2)), float(expit(by_parts)), LEAST_PROBABILITY)
 
 
 @lru_cache(maxsize=1)
@@ -90,8 +97,6 @@ def learnt_weights() -> Mapping[str, Any]:
 def imitation_probability(signs: Signs) -> float:
     """Probability that an effect imitates an unlisted cause.
 
-    It is at least that of an event in a single frame at even odds: frames are compared without a model.
-
     Parameters
     ----------
     signs
@@ -104,4 +109,4 @@ def imitation_probability(signs: Signs) -> float:
     """
     weights = learnt_weights()["weights"]
     utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), signs.by_frames, LEAST_PROBABILITY)
+    return max(float(expit(utility)), signs.least)
