@@ -19,7 +19,7 @@ from .alternatives import (
 )
 from .base_flaws import FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
-from .hypotheses import MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
+from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import (
     LinearisedFit,
@@ -49,12 +49,6 @@ __all__ = [
 
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
 _MIN_FLAW_EVIDENCE = 50.0
-
-#: Minimum 2 ln evidence of an effect next to flaws over flaws alone.
-_MIN_EVIDENCE = 25.0
-
-#: Minimum amplitude of an effect next to flaws, in its standard deviations.
-_MIN_CERTAINTY = 5.0
 
 #: Largest relative change of an amplitude by fitting flaws with it, if three standard deviations do not allow more.
 _MAX_INSTABILITY = 0.4
@@ -100,7 +94,7 @@ class Verdict:
     @property
     def needed(self) -> bool:
         """Whether flaws alone explain the picture clearly less well."""
-        return self.evidence > _MIN_EVIDENCE
+        return self.evidence > CERTAIN_SIGMA**2
 
     @property
     def holds_next_to_flaws(self) -> bool:
@@ -108,7 +102,7 @@ class Verdict:
 
         An effect with which the picture itself fits less well does not hold, whatever flaws could make of it.
         """
-        if not (self.needed and self.certainty > _MIN_CERTAINTY and self.gain > 0):
+        if not (self.needed and self.certainty > CERTAIN_SIGMA and self.gain > 0):
             return False
         sigma = self.stability / self.certainty
         return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, SIGNIFICANT_SIGMA * sigma))
@@ -539,7 +533,7 @@ def best_with_flaws(
             gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, amount))
     first = sorted(gains[::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     second = sorted(gains[1::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
-    best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
+    best: tuple[float, Candidate | None] = (CERTAIN_SIGMA**2, None)
     for _, signature, start in (*first, *second):
         columns = _whitened_columns(model, problem, signature)
         amount, fitted = _amount_with_flaws(model, columns, whitened, start)

@@ -58,7 +58,7 @@ class FlawColumns:
     #: (n,) each, change of the used samples by a column at one standard deviation of its prior, DN.
     change: tuple[NDArray[np.float32], ...]
     #: (n,) place that a sample lies in, an index of ``PLACES``.
-    place: NDArray[np.int64]
+    sample_place: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,8 @@ def flaw_columns(
     ):
         kinds.append(kind)
         columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
-    place = np.broadcast_to(places_of(picture.face, pairs, touching), used.shape)[used]
-    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns), place)
+    sample_place = np.broadcast_to(places_of(picture.face, pairs, touching), used.shape)[used]
+    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns), sample_place)
 
 
 def _meeting_faces(face: NDArray[np.int64]) -> list[tuple[int, int]]:

@@ -468,7 +468,7 @@ def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: ND
     for column, change in zip(columns, changes, strict=True):
         column[:] = model.whiten_used(change.astype(float))
     kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
-    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal, flaws.place)
+    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal, flaws.sample_place)
 
 
 def _pixel_index(model: Whitening) -> NDArray[np.int64]:

@@ -28,9 +28,6 @@ FEATURES = (
     "signed log of 1 + the lead of the best form of an unlisted cause, over odds of 100 to 1",
 )
 
-#: Smallest gain that counts, chi2 per sample.
-_LEAST_GAIN = 1e-3
-
 #: Share of the gain in samples held out that a true effect may miss by errors of its shape.
 _MISSED_BY_SHAPES = 0.02
 
@@ -66,7 +63,7 @@ class Signs:
     def features(self) -> NDArray[np.float64]:
         """(feature,) in the sequence of ``FEATURES``."""
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
-        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (max(self.gain, _LEAST_GAIN) * self.count)
+        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / max(self.gain * self.count, _MISSED_BY_NOISE)
         lead = np.sign(self.lead) * np.log1p(np.abs(self.lead) / INDISTINGUISHABLE_CHI2)
         return np.array([1.0, np.log1p(missing / allowed), lead])
 

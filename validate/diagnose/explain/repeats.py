@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..field_fit import Advice
-from ..hypotheses import INDISTINGUISHABLE_CHI2
+from ..hypotheses import CERTAIN_SIGMA, INDISTINGUISHABLE_CHI2
 from .noise import MEDIAN_OF_NORMAL
 from .rival_form import Lead
 
@@ -25,9 +25,6 @@ _MAX_DIFFERENCE = 0.2
 
 #: Part of the square of a change in a band from which it is a level of that band: no other pattern remains.
 _LEVEL_PART = 0.98
-
-#: Least difference of two frames of a band, in standard deviations, for frames to differ at all.
-_MIN_DIFFERENCE_SIGMA = 5.0
 
 #: The same in amplitudes of the effect: a half of it may be missing in one frame.
 _MIN_DIFFERENCE = 0.5
@@ -49,7 +46,7 @@ class FrameAmplitudes:
         """Whether two frames differ by more than noise, and by a large part of the change."""
         differences = self.amplitude[:, None] - self.amplitude
         sigma = np.hypot(self.sigma[:, None], self.sigma)
-        return bool(np.any((differences > _MIN_DIFFERENCE_SIGMA * sigma) & (differences > _MIN_DIFFERENCE)))
+        return bool(np.any((differences > CERTAIN_SIGMA * sigma) & (differences > _MIN_DIFFERENCE)))
 
     def chi2_from(self, common: float) -> NDArray[np.float64]:
         """Chi2 by which each frame differs from a common amplitude, at most that of an event.

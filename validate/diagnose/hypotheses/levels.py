@@ -1,6 +1,9 @@
 """Odds, significance and errors of shapes that all tests of a diagnosis share."""
 
-__all__ = ["INDISTINGUISHABLE_CHI2", "LIKELY", "MIN_HELDOUT_GAIN", "SHAPE_ERROR", "SIGNIFICANT_SIGMA"]
+__all__ = ["CERTAIN_SIGMA", "INDISTINGUISHABLE_CHI2", "LIKELY", "MIN_HELDOUT_GAIN", "SHAPE_ERROR", "SIGNIFICANT_SIGMA"]
+
+#: Standard deviations from which a difference is certain: its square is a difference in chi2, or 2 ln of the evidence.
+CERTAIN_SIGMA = 5.0
 
 #: Difference in chi2 below which two fits do not distinguish two causes: odds of about 100 to 1.
 INDISTINGUISHABLE_CHI2 = 9.2
