@@ -162,7 +162,7 @@ def amplitudes_by_part(
     return PartAmplitudes(
         tuple(names[i] for i in present),
         tuple(amplitude.tolist()),
-        tuple(np.sqrt(np.diag(covariance)).tolist()),
+        tuple(np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()),
         alike - unlike,
     )
 
