@@ -1,5 +1,7 @@
 """Sound boxes that are not quite as surveyed: soft corners, leaning things, uneven or other paint, old flats.
 
+The last six flaws are those of renderers by others: light that is wrong at contacts, in shadows, by patches.
+
 A flaw changes the real box, or the light that its sensor counts. None of them uses the formulas with which a
 diagnosis describes flaws: things are meshes in the rendered scene, fields are sums of waves at random.
 """
@@ -15,16 +17,19 @@ from cboxlab.scenes.scene import Scene, Surface
 from cboxlab.scenes.shapes import box_mesh
 from cboxlab.scenes.spectra import Spectrum
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 from scipy.spatial.transform import Rotation
 
-__all__ = ["FLAWS", "KEPT_BACK", "Flaw", "Picture"]
+__all__ = ["BY_OTHERS", "FLAWS", "KEPT_BACK", "Flaw", "Picture"]
 
 Stack = NDArray[np.float64]
 Draw = np.random.Generator
 
 #: Surfaces of a room.
 _ROOM = ("floor", "ceiling", "back", "left", "right")
+
+#: Flaws of renderers by others.
+BY_OTHERS = ("contact", "foot", "penumbra", "indirect", "patches", "lamp-falloff")
 
 #: Flaws that no decision constant was set with.
 KEPT_BACK = ("caulk", "bulging-walls", "astigmatism", "old-flats", "sizes")
@@ -242,6 +247,63 @@ def astigmatism(draw: Draw, picture: Picture) -> Stack:
     return changed / np.maximum(picture.signal, 1e-9)
 
 
+def _floor_and_blocks(picture: Picture) -> tuple[Stack, Stack]:
+    """(y, x) share of the floor and of the blocks in each pixel."""
+    names, coverage = picture.image.surface_names, picture.image.coverage
+    of_face = [names[i] if i < len(names) else "" for i in picture.image.facet_surface]
+    return coverage @ np.array([n == "floor" for n in of_face]), coverage @ np.array(["block" in n for n in of_face])
+
+
+def wrong_contacts(draw: Draw, picture: Picture) -> Stack:
+    """A renderer's light on the floor is wrong at the feet of the blocks."""
+    floor, block = _floor_and_blocks(picture)
+    away = distance_transform_edt(block < 0.5)
+    return np.broadcast_to(1 - 0.02 * np.exp(-away / draw.uniform(0.7, 2.5)) * floor, picture.signal.shape)
+
+
+def wrong_feet(draw: Draw, picture: Picture) -> Stack:
+    """A renderer's reflected light is wrong on both sides of the lines where blocks meet the floor."""
+    floor, block = _floor_and_blocks(picture)
+    away = np.where(floor > 0.5, distance_transform_edt(block < 0.5), distance_transform_edt(floor < 0.5))
+    near = np.exp(-away / draw.uniform(0.7, 2.0)) * ((floor > 0) | (block > 0))
+    return 1 - 0.05 * near * _reflected(picture)
+
+
+def _reflected(picture: Picture) -> Stack:
+    """(band, y, x) part of the light that was reflected before."""
+    return (picture.signal - picture.direct) / np.maximum(picture.signal, 1e-9)
+
+
+def soft_shadows(draw: Draw, picture: Picture) -> Stack:
+    """A renderer's shadows on the walls are softer than those of the box."""
+    irradiance, room = picture.direct / np.maximum(picture.reflectance, 1e-3), picture.room.astype(float)
+    width = (0, *(2 * [draw.uniform(0.5, 1.2)]))
+    even = gaussian_filter(irradiance * room, width, mode="nearest")
+    even /= np.maximum(gaussian_filter(np.broadcast_to(room, irradiance.shape), width, mode="nearest"), 1e-3)
+    changed = picture.signal - picture.direct + np.where(picture.room, even, irradiance) * picture.reflectance
+    return np.where(picture.room, changed / np.maximum(picture.signal, 1e-9), 1.0)
+
+
+def other_indirect(draw: Draw, picture: Picture) -> Stack:
+    """All reflected light is off by one factor, which rises or falls with the band."""
+    tilt = np.linspace(-1, 1, len(picture.signal))[:, None, None] * draw.normal(0, 0.3)
+    return 1 + 0.02 * draw.choice([-1, 1]) * (1 + tilt) * _reflected(picture)
+
+
+def coarse_patches(draw: Draw, picture: Picture) -> Stack:
+    """A renderer's reflected light is that of coarse patches with an error each."""
+    size, side = picture.room.shape[0], int(draw.integers(4, 9))
+    coarse = draw.standard_normal((size // side + 1, size // side + 1))
+    field = np.kron(coarse, np.ones((side, side)))[:size, :size]
+    return 1 + 0.01 * _reflected(picture) * field
+
+
+def lamp_of_points(draw: Draw, picture: Picture) -> Stack:
+    """Direct light of few points on the lamp is wrong near it."""
+    v = np.indices(picture.room.shape)[0] / len(picture.room)
+    return 1 + 0.02 * (1 - _reflected(picture)) * np.exp(-v / draw.uniform(0.1, 0.4))
+
+
 FLAWS: Mapping[str, Flaw] = {
     "none": Flaw(),
     "soft-creases": Flaw(light=soft_creases),
@@ -256,4 +318,10 @@ FLAWS: Mapping[str, Flaw] = {
     "old-flats": Flaw(light=old_flats),
     "sizes": Flaw(scene=sizes),
     "other-paints": Flaw(scene=other_paints, as_drawn=True),
+    "contact": Flaw(light=wrong_contacts),
+    "foot": Flaw(light=wrong_feet),
+    "penumbra": Flaw(light=soft_shadows),
+    "indirect": Flaw(light=other_indirect),
+    "patches": Flaw(light=coarse_patches),
+    "lamp-falloff": Flaw(light=lamp_of_points),
 }

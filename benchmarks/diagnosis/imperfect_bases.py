@@ -154,7 +154,9 @@ def _excess(signal: NDArray, other: NDArray, laboratory: int, size: int, lamp: N
 
 
 @cache
-def flaw_of(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEffect | None, float]:
+def flaw_of(
+    name: str, laboratory: int, size: int, seed: int, limits: tuple[float, float] = (_LEAST, _MOST)
+) -> tuple[AppliedEffect | None, float]:
     """A flaw of a size between the limits, as an effect on light, and its chi2 per sample over shot and read noise."""
     if name == "none":
         return None, 0.0
@@ -169,7 +171,7 @@ def flaw_of(name: str, laboratory: int, size: int, seed: int) -> tuple[AppliedEf
         factor = np.divide(changed, signal, out=np.ones_like(signal), where=signal > 0)
     factor = np.clip(factor, 1 / _LARGEST_FACTOR, _LARGEST_FACTOR)
     excess = _excess(signal, factor * signal, laboratory, size, sound.sees_lamp)
-    target = excess if flaw.as_drawn else float(np.exp(draw.uniform(np.log(_LEAST), np.log(_MOST))))
+    target = excess if flaw.as_drawn else float(np.exp(draw.uniform(*np.log(limits))))
     factor = 1 + np.sqrt(target / excess) * (factor - 1)
     effect = Effect("flaw", "optics", "a flaw", (), lambda light: light.with_signal(light.signal * factor), "none")
     return AppliedEffect(effect, {}), target

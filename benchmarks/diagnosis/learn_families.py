@@ -186,7 +186,7 @@ def report(answers: Sequence[tuple[Sample, np.ndarray]]) -> None:
             right, mean = np.mean([r for r, _ in inside]), np.mean([p for _, p in inside])
             print(f"| {low:g} to {min(high, 1):g} | {len(inside)} | {mean:.2f} | {right:.2f} |")
     loss = -np.mean([np.log(share[sample.true]) for sample, share in answers])
-    for least in (0.0, 0.5):
+    for least in (0.0, 0.5, 0.75):
         print(f"\nnamed from a probability of {least:g}: {_when_likely(answers, least)}")
     print(f"\nmean log loss {loss:.3f}, of causes left out")
 

@@ -1,7 +1,7 @@
 """Learn how likely an effect only imitates a cause that nobody listed, and report how far that can be believed.
 
 The first part simulates captures of several laboratories: a flaw of the base (`flawed_bases`) or none, and one effect
-of the catalogue or one cause that the catalogue lacks (`outside_effects`). The light is that of an independent
+of the catalogue, one cause that the catalogue lacks (`outside_effects`), or nothing. The light is that of another
 rendering. It replaces what a calibrated capture measured, whose fit is linear: so one laboratory serves for hundreds.
 A sound capture by another simulator (--photographs) is a laboratory, too, with its own flaws and noise. Causes then
 change it as the model predicts, with other rays. The best effect to first order is fitted and judged as a diagnosis
@@ -24,6 +24,7 @@ from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from zlib import crc32
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -62,7 +63,7 @@ from cboxlab.validation.diagnose.unexplained import residual_data_of
 from cboxlab.validation.predict import sensing
 from cboxlab.validation.synthetic.blind import draw_effect
 from cboxlab.validation.synthetic.strengths import at_strength
-from flawed_bases import FLAWS
+from flawed_bases import BY_OTHERS, FLAWS
 from numpy.typing import NDArray
 from outside_effects import KEPT_BACK, NEIGHBOURS, OUTSIDE
 from reliability import scores
@@ -74,6 +75,26 @@ SIZE_PX = 48
 
 #: Chi2 per sample of a cause, the smallest and the largest.
 LEAST, MOST = 0.04, 1.0
+
+#: Chi2 per sample of a flaw over shot and read noise, the smallest and the largest: bases of simulators by others.
+FLAWED = (0.06, 0.8)
+
+#: Effects on geometry and light, which flaws of a base resemble: a third of the captures.
+GEOMETRY = (
+    "block-pose",
+    "lamp-offset",
+    "reflectance-gradient",
+    "wall-reflectance",
+    "lamp-directional",
+    "lamp-nonuniform",
+    "gloss",
+    "haze",
+    "defocus",
+    "crosstalk",
+)
+
+#: What captures hold in turn.
+KINDS = ("flaw", "effect", "geometry", "unlisted", "flaw", "geometry")
 
 #: Least gain in samples held out of an effect that is selected.
 LEAST_HELDOUT = 0.5
@@ -104,6 +125,7 @@ class Laboratory:
 
     def __init__(self, seed: int) -> None:
         self.seed: int | str = seed
+        self.number = seed
         self.camera, settings = bases.laboratory_of(seed, SIZE_PX)
         self.image = bases.image_of("none", 0, seed, SIZE_PX)
         # tables and frames of the capture are read when they are needed
@@ -118,10 +140,9 @@ class Laboratory:
         self.signatures = [s for s in signatures_of(self.fit, (), bases.MODEL.render, NO_PROGRESS) if not s.by_priors]
         self.problem = self.fit.problem(())
 
-    def flaw(self, draw: np.random.Generator, seed: int) -> tuple[str, tuple[AppliedEffect, ...]]:
-        """A flaw of the base by chance: its name, and its change of the light; none for a sound one."""
-        name = str(draw.choice(list(FLAWS)))
-        change, _ = bases.flaw_of(name, int(self.seed), SIZE_PX, 100 + seed % 2)
+    def flaw(self, name: str, draw: np.random.Generator) -> tuple[str, tuple[AppliedEffect, ...]]:
+        """A flaw of the base: its name, and its change of the light; none for a sound one."""
+        change, _ = bases.flaw_of(name, int(self.seed), SIZE_PX, int(draw.integers(10**6)), FLAWED)
         return name, (change,) if change else ()
 
     @cached_property
@@ -165,12 +186,13 @@ class PhotographedLaboratory(Laboratory):
 
     def __init__(self, path: Path) -> None:
         self.seed = f"{path.parents[1].name}/{path.name}"
+        self.number = crc32(self.seed.encode())
         self.validation = validate_capture(load_capture(path), bases.MODEL)
         self._linearise()
 
-    def flaw(self, draw: np.random.Generator, seed: int) -> tuple[str, tuple[AppliedEffect, ...]]:
+    def flaw(self, name: str, draw: np.random.Generator) -> tuple[str, tuple[AppliedEffect, ...]]:
         """The photograph's own flaws."""
-        del draw, seed
+        del name, draw
         return "its own", ()
 
     def light(self, effects: Sequence[AppliedEffect]) -> Signal:
@@ -225,31 +247,37 @@ def _row(laboratory: Laboratory, fit: LinearisedFit, screened: Candidate) -> dic
     effect, price = candidate.hypothesis.effect, price_of(len(candidate.numbers))
     shape_error = shape_error_of(effect.stage)
     lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error, effect.acts_on_things).lead
-    signs = Signs(verdict.gain, model.count, float(heldout), lead)
+    signs = Signs(verdict.gain, model.count, float(heldout), lead, parts=verdict.by_part.lead)
     return {"effect": verdict.effect, "signs": asdict(signs), "verdict": asdict(verdict)}
 
 
 def simulate(results: Path, laboratories: Iterable[Laboratory], captures: int) -> None:
-    """Append what is missing: effects and as many other causes in turn, each laboratory where the last one stopped."""
-    finished = {(str(row["laboratory"]), row["cause"], row["seed"]) for row in rows_of(results)}
+    """Append what is missing: flaws alone, effects and other causes in turn."""
+    finished = {(str(row["laboratory"]), row["seed"]) for row in rows_of(results)}
     able = [name for name, e in catalogue().items() if e.stage not in ("settings", "camera")]
     able = [name for name in able if not catalogue()[name].imitates_lamp_power]
-    outside = [*UNLISTED]
-    for number, laboratory in enumerate(laboratories):
-        for index in range(number * captures, (number + 1) * captures):
-            for name in (able[index % len(able)], outside[index % len(outside)]):
-                seed = 1000 * number + index
-                if (str(laboratory.seed), name, seed) in finished:
-                    continue
-                draw = np.random.default_rng([seed, len(name)])
-                flaw, effects = laboratory.flaw(draw, seed)
+    causes = {"effect": able, "geometry": GEOMETRY, "unlisted": [*UNLISTED]}
+    of_light = [name for name, flaw in FLAWS.items() if flaw.scene is None]
+    for laboratory in laboratories:
+        for index in range(captures):
+            if (str(laboratory.seed), index) in finished:
+                continue
+            draw, kind = np.random.default_rng([laboratory.number, index, 5]), KINDS[index % len(KINDS)]
+            flaw = str(draw.choice(of_light))
+            if kind == "flaw" and flaw == "none":
+                flaw = str(draw.choice(BY_OTHERS))
+            by_kind = {each: str(draw.choice(names)) for each, names in causes.items()}
+            name = by_kind.get(kind, "none")
+            flaw, effects = laboratory.flaw(flaw, draw)
+            if name != "none":
                 effect = cause(name, laboratory, draw)
                 if effect is None:
                     continue
-                answer = signs_in(laboratory, laboratory.residual((*effects, effect), seed))
-                row = {"laboratory": laboratory.seed, "cause": name, "flaw": flaw, "seed": seed, **(answer or {})}
-                with results.open("a", encoding="utf-8") as out:
-                    out.write(json.dumps(row, default=float) + "\n")
+                effects = (*effects, effect)
+            answer = signs_in(laboratory, laboratory.residual(effects, 7000 + index))
+            row = {"laboratory": laboratory.seed, "cause": name, "flaw": flaw, "seed": index, **(answer or {})}
+            with results.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(row, default=float) + "\n")
 
 
 def rows_of(results: Path) -> list[Row]:
@@ -258,15 +286,15 @@ def rows_of(results: Path) -> list[Row]:
 
 
 def samples_of(rows: Sequence[Row]) -> list[tuple[Row, NDArray[np.float64], bool]]:
-    """Rows whose answer is an effect, their features, and whether it imitates what nobody listed.
+    """Rows whose answer is an effect, their features, and whether it imitates what nobody listed, or a flaw.
 
     Another effect of the catalogue than the true one, and another name of the flaw, are left out.
     """
     return [
-        (row, Signs(**row["signs"]).features, row["cause"] in UNLISTED)
+        (row, Signs(**row["signs"]).features, row["effect"] != row["cause"])
         for row in rows
-        if "effect" in row
-        and (row["cause"] in UNLISTED or row["effect"] == row["cause"])
+        if "signs" in row
+        and (row["cause"] in (*UNLISTED, "none") or row["effect"] == row["cause"])
         and not (row["effect"] != row["cause"] and row["effect"] in DESCRIBES.get(row["flaw"], ()))
     ]
 
@@ -325,7 +353,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="replace the table of the package")
     options = parser.parse_args()
     if options.captures:
-        simulated = (Laboratory(8900 + number) for number in range(options.laboratories))
+        simulated = (Laboratory(8950 + number) for number in range(options.laboratories))
         photographed = (PhotographedLaboratory(path) for path in options.photographs)
         simulate(options.results, chain(simulated, photographed), options.captures)
     samples = samples_of(rows_of(options.results))

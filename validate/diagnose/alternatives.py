@@ -13,12 +13,13 @@ from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
-from .evidence import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, beyond_tolerance, dispersion, penalised, square
+from .evidence import beyond_tolerance, dispersion, penalised, square
 from .fitting import parameter_variance
+from .hypotheses import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Signature
-from .selection import best_singles
+from .selection import NUM_FITTED, best_singles
 
 __all__ = [
     "LikelyCause",
@@ -38,9 +39,6 @@ __all__ = [
 #: Number of causes shown.
 _MAX_CAUSES_SHOWN = 3
 
-#: Number of alternatives to a selected effect that are fitted in full, best to first order first.
-_MAX_ALTERNATIVES_FITTED = 3
-
 #: Minimum gain of an effect in samples held out, over its gain in the fitted ones; 1 is perfect. Set by judgement.
 _MIN_HELDOUT_GAIN_RATIO = 0.5
 
@@ -51,9 +49,6 @@ _MIN_HELDOUT_WITH_REMAINDER = 0.8
 #: an imitation of what remains. Set by judgement.
 _MIN_EXPLAINED_PART = 0.5
 
-#: Minimum amplitude / standard deviation of a reported effect, shared band and face errors included.
-_MIN_AMPLITUDE_SIGMA = 3.0
-
 #: Side of the blocks of pixels that are held out in turn, px: wide against the blur of the optics. Set by judgement.
 _HELDOUT_BLOCK_PX = 16
 
@@ -61,15 +56,9 @@ _HELDOUT_BLOCK_PX = 16
 #: gradients of a ceiling whose last row of pixels a simulator had wrong had 0.2 to 0.5.
 _MAX_EDGE_ARTEFACT_RATIO = 0.6
 
-#: Minimum difference of the two amplitudes for an edge artefact, standard deviations by noise.
-_MIN_EDGE_ARTEFACT_SIGMA = 3.0
-
-#: Minimum share of the square of the effect's change inside faces, for the test of edges to be made.
-_MIN_INTERIOR_PART = 0.2
-
-#: Minimum share of the square of the effect's change in the other bands, for a band to be held out: an
-#: effect of one band has nothing to be fitted to in the others.
-_MIN_OTHER_BANDS_PART = 0.2
+#: Minimum share of the square of the effect's change in a part of the samples, for this part to be tested: inside
+#: faces, or in the other bands, where an effect of one band has nothing to be fitted to.
+_MIN_TESTED_PART = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +135,7 @@ def with_alternatives(
             rest = [s for s in rest if s.by_priors]
         residual, problem = residual_with(linearised, others), linearised.problem(others)
         chi2 = square(problem.model.project(together)) + problem.noise_averaging_gain(candidate.applied)
-        best = best_singles(problem, rest, residual, _MAX_ALTERNATIVES_FITTED, chi2)
+        best = best_singles(problem, rest, residual, NUM_FITTED, chi2)
         fitted = replace(candidate, chi2=chi2)
         shape = residual - together
         assessed.append(
@@ -281,7 +270,7 @@ def confirmed_where_held_out(
         for candidate, effect in zip(selected, assessed, strict=True)
         if not (effect.heldout_pixels < _MIN_HELDOUT_GAIN_RATIO or effect.heldout_bands < _MIN_HELDOUT_GAIN_RATIO)
         and not effect.edge_artefact
-        and not effect.amplitude_sigma > 1 / _MIN_AMPLITUDE_SIGMA
+        and not effect.amplitude_sigma > 1 / SIGNIFICANT_SIGMA
         and beyond_tolerance(candidate)
     ]
     if len(confirmed) == len(selected):
@@ -401,7 +390,7 @@ def heldout_bands(model: LinearModel, residual: NDArray, predicted: NDArray) -> 
     fitted_gain = heldout_gain = 0.0
     for index in range(len(model.used)):
         inside = band != index
-        if np.sum(shape[inside] ** 2) < _MIN_OTHER_BANDS_PART * np.sum(shape**2):
+        if np.sum(shape[inside] ** 2) < _MIN_TESTED_PART * np.sum(shape**2):
             continue
         amplitude = _amplitude(pixels[inside], shape[inside])
         fitted_gain += _gain(pixels[~inside], shape[~inside], everywhere)
@@ -441,11 +430,11 @@ def is_edge_artefact(model: LinearModel, residual: NDArray, predicted: NDArray) 
     pixels, shape = residual[: model.count], predicted[: model.count]
     parts = (model.interior, ~model.interior)
     inside, edges = (float(shape[part] @ shape[part]) for part in parts)
-    if edges <= 0 or inside < _MIN_INTERIOR_PART * (inside + edges):
+    if edges <= 0 or inside < _MIN_TESTED_PART * (inside + edges):
         return False
     within, near = (_amplitude(pixels[part], shape[part]) for part in parts)
     sigma = float(np.sqrt(1 / inside + 1 / edges))
-    return within < _MAX_EDGE_ARTEFACT_RATIO * near and near - within > _MIN_EDGE_ARTEFACT_SIGMA * sigma
+    return within < _MAX_EDGE_ARTEFACT_RATIO * near and near - within > SIGNIFICANT_SIGMA * sigma
 
 
 def _amplitude(residual: NDArray, predicted: NDArray) -> float:

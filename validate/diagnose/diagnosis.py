@@ -14,7 +14,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
 from ..compare import Comparison, Validation, compared
-from . import unexplained
+from . import evidence, unexplained
 from .alternatives import (
     LikelyCause,
     SelectedEffect,
@@ -27,7 +27,6 @@ from .base_flaws import Flaw
 from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
-    LIKELY,
     Explanation,
     Lead,
     Signs,
@@ -37,6 +36,7 @@ from .explain import (
 )
 from .external_render import ExternalRender, external_render
 from .further_captures import Separation, separations
+from .hypotheses import LIKELY
 from .judgement import (
     BaseFlaws,
     Verdict,
@@ -61,10 +61,6 @@ from .several_captures import FurtherCaptureResult, further_fit, further_result,
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
 
 __all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
-
-#: Chi2 per sample above noise that one effect leaves, from which one explanation family is tried in its place: the
-#: excess of a remainder (`evidence`).
-_MIN_CHI2_FOR_FAMILY = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +253,7 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=unknown_notes(prepared, judged.imitated) + notes,
+        notes=unknown_notes(prepared, judged.imitated) + notes + unexplained.parts_notes(judged.verdicts, judged.leads),
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
@@ -307,8 +303,8 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
         hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
         next_to_effects = (UNKNOWN,) if unknown > LIKELY else ()
         selected = (*selected, *next_to_effects) if hold else (UNKNOWN,)
-    chi2_above_noise = square(residual) / model.count - 1
-    if by_picture and (explanation is not None or len(effects) > 1 or chi2_above_noise > _MIN_CHI2_FOR_FAMILY):
+    is_large = square(residual) / model.count - 1 > evidence.REMAINS_MIN_SMOOTH_EXCESS
+    if by_picture and (explanation is not None or len(effects) > 1 or is_large):
         alone = explain(unexplained.residual_data_of(first, start.residual, capture), share(progress, 0.97, 0.99))
         before_flaws = answer.residual
 
@@ -338,9 +334,11 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
         imitations[name] = LEAST_PROBABILITY
         if not effect.candidate.by_priors:
             by_size = (effect.chi2_without - effect.candidate.chi2) / effect.count
-            gain, lead = verdicts[name].gain if name in verdicts else by_size, judged.leads[name]
+            lead, verdict = judged.leads[name], verdicts.get(name)
+            gain, by_part = (by_size, -np.inf) if verdict is None else (verdict.gain, verdict.by_part.lead)
             heldout = float(np.fmin(effect.heldout_pixels, effect.heldout_bands))
-            imitations[name] = imitation_probability(Signs(gain, effect.count, heldout, lead.lead, lead.frames))
+            signs = Signs(gain, effect.count, heldout, lead.lead, lead.frames, by_part)
+            imitations[name] = imitation_probability(signs)
     return imitations
 
 

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from ..compare import Nuisances
 from .explain import noise_level
+from .hypotheses import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate, Signature
 
 __all__ = [
-    "INDISTINGUISHABLE_CHI2",
     "MIN_EXPLAINED_PART_EACH",
     "MIN_GAIN_PER_SAMPLE",
-    "SHAPE_ERROR",
+    "REMAINS_MIN_SMOOTH_EXCESS",
     "Limit",
     "beyond_tolerance",
     "dispersion",
@@ -62,12 +62,8 @@ _MIN_VISIBLE_PART = 0.1
 #: Standard deviations above a threshold at which 90 % of a normal distribution lie beyond it.
 _NINE_OF_TEN_SIGMA = 1.2816
 
-#: Share of its chi2 that an effect of a wrong shape leaves: a relative error e leaves e^2. This allows for an error of
-#: a tenth, or of a twentieth each in two effects that replace each other. A further effect must gain more than this
-#: share of what the selected ones explain.
-SHAPE_ERROR = 0.01
-
-#: The same of an effect that is computed exactly: the warp to the fitted camera is wrong by up to 3 % of its change.
+#: Share of its chi2 that errors of its shape leave of an effect that is computed exactly: the warp to the fitted camera
+#: is wrong by up to 3 % of its change.
 _EXACT_SHAPE_ERROR = 0.001
 
 #: False-alarm probability for effects that camera or lamp imitate, judged by the penalty of the priors alone, and for
@@ -76,7 +72,7 @@ _PRIOR_FALSE_ALARM = 3e-4
 
 #: Minimum excess of interior block means over noise for a remainder, chi2 per sample. Sound captures by an independent
 #: simulator show 0.010 to 0.019.
-_REMAINS_MIN_SMOOTH_EXCESS = 0.03
+REMAINS_MIN_SMOOTH_EXCESS = 0.03
 
 #: Minimum excess of all samples over noise for a remainder, chi2 per sample: it also counts edges, which scatter more.
 _REMAINS_MIN_EXCESS = 0.15
@@ -86,12 +82,6 @@ _REMAINS_MIN_SHARE = 0.03
 
 #: Minimum share of the excess over noise that effects explain on average; the search ends where it is less.
 MIN_EXPLAINED_PART_EACH = 0.25
-
-#: Difference in chi2 below which two fits do not distinguish two effects: odds of about 100 to 1.
-INDISTINGUISHABLE_CHI2 = 9.2
-
-#: Minimum gain of an effect over the mean gain by errors of dark levels (rounding), as its square root.
-_MIN_DARK_ERROR_SIGMA = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,7 +394,7 @@ def least_gain_of(change: NDArray, model: LinearModel) -> float:
         return largest_gain_of_errors(model)
     smooth = smooth_part(model, change)
     by_picture = _MIN_GAIN_PER_SAMPLE_AT_EDGES + smooth * (MIN_GAIN_PER_SAMPLE - _MIN_GAIN_PER_SAMPLE_AT_EDGES)
-    return max(model.count * by_picture, _MIN_DARK_ERROR_SIGMA**2 * model.gain_of_dark_errors(change))
+    return max(model.count * by_picture, SIGNIFICANT_SIGMA**2 * model.gain_of_dark_errors(change))
 
 
 def least_gain_of_any(model: LinearModel, residual: NDArray, exact: NDArray, start: NDArray) -> float:
@@ -516,7 +506,7 @@ def something_remains(model: LinearModel, residual: NDArray, rendered: NDArray) 
     noise = noise_level(model.image(residual), model.used)
     first, excess = (square(vector) / model.count - noise for vector in (rendered, residual))
     return smooth_excess(model, residual) > max(
-        _REMAINS_MIN_SMOOTH_EXCESS, _REMAINS_MIN_SHARE * smooth_excess(model, rendered)
+        REMAINS_MIN_SMOOTH_EXCESS, _REMAINS_MIN_SHARE * smooth_excess(model, rendered)
     ) or excess > max(_REMAINS_MIN_EXCESS, _REMAINS_MIN_SHARE * first)
 
 

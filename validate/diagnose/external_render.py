@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from ..compare import Predicted, Validation, fit_lamp_scale, held_lamp_scale, validate_prepared, with_picture
 from ..predict import Predictor
+from .evidence import MIN_EXPLAINED_PART_EACH
 from .hypotheses import hypotheses
 
 __all__ = ["ExternalRender", "external_render"]
 
 #: Depths tried, in reflections; light from deeper paths is too little to be distinguished.
 _DEPTHS = range(1, 11)
-#: Minimum share of the chi2 above noise that a depth explains, so that a complete picture stays complete.
-_MIN_EXPLAINED_PART = 0.25
 #: Standard deviations to which residuals are clipped, so that single samples do not decide the depth.
 _MAX_RESIDUAL_SIGMA = 10.0
 
@@ -96,7 +95,7 @@ def _depth(validation: Validation, rendered: Predicted) -> int | None:
     best = min(chi2_by_depth, key=lambda depth: chi2_by_depth[depth])
     return (
         best
-        if complete_chi2 - chi2_by_depth[best] > _MIN_EXPLAINED_PART * max(complete_chi2 - count, 0.1 * count)
+        if complete_chi2 - chi2_by_depth[best] > MIN_EXPLAINED_PART_EACH * max(complete_chi2 - count, 0.1 * count)
         else None
     )
 

@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from ..compare import CalibratedCapture
 from .alternatives import SelectedEffect
+from .hypotheses import CERTAIN_SIGMA
 from .linear_model import model_variance
 from .linearised_fit import LinearisedFit
 from .search import Candidate, steps_of
 
 __all__ = ["FurtherCapture", "Separation", "distance", "further_captures", "separations"]
-
-#: Difference in chi2 from which two effects count as distinguished: five standard deviations.
-_DISTINGUISHED_CHI2 = 25.0
 
 #: Time that a frame takes in addition to its exposure, s: filter, focus, file. An estimate.
 _HANDLING_S = 5.0
@@ -282,7 +280,7 @@ def separations(
             distances = []
             now = distance(prepared, linearised, None, others, effect.candidate, alternative)
             # what no effect explains makes the distance of this capture unreliable: the further one is enough alone
-            enough = _DISTINGUISHED_CHI2 + (now if now > _DISTINGUISHED_CHI2 else 0.0)
+            enough = CERTAIN_SIGMA**2 + (now if now > CERTAIN_SIGMA**2 else 0.0)
             for capture in captures:
                 chi2 = distance(prepared, linearised, capture, others, effect.candidate, alternative)
                 distances.append((chi2, capture))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.rendering.chain import after_stage
@@ -17,8 +17,9 @@ from .alternatives import (
     with_alternatives,
     with_better_alternatives,
 )
-from .base_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model, flaw_columns
+from .base_flaws import FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
+from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import (
     LinearisedFit,
@@ -49,17 +50,8 @@ __all__ = [
 #: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
 _MIN_FLAW_EVIDENCE = 50.0
 
-#: Minimum 2 ln evidence of an effect next to flaws over flaws alone.
-_MIN_EVIDENCE = 25.0
-
-#: Minimum amplitude of an effect next to flaws, in its standard deviations.
-_MIN_CERTAINTY = 5.0
-
 #: Largest relative change of an amplitude by fitting flaws with it, if three standard deviations do not allow more.
 _MAX_INSTABILITY = 0.4
-
-#: Standard deviations by which an amplitude may change.
-_UNSTABLE_SIGMA = 3.0
 
 #: Chi2 per sample by which a base may be off; more is a cause to be found.
 _MAX_FLAWED = 0.6
@@ -79,9 +71,6 @@ _NUM_SAMPLED = 25
 #: Reflectance by which light is divided, at least.
 _DARK = 0.01
 
-#: Minimum gain of a flaw in pixels held out, over that in the fitted ones.
-_MIN_HELDOUT = 0.3
-
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -99,11 +88,13 @@ class Verdict:
     stability: float
     #: Whether it holds.
     holds: bool
+    #: Its amplitudes by place or by level of the signal.
+    by_part: PartAmplitudes = field(default_factory=PartAmplitudes)
 
     @property
     def needed(self) -> bool:
         """Whether flaws alone explain the picture clearly less well."""
-        return self.evidence > _MIN_EVIDENCE
+        return self.evidence > CERTAIN_SIGMA**2
 
     @property
     def holds_next_to_flaws(self) -> bool:
@@ -111,10 +102,10 @@ class Verdict:
 
         An effect with which the picture itself fits less well does not hold, whatever flaws could make of it.
         """
-        if not (self.needed and self.certainty > _MIN_CERTAINTY and self.gain > 0):
+        if not (self.needed and self.certainty > CERTAIN_SIGMA and self.gain > 0):
             return False
         sigma = self.stability / self.certainty
-        return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, _UNSTABLE_SIGMA * sigma))
+        return bool(abs(self.stability - 1) < max(_MAX_INSTABILITY, SIGNIFICANT_SIGMA * sigma))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +166,7 @@ class FlawsWithEffects:
         """Flaws worth a sentence, the largest first."""
         if not self.evident:
             return ()
-        return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > _MIN_HELDOUT)
+        return tuple(f for f in self.flaws if f.chi2_per_dof > _MIN_FLAW and f.heldout > MIN_HELDOUT_GAIN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +308,9 @@ def verdict_of(
     (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
     information = float(np.sum(model.weighted(fitted, shape) * shape))
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
-    verdict = Verdict(name, gain, evidence, amplitude * np.sqrt(max(information, 0.0)), amplitude, False)
+    certainty = amplitude * np.sqrt(max(information, 0.0))
+    by_part = model.amplitudes_by_part(fitted, shape[:, 0], whitened)
+    verdict = Verdict(name, gain, evidence, certainty, amplitude, False, by_part)
     return replace(verdict, holds=verdict.holds_next_to_flaws)
 
 
@@ -540,7 +533,7 @@ def best_with_flaws(
             gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, amount))
     first = sorted(gains[::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     second = sorted(gains[1::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
-    best: tuple[float, Candidate | None] = (_MIN_EVIDENCE, None)
+    best: tuple[float, Candidate | None] = (CERTAIN_SIGMA**2, None)
     for _, signature, start in (*first, *second):
         columns = _whitened_columns(model, problem, signature)
         amount, fitted = _amount_with_flaws(model, columns, whitened, start)

@@ -9,7 +9,8 @@ import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 
 from .alternatives import SelectedEffect
-from .evidence import SHAPE_ERROR, penalised
+from .evidence import penalised
+from .hypotheses import SHAPE_ERROR
 from .linear_model import LinearModel
 from .search import Candidate
 from .stepwise import Selection

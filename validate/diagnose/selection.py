@@ -14,10 +14,10 @@ from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate, Problem, Signature, columns_of, screen
 
-__all__ = ["NormalEquations", "backward_elimination", "best_set", "best_singles", "pairs_replaced"]
+__all__ = ["NUM_FITTED", "NormalEquations", "backward_elimination", "best_set", "best_singles", "pairs_replaced"]
 
-#: Number of the effects that could replace two others that are fitted in full, best to first order first.
-_MAX_REPLACEMENTS_FITTED = 3
+#: Number of effects in a role that are fitted in full, best to first order first: further ones, and replacements.
+NUM_FITTED = 3
 
 #: Number of selected effects from which two of them may be replaced: of fewer, every single one has been compared.
 _MIN_SELECTED_FOR_REPLACEMENT = 3
@@ -288,7 +288,7 @@ def pairs_replaced(
     for candidate in selected:
         rest = [s for s in signatures if s.hypothesis.effect.id != candidate.hypothesis.effect.id]
         alternatives = best_singles(
-            linearised.problem([candidate]), rest, residual_with(linearised, [candidate]), _MAX_REPLACEMENTS_FITTED
+            linearised.problem([candidate]), rest, residual_with(linearised, [candidate]), NUM_FITTED
         )
         trial = refitted_together(linearised, [candidate, alternatives[0]])
         remainder = residual_with(linearised, trial)

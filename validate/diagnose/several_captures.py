@@ -21,8 +21,9 @@ from scipy.linalg import block_diag
 
 from ..compare import CalibratedCapture, Validation
 from .alternatives import SelectedEffect
-from .evidence import INDISTINGUISHABLE_CHI2, penalised, something_remains, square
+from .evidence import penalised, something_remains, square
 from .fitting import fit
+from .hypotheses import INDISTINGUISHABLE_CHI2
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, linearised_fit, residual_with, residual_with_rendered
 from .search import Candidate, FitProblem, Problem

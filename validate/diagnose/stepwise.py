@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ..compare import Validation, refitted_picture, rendered_from, solved_light
 from .alternatives import SelectedEffect, confirmed_where_held_out, with_better_alternatives
 from .evidence import (
-    INDISTINGUISHABLE_CHI2,
     MIN_EXPLAINED_PART_EACH,
     Limit,
     explained_part,
@@ -24,7 +23,7 @@ from .evidence import (
     penalised,
     something_remains,
 )
-from .hypotheses import hypotheses
+from .hypotheses import INDISTINGUISHABLE_CHI2, hypotheses
 from .linear_model import LinearModel
 from .linearised_fit import (
     LinearisedFit,
@@ -35,7 +34,7 @@ from .linearised_fit import (
     residual_with_rendered,
 )
 from .search import Candidate, Signature, signature, without_imitated
-from .selection import backward_elimination, best_set, best_singles, pairs_replaced
+from .selection import NUM_FITTED, backward_elimination, best_set, best_singles, pairs_replaced
 
 __all__ = ["MAX_EFFECTS", "Selection", "limits_of", "refitted", "selection", "signatures_of", "tolerated_changes"]
 
@@ -47,9 +46,6 @@ _SIZE_OVER_FIRST_ORDER = 1.5
 MAX_EFFECTS = 3
 #: Number of candidates fitted in full for the first effect.
 _CANDIDATES_FITTED_FIRST = 6
-
-#: Number of candidates fitted in full for each further effect.
-_CANDIDATES_FITTED_NEXT = 3
 
 #: Stages whose changes of the picture depend on random numbers.
 _TRACED = stages_between("scene", "transport")
@@ -234,7 +230,7 @@ def _forward_selection(
         model = problem.model
         exact, rendered = (each(linearised, selected) for each in (residual_with_exact, residual_with_rendered))
         least = least_gain_of_any(model, residual, exact, rendered)
-        candidates = best_singles(problem, rest, residual, _CANDIDATES_FITTED_NEXT, least=least, progress=part)
+        candidates = best_singles(problem, rest, residual, NUM_FITTED, least=least, progress=part)
     return plain, linearised, selected, signatures
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,16 +15,13 @@ from scipy.linalg import solve_triangular
 
 from ..predict import charge_exchange
 from .evidence import (
-    INDISTINGUISHABLE_CHI2,
     MIN_GAIN_PER_SAMPLE,
-    SHAPE_ERROR,
     least_gain_of,
     price_of,
     shape_error_of,
     square,
 )
 from .explain import (
-    MIN_HELDOUT_GAIN,
     NONE,
     Explanation,
     Lead,
@@ -34,6 +31,8 @@ from .explain import (
     lead_of_frames,
 )
 from .field_fit import ChargeExchange, ResidualData, light_exchange
+from .hypotheses import INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
+from .judgement import Verdict
 from .linear_model import LinearModel
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
@@ -46,6 +45,7 @@ __all__ = [
     "is_significant_pattern",
     "lead_of_single_frames",
     "leads_of_forms",
+    "parts_notes",
     "residual_data_of",
 ]
 
@@ -249,6 +249,29 @@ def frames_note(linearised: LinearisedFit, explanation: Explanation | None, capt
     if lead is None or lead.lead <= 0 or lead.advice is None:
         return ()
     return (f"What remains is an event in {lead.form}. {lead.advice.experiment}",)
+
+
+def parts_notes(verdicts: Sequence[Verdict], judged: Container[str]) -> tuple[str, ...]:
+    """Sentences on effects whose amplitude is not the same in all parts of their pattern.
+
+    Parameters
+    ----------
+    verdicts
+        Judgement of every effect.
+    judged
+        Identifiers of the effects to speak of: selected ones, and those that left for an unlisted cause.
+
+    Returns
+    -------
+    tuple of str
+        One for each effect, with two of its amplitudes.
+    """
+    return tuple(
+        f"{verdict.effect}: its size is {unlike}, over the fitted one. A true effect has one size in all parts: "
+        "photograph again from another place, and give both captures."
+        for verdict in verdicts
+        if verdict.effect in judged and (unlike := verdict.by_part.unlike)
+    )
 
 
 def close_leads(leads: Mapping[str, Lead]) -> dict[str, Lead]:

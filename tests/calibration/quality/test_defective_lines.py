@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import channel_lattice
-from cboxlab.calibration.quality.fields import check_lines
-from cboxlab.calibration.quality.stacks import Stack
+from cboxlab.calibration.quality.frame_checks.fields import check_lines
+from cboxlab.calibration.quality.frame_checks.stacks import Stack
 
 SIDE, FULL = 48, 4095
 

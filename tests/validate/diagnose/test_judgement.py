@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose import judgement
-from cboxlab.validation.diagnose.base_flaws import Flaw
+from cboxlab.validation.diagnose.base_flaws import Flaw, PartAmplitudes
 from cboxlab.validation.diagnose.judgement import BaseFlaws
 
 COUNT = 400
@@ -29,6 +29,7 @@ def sound_base(residual):
         whitened=lambda vector: vector,
         fit=lambda vector: SimpleNamespace(score=float(vector @ vector)),
         weighted=lambda _, columns: columns,
+        amplitudes_by_part=lambda *_: PartAmplitudes(),
     )
     return SimpleNamespace(model=model, residual=residual)
 
@@ -66,7 +67,7 @@ def test_an_amplitude_may_change_next_to_flaws_by_its_own_error_or_a_fixed_part(
     """The larger of both; a verdict just below and just above."""
     for part, holds in ((0.99, True), (1.01, False)):
         # s - 1 = n s / c, where s / c is its error
-        by_error = 1 / (1 - part * judgement._UNSTABLE_SIGMA / certainty) - 1
+        by_error = 1 / (1 - part * judgement.SIGNIFICANT_SIGMA / certainty) - 1
         stability = 1 + max(by_error, part * judgement._MAX_INSTABILITY)
         verdict = judgement.Verdict("x", 1.0, 1e6, certainty, stability, True)
         assert verdict.holds_next_to_flaws is holds, stability

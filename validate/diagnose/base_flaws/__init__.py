@@ -2,5 +2,6 @@
 
 from .columns import FlawColumns, flaw_columns
 from .fitted_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model
+from .parts import PartAmplitudes
 
-__all__ = ["FittedFlaws", "Flaw", "FlawColumns", "FlawModel", "build_flaw_model", "flaw_columns"]
+__all__ = ["FittedFlaws", "Flaw", "FlawColumns", "FlawModel", "PartAmplitudes", "build_flaw_model", "flaw_columns"]

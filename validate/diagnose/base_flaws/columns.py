@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from .paints import paints
-from .slopes import slopes
+from .parts import places_of
+from .slopes import MIN_FACE_PX, slopes
 
 __all__ = ["FlawColumns", "flaw_columns"]
 
@@ -40,9 +41,6 @@ _COLOURED = 0.1
 #: Fewest neighbouring pixels by which two faces meet in the picture.
 _MIN_CONTACT_PX = 4
 
-#: Fewest pixels of a face for fields over it.
-_MIN_FACE_PX = 20
-
 #: Largest distance in space of the points seen by neighbouring pixels of one corner, over the mean distance of
 #: neighbours within the faces: more is an outline before something behind.
 _MAX_GAP = 4.0
@@ -59,6 +57,8 @@ class FlawColumns:
     kind: NDArray[np.str_]
     #: (n,) each, change of the used samples by a column at one standard deviation of its prior, DN.
     change: tuple[NDArray[np.float32], ...]
+    #: (n,) place that a sample lies in, an index of ``PLACES``.
+    sample_place: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,8 @@ def flaw_columns(
     ):
         kinds.append(kind)
         columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
-    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns))
+    sample_place = np.broadcast_to(places_of(picture.face, pairs, touching), used.shape)[used]
+    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns), sample_place)
 
 
 def _meeting_faces(face: NDArray[np.int64]) -> list[tuple[int, int]]:
@@ -225,7 +226,7 @@ def _edge(picture: _Picture, warp: Warp, first: int, second: int) -> Iterator[tu
 def _shading(picture: _Picture, face: int) -> Iterator[tuple[str, NDArray[np.float64]]]:
     """(n,) slow relative changes over a face, alike in all bands or rising with the band."""
     where = picture.face == face
-    if where.sum() < _MIN_FACE_PX:
+    if where.sum() < MIN_FACE_PX:
         return
     rows, columns = np.nonzero(where)
     v, u = (2 * (x - x.mean()) / max(np.ptp(x), 1) for x in (rows, columns))

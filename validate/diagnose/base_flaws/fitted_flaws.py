@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ...predict import PictureErrors, cells_and_columns
 from .columns import FlawColumns
+from .parts import LEVELS, PLACES, PartAmplitudes, amplitudes_by_part, thirds_by_level
 
 __all__ = ["FittedFlaws", "Flaw", "FlawModel", "build_flaw_model"]
 
@@ -60,6 +61,8 @@ class Whitening(Protocol):
     def count(self) -> int: ...
     @property
     def used(self) -> NDArray[np.bool_]: ...
+    @property
+    def patch(self) -> NDArray[np.int64]: ...
     @property
     def sigma(self) -> NDArray[np.float64]: ...
     @property
@@ -125,6 +128,8 @@ class FlawModel(Generic[W]):
     change: tuple[NDArray[np.float32], ...]
     #: (band, y, x) predicted signal, DN.
     signal: NDArray[np.float64]
+    #: (n,) place that a sample lies in, an index of ``PLACES``.
+    sample_place: NDArray[np.int64]
 
     @cached_property
     def products(self) -> NDArray[np.float64]:
@@ -267,6 +272,37 @@ class FlawModel(Generic[W]):
         """
         members = self._of_kind(kind) if kind else self.kind != _SHARED
         return np.asarray(self.columns @ np.where(members, fitted.amount, 0.0).astype(np.float32), float)
+
+    def amplitudes_by_part(
+        self, fitted: FittedFlaws, shape: NDArray[np.float64], residual: NDArray[np.float64]
+    ) -> PartAmplitudes:
+        """Amplitudes of an effect in disjoint parts of its pattern, next to the flaws.
+
+        Parameters
+        ----------
+        fitted
+            Widths and amounts of the flaws next to the effect.
+        shape
+            (n + 11,) change by the effect in the whitened model.
+        residual
+            (n + 11,) residual without it.
+
+        Returns
+        -------
+        PartAmplitudes
+            By place or by level of the signal, whichever differ more.
+        """
+        model, pixels = self.model, shape[: self.model.count]
+        band = np.broadcast_to(np.arange(len(model.used))[:, None, None], model.used.shape)[model.used]
+        level = thirds_by_level(self.signal[model.used], band, pixels)
+        flaws, ways = self.part(fitted) + self.part(fitted, _SHARED), list[PartAmplitudes]()
+        for names, part in ((PLACES, self.sample_place), (LEVELS, level)):
+            columns = np.zeros((len(shape), len(names)))
+            columns[np.arange(model.count), part] = pixels
+            columns = np.array([model.project(column) for column in columns.T]).T
+            weigh = partial(self.weighted, fitted)
+            ways.append(amplitudes_by_part(names, columns, part, model.patch, weigh, residual, flaws))
+        return max(ways, key=lambda way: way.lead)
 
     def _of_kind(self, kind: str) -> NDArray[np.bool_]:
         """(k,) columns of a kind, in all its forms."""
@@ -432,7 +468,7 @@ def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: ND
     for column, change in zip(columns, changes, strict=True):
         column[:] = model.whiten_used(change.astype(float))
     kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
-    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal)
+    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal, flaws.sample_place)
 
 
 def _pixel_index(model: Whitening) -> NDArray[np.int64]:

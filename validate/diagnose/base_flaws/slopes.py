@@ -14,13 +14,13 @@ import numpy as np
 from cboxlab.rendering.perturbation import PatchTransport
 from numpy.typing import NDArray
 
-__all__ = ["slopes"]
+__all__ = ["MIN_FACE_PX", "slopes"]
 
 #: Smallest cosine of incidence by which light is divided: lamps have a size.
 _GRAZING = 0.1
 
 #: Fewest pixels of a face for its slopes.
-_MIN_FACE_PX = 20
+MIN_FACE_PX = 20
 
 #: Smallest share of direct light in a face's light: less shows no slope.
 _MIN_DIRECT = 0.1
@@ -70,7 +70,7 @@ def slopes(
     for index in np.unique(face[face >= 0]):
         where = (face == index).ravel()
         total, direct_sum = (float(picture.reshape(len(signal), -1)[:, where].sum()) for picture in (signal, direct))
-        if not is_wall[index] or where.sum() < _MIN_FACE_PX or direct_sum < _MIN_DIRECT * total:
+        if not is_wall[index] or where.sum() < MIN_FACE_PX or direct_sum < _MIN_DIRECT * total:
             continue
         points = position[where]
         to_lamp = lamp - points

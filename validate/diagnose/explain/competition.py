@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..families import families
 from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
+from ..hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .as_field import fitted_field
 from .explanation import NO_FORM, NONE, Explanation, Rival
 from .noise import noise_level
@@ -21,14 +22,12 @@ from .odds import probabilities
 from .prior_odds import soft_outline, spot_log_odds
 from .registration import Registration, registration
 
-__all__ = ["MIN_HELDOUT_GAIN", "explain", "explain_masked_families"]
+__all__ = ["MIN_SHARE", "explain", "explain_masked_families"]
 
 #: Part of the largest gain by which a family may fall short without penalty: shapes are wrong by as much, for the
-#: exchange between patches and first derivatives are approximate.
-_SHAPE_ERROR = 0.03
-
-#: The same of a form in one place: all of them are made of the same bells and share the errors of an outline.
-_SHAPE_ERROR_OF_SPOT = 0.01
+#: exchange between patches and first derivatives are approximate. Forms in one place are made of the same bells and
+#: share the errors of an outline: ``SHAPE_ERROR`` counts there.
+_SHAPE_ERROR_OF_EXCHANGE = 0.03
 
 #: Smallest difference of two scores by which families are distinguished: odds of 400 to 1.
 _MIN_SCORE_DIFFERENCE = 12.0
@@ -36,12 +35,8 @@ _MIN_SCORE_DIFFERENCE = 12.0
 #: The same, relative to the winner's gain.
 _MIN_SCORE_DIFFERENCE_PART = 0.002
 
-#: Smallest part of the excess that a family must explain.
-_MIN_SHARE = 0.2
-
-#: Smallest gain in samples held out, over that in fitted ones, at which a family is named. Pixels that scatter in deep
-#: shadow have 0.2 at most; grains of nine pixels or more at least 0.4.
-MIN_HELDOUT_GAIN = 0.3
+#: Smallest part of the excess that a family must explain, or a kind of pattern where no family holds.
+MIN_SHARE = 0.2
 
 #: Most further forms of one family that are added: several grains or scratches.
 _MAX_FURTHER_FORMS = 3
@@ -60,9 +55,6 @@ _MIN_EVIDENCE = 40.0
 
 #: A band shows the cause if its chi2 is at least this part of the strongest band's.
 _MIN_BAND_PART = 0.02
-
-#: A band shows the cause if its chi2 is at least this.
-_MIN_BAND_CHI2 = 25.0
 
 #: A band shows a spectral cause if its relative change is at least this part of the largest.
 _MIN_SPECTRAL_PART = 0.1
@@ -175,7 +167,7 @@ def explain_masked_families(data: ResidualData) -> tuple[Explanation, ...]:
 def _compare(
     data: ResidualData,
     candidates: Sequence[FittedExplanation],
-    min_share: float = _MIN_SHARE,
+    min_share: float = MIN_SHARE,
     continued: bool = False,
 ) -> Explanation:
     """Explanation by the candidate with the largest score among those that explain enough."""
@@ -257,7 +249,7 @@ def _share_of(data: ResidualData, change: NDArray[np.float64], total: float) -> 
 def _visible_bands(change: NDArray[np.float64], whitened: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(band,) whether a band shows a change; ``whitened`` is the change over sigma."""
     sizes = np.sum(whitened**2, axis=(1, 2))
-    return np.any(change, axis=(1, 2)) & (sizes > np.maximum(_MIN_BAND_PART * sizes.max(), _MIN_BAND_CHI2))
+    return np.any(change, axis=(1, 2)) & (sizes > np.maximum(_MIN_BAND_PART * sizes.max(), CERTAIN_SIGMA**2))
 
 
 def _no_explanation(
@@ -304,7 +296,7 @@ def _scores(data: ResidualData, candidates: Sequence[FittedExplanation]) -> list
     scores = []
     for candidate in candidates:
         complexity = candidate.fit.gain - candidate.evidence
-        forgiven = _SHAPE_ERROR_OF_SPOT if candidate.local else _SHAPE_ERROR
+        forgiven = SHAPE_ERROR if candidate.local else _SHAPE_ERROR_OF_EXCHANGE
         lacks = max(most - candidate.fit.gain - forgiven * most, 0.0)
         scores.append(most - lacks - complexity + spot_log_odds(data, candidate, soft))
     return scores

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-__all__ = ["FEATURES", "LEAST_PROBABILITY", "LIKELY", "Signs", "imitation_probability", "learnt_weights"]
+from ..hypotheses import INDISTINGUISHABLE_CHI2
+
+__all__ = ["FEATURES", "LEAST_PROBABILITY", "Signs", "imitation_probability", "learnt_weights"]
 
 #: Names of the features, with which the table states the weights.
 FEATURES = (
@@ -26,9 +28,6 @@ FEATURES = (
     "signed log of 1 + the lead of the best form of an unlisted cause, over odds of 100 to 1",
 )
 
-#: Smallest gain that counts, chi2 per sample.
-_LEAST_GAIN = 1e-3
-
 #: Share of the gain in samples held out that a true effect may miss by errors of its shape.
 _MISSED_BY_SHAPES = 0.02
 
@@ -36,15 +35,9 @@ _MISSED_BY_SHAPES = 0.02
 #: twice the variance each, whose difference squared is lost.
 _MISSED_BY_NOISE = 4.0
 
-#: Lead of odds of 100 to 1: below it the capture does not distinguish a form from the effect.
-_DISTINGUISHED = 9.2
-
 #: Smallest probability of an unlisted cause: of 116 blind captures on perfect bases whose effects left nothing, 1 hid
 #: one (`benchmarks/measured/blind_diagnosis.jsonl`); two of 118 by the rule of succession.
 LEAST_PROBABILITY = 0.02
-
-#: Probability of an imitation above which an effect is no answer: an unlisted cause is likelier.
-LIKELY = 0.5
 
 _TABLE = Path(__file__).parent / "data" / "imitations.json"
 
@@ -63,19 +56,26 @@ class Signs:
     lead: float
     #: The same of an event in a single frame, see `repeats.lead_of_frames`.
     frames: float = -np.inf
+    #: 2 ln of the evidence that parts of its pattern have their own amplitudes, see `PartAmplitudes`.
+    parts: float = -np.inf
 
     @property
     def features(self) -> NDArray[np.float64]:
         """(feature,) in the sequence of ``FEATURES``."""
         missing = 1 - np.clip(1.0 if np.isnan(self.heldout) else self.heldout, 0.0, 1.0)
-        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / (max(self.gain, _LEAST_GAIN) * self.count)
-        lead = np.sign(self.lead) * np.log1p(np.abs(self.lead) / _DISTINGUISHED)
+        allowed = _MISSED_BY_SHAPES + _MISSED_BY_NOISE / max(self.gain * self.count, _MISSED_BY_NOISE)
+        lead = np.sign(self.lead) * np.log1p(np.abs(self.lead) / INDISTINGUISHABLE_CHI2)
         return np.array([1.0, np.log1p(missing / allowed), lead])
 
     @property
-    def by_frames(self) -> float:
-        """Least probability of an imitation, by events in single frames."""
-        return float(expit(self.frames / 2))
+    def least(self) -> float:
+        """Least probability of an imitation.
+
+        Events in single frames count at even odds: frames are compared without a model. That parts have their own
+        amplitudes is as unlikely beforehand as any unlisted cause.
+        """
+        by_parts = self.parts / 2 + np.log(LEAST_PROBABILITY / (1 - LEAST_PROBABILITY))
+        return max(float(expit(self.frames / 2)), float(expit(by_parts)), LEAST_PROBABILITY)
 
 
 @lru_cache(maxsize=1)
@@ -94,8 +94,6 @@ def learnt_weights() -> Mapping[str, Any]:
 def imitation_probability(signs: Signs) -> float:
     """Probability that an effect imitates an unlisted cause.
 
-    It is at least that of an event in a single frame at even odds: frames are compared without a model.
-
     Parameters
     ----------
     signs
@@ -108,4 +106,4 @@ def imitation_probability(signs: Signs) -> float:
     """
     weights = learnt_weights()["weights"]
     utility = float(signs.features @ [weights[name] for name in FEATURES])
-    return max(float(expit(utility)), signs.by_frames, LEAST_PROBABILITY)
+    return max(float(expit(utility)), signs.least)

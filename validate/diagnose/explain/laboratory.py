@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from ..field_fit import Advice, advice_for
+from .competition import MIN_SHARE
 from .explanation import Explanation
 from .registration import Registration
 
 __all__ = ["advice", "appearance"]
-
-#: Share of the excess that a kind of pattern explains at the least to be named where no family holds.
-_MIN_SHARE = 0.2
 
 #: Part of the excess below or above which counts are missing, or too many.
 _ONE_SIGN = 0.25
@@ -119,7 +117,7 @@ def advice(explanation: Explanation) -> Advice:
     largest = max(shares, key=lambda name: shares[name])
     if largest == "on_surfaces" and shares["in_bands"] > _MOSTLY * shares["on_surfaces"]:
         largest = "in_bands"
-    if shares[largest] < _MIN_SHARE:
+    if shares[largest] < MIN_SHARE:
         return _SCATTERED
     return _OF_ONE_SIGN.get((largest, _sign(explanation.registration)), _WITHOUT_FAMILY[largest])
 
@@ -153,7 +151,7 @@ def appearance(registration: Registration) -> str:
         "in proportion to the exposure time": registration.by_exposure,
     }
     first, second = sorted(scalings, key=lambda name: -scalings[name])[:2]
-    if scalings[first] < _MIN_SHARE:
+    if scalings[first] < MIN_SHARE:
         return f"{sign}, differently in each band"
     if scalings[second] > _SCALES_ALIKE * scalings[first]:
         return f"{sign}, {first} or {second}"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["noise_level"]
+__all__ = ["MEDIAN_OF_NORMAL", "noise_level"]
 
 #: Median of the absolute value of a standard normal variable.
-_MEDIAN_OF_NORMAL = 0.6745
+MEDIAN_OF_NORMAL = 0.6745
 
 #: Squares of differences over their level are cut off at this value: edges that the model misses are no noise.
 _MAX_SQUARE = 9.0
@@ -48,5 +48,5 @@ def noise_level(residual: NDArray[np.floating], used: NDArray[np.bool_]) -> floa
     mixed = np.concatenate([_mixed_differences(picture, where) for picture, where in pairs])
     if not mixed.size:
         return 1.0
-    level = (np.median(np.abs(mixed)) / _MEDIAN_OF_NORMAL) ** 2
+    level = (np.median(np.abs(mixed)) / MEDIAN_OF_NORMAL) ** 2
     return float(min(level * np.minimum(mixed**2 / level, _MAX_SQUARE).mean(), 1.0))

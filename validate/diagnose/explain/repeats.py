@@ -14,24 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..field_fit import Advice
+from ..hypotheses import CERTAIN_SIGMA, INDISTINGUISHABLE_CHI2
+from .noise import MEDIAN_OF_NORMAL
 from .rival_form import Lead
 
 __all__ = ["FrameAmplitudes", "flicker_of", "frame_amplitudes", "lead_of_frames"]
 
-#: Chi2 at which a frame counts as one with an event: odds of 100 to 1 against that.
-_EVENT_CHI2 = 9.2
-
 #: Part of an amplitude by which frames may differ without an event: a drift goes on between two frames of a band.
 _MAX_DIFFERENCE = 0.2
 
-#: Median of the absolute value of a standard normal variable.
-_MEDIAN_OF_NORMAL = 0.6745
-
 #: Part of the square of a change in a band from which it is a level of that band: no other pattern remains.
 _LEVEL_PART = 0.98
-
-#: Least difference of two frames of a band, in standard deviations, for frames to differ at all.
-_MIN_DIFFERENCE_SIGMA = 5.0
 
 #: The same in amplitudes of the effect: a half of it may be missing in one frame.
 _MIN_DIFFERENCE = 0.5
@@ -53,7 +46,7 @@ class FrameAmplitudes:
         """Whether two frames differ by more than noise, and by a large part of the change."""
         differences = self.amplitude[:, None] - self.amplitude
         sigma = np.hypot(self.sigma[:, None], self.sigma)
-        return bool(np.any((differences > _MIN_DIFFERENCE_SIGMA * sigma) & (differences > _MIN_DIFFERENCE)))
+        return bool(np.any((differences > CERTAIN_SIGMA * sigma) & (differences > _MIN_DIFFERENCE)))
 
     def chi2_from(self, common: float) -> NDArray[np.float64]:
         """Chi2 by which each frame differs from a common amplitude, at most that of an event.
@@ -69,7 +62,7 @@ class FrameAmplitudes:
             (frame,) chi2.
         """
         square = (self.amplitude - common) ** 2 / (self.sigma**2 + _MAX_DIFFERENCE**2)
-        return np.minimum(square, _EVENT_CHI2)
+        return np.minimum(square, INDISTINGUISHABLE_CHI2)
 
 
 def flicker_of(levels: NDArray[np.float64]) -> float:
@@ -86,7 +79,7 @@ def flicker_of(levels: NDArray[np.float64]) -> float:
         Standard deviation by the median, which an event in one band does not change; 0 without repeats.
     """
     several = levels[np.isfinite(levels)]
-    return float(np.median(np.abs(several))) / _MEDIAN_OF_NORMAL if several.size else 0.0
+    return float(np.median(np.abs(several))) / MEDIAN_OF_NORMAL if several.size else 0.0
 
 
 def frame_amplitudes(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..families import families
 from ..field_fit import Advice, FitInput, FittedExplanation, ResidualData, advice_for, change_dn
-from .competition import MIN_HELDOUT_GAIN
+from ..hypotheses import MIN_HELDOUT_GAIN
 
 __all__ = ["Lead", "lead_of_forms", "rival_forms"]
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..field_fit import (
+    CORE_WEIGHT,
     PENALTY_UNLIKELY,
     Advice,
     Columns,
@@ -29,9 +30,6 @@ __all__ = ["FAMILY"]
 
 #: Rounds of the alternating fit of an object's outline and radiance.
 _ROUNDS = 3
-
-#: Part of the largest chi2 above which a pixel belongs to the core, from which the radiance is estimated.
-_CORE_PART = 0.3
 
 #: Share of a pixel that the outline covers at the least where the radiance is determined.
 _MIN_COVERED = 0.05
@@ -51,7 +49,7 @@ def _object(data: ResidualData, bells: ImageMaps) -> FittedExplanation:
     basis = csr_matrix(bells.matrix(data.shape))
     measured = data.signal + data.residual * np.where(data.used, data.sigma, 0.0)
     over = np.sum(data.residual.astype(float) ** 2, axis=0).ravel() * (np.asarray(basis.sum(axis=0)).ravel() > 0)
-    core = over > _CORE_PART * over.max()
+    core = over > CORE_WEIGHT * over.max()
     in_core = np.array([np.median(band.ravel()[core]) for band in measured])
     objects = (_fitted(data, basis, bells, measured, start) for start in (in_core, np.zeros(len(in_core))))
     return max(objects, key=lambda explanation: explanation.fit.evidence)

@@ -18,6 +18,7 @@ from .fitted_explanation import Columns, FittedExplanation, change_dn, equations
 from .light_exchange import light_exchange
 from .residual_data import ChargeExchange, ResidualData, Transport
 from .spot_appearance import (
+    CORE_WEIGHT,
     PENALTY_IMPOSSIBLE,
     PENALTY_ODD,
     PENALTY_UNLIKELY,
@@ -30,6 +31,7 @@ from .surface_spot import SurfaceSpot
 from .waves import Wave, strongest_waves
 
 __all__ = [
+    "CORE_WEIGHT",
     "PENALTY_IMPOSSIBLE",
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",

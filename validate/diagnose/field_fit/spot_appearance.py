@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from .fitted_explanation import FittedExplanation
 from .residual_data import ResidualData
+from .spot_regions import BORDER_OVER_PEAK
 
 __all__ = [
+    "CORE_WEIGHT",
     "PENALTY_IMPOSSIBLE",
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",
@@ -31,7 +33,7 @@ PENALTY_UNLIKELY = 60.0
 PENALTY_ODD = 15.0
 
 #: Part of the largest weight above which a pixel belongs to the core of a spot.
-_CORE_WEIGHT = 0.3
+CORE_WEIGHT = 0.3
 
 #: Relative change of the core above which an object in front is likelier than a stain or dust.
 _MAX_DEPTH_OF_STAIN = 0.25
@@ -47,9 +49,6 @@ _MAX_LINE_VARIANCE_PX2 = 0.6
 
 #: Smallest ratio of the variances along and across a line.
 _MIN_LINE_RATIO = 30.0
-
-#: Part of the largest weight down to which a line extends.
-_LINE_END_WEIGHT = 0.05
 
 #: Part of the image's size within which a line ends at a side, or a glow lies at the border.
 _BORDER_PART = 0.05
@@ -98,7 +97,7 @@ class SpotAppearance:
     @cached_property
     def relative(self) -> NDArray[np.float64]:
         """(band,) relative change of the signal in the core of the spot."""
-        core = self.weight > _CORE_WEIGHT * self.weight.max()
+        core = self.weight > CORE_WEIGHT * self.weight.max()
         dark = _DARK_SIGNAL * self.data.signal.mean(axis=(1, 2))
         return self.change[:, core].mean(axis=1) / np.maximum(self.data.signal[:, core].mean(axis=1), dark)
 
@@ -247,7 +246,7 @@ def _sharp_line(weight: NDArray[Any]) -> bool:
     across, along = np.linalg.eigvalsh(moments)
     if across > _MAX_LINE_VARIANCE_PX2 or along <= _MIN_LINE_RATIO * across:
         return False
-    pixels, margin = np.argwhere(weight > _LINE_END_WEIGHT * weight.max()), _BORDER_PART * max(weight.shape)
+    pixels, margin = np.argwhere(weight > BORDER_OVER_PEAK * weight.max()), _BORDER_PART * max(weight.shape)
     if (pixels > margin).all() and (pixels < np.array(weight.shape) - 1 - margin).all():
         return True
     # distance of its ends across the rows or columns along which it runs, px

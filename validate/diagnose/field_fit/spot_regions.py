@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, gaussian_filt
 
 from .residual_data import ResidualData
 
-__all__ = ["bells_on", "hot_spot", "hot_spot_of_one_band"]
+__all__ = ["BORDER_OVER_PEAK", "bells_on", "hot_spot", "hot_spot_of_one_band"]
 
 #: Largest part of the image that counts as a spot; larger regions are left to smooth maps.
 _MAX_SPOT_PART = 0.15
@@ -29,8 +29,8 @@ _MIN_PEAK_OVER_NOISE = 6
 #: A spot extends to where the smoothed excess falls to this multiple of its noise.
 _BORDER_OVER_NOISE = 4
 
-#: A spot extends at most to where the smoothed excess falls to this part of its peak.
-_BORDER_OVER_PEAK = 0.05
+#: A spot or a line extends at most to where the smoothed excess falls to this part of its peak.
+BORDER_OVER_PEAK = 0.05
 
 
 def hot_spot(data: ResidualData) -> NDArray[np.bool_] | None:
@@ -88,7 +88,7 @@ def _about_the_peak(over: NDArray[np.float64], deviation: float) -> NDArray[np.b
     peak = float(smooth.max())
     if peak < _MIN_PEAK_OVER_NOISE * noise:
         return None
-    parts, _ = label(smooth > max(_BORDER_OVER_NOISE * noise, _BORDER_OVER_PEAK * peak))
+    parts, _ = label(smooth > max(_BORDER_OVER_NOISE * noise, BORDER_OVER_PEAK * peak))
     region = parts == parts[np.unravel_index(np.argmax(smooth), smooth.shape)]
     region = binary_dilation(region, iterations=2)
     return region if region.mean() <= _MAX_SPOT_PART else None

@@ -4,8 +4,15 @@ from .hypothesis import (
     Hypothesis,
     hypotheses,
 )
+from .levels import CERTAIN_SIGMA, INDISTINGUISHABLE_CHI2, LIKELY, MIN_HELDOUT_GAIN, SHAPE_ERROR, SIGNIFICANT_SIGMA
 
 __all__ = [
+    "CERTAIN_SIGMA",
+    "INDISTINGUISHABLE_CHI2",
+    "LIKELY",
+    "MIN_HELDOUT_GAIN",
+    "SHAPE_ERROR",
+    "SIGNIFICANT_SIGMA",
     "Hypothesis",
     "hypotheses",
 ]

@@ -13,6 +13,9 @@ from cboxlab.validation.predict import PictureErrors
 BANDS, SIDE = 5, 16
 SIGNAL = np.full((BANDS, SIDE, SIDE), 100.0)
 
+#: The picture's left half is one part, its right half another.
+HALVES = np.broadcast_to(np.arange(SIDE) // (SIDE // 2), SIGNAL.shape).ravel()
+
 
 @dataclass(frozen=True)
 class Plain:
@@ -24,6 +27,10 @@ class Plain:
     @property
     def used(self):
         return np.ones(SIGNAL.shape, bool)
+
+    @property
+    def patch(self):
+        return np.broadcast_to(np.arange(SIDE), SIGNAL.shape).ravel()
 
     @property
     def sigma(self):
@@ -49,7 +56,7 @@ def columns(draw, number=6):
     rows = np.arange(SIDE) / SIDE
     waves = [np.cos(np.pi * (k + 1) * rows + draw.uniform(0, 6)) for k in range(number)]
     change = [np.broadcast_to(wave[:, None], SIGNAL.shape).ravel().astype(np.float32) for wave in waves]
-    return FlawColumns(np.array(["shading:0", "field"] * (number // 2)), tuple(change))
+    return FlawColumns(np.array(["shading:0", "field"] * (number // 2)), tuple(change), HALVES)
 
 
 def covariance(model: FlawModel, width):

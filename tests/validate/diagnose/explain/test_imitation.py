@@ -27,10 +27,11 @@ def test_an_effect_far_ahead_of_all_forms_that_holds_everywhere_is_real():
         ("heldout", (1.0, 0.8, 0.5)),
         ("lead", (-20.0, -5.0, 5.0, 20.0)),
         ("frames", (-9.0, 5.0, 9.0)),
+        ("parts", (-9.0, 9.0, 20.0)),
     ],
 )
 def test_each_sign_of_an_imitation_makes_it_likelier(worse, values):
-    """Gains that fall short where it was not fitted, forms that come near, events in single frames."""
+    """Gains that fall short where it was not fitted, forms that come near, events in frames, parts that differ."""
     weak = replace(_CLEAR, gain=0.1, lead=-100.0)
     probabilities = [imitation_probability(replace(weak, **{worse: value})) for value in values]
     assert np.all(np.diff(probabilities) > 0)

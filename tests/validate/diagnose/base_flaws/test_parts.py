@@ -1,0 +1,72 @@
+"""Amplitudes of an effect in parts of its pattern: alike for a true effect, unlike for one that a part imitates."""
+
+import numpy as np
+import pytest
+from cboxlab.validation.diagnose.base_flaws.parts import PLACES, amplitudes_by_part, places_of, thirds_by_level
+
+COUNT, PATCHES = 6000, 60
+PART = np.arange(COUNT) % 3
+PATCH = np.arange(COUNT) // (COUNT // PATCHES)
+
+
+def judged(draw, amplitude):
+    """Parts of a pattern with an amplitude each, next to noise of unit variance."""
+    columns = np.zeros((COUNT, 3))
+    columns[np.arange(COUNT), PART] = draw.standard_normal(COUNT) * np.array([1.0, 0.5, 0.2])[PART]
+    residual = columns @ np.array(amplitude, float) + draw.standard_normal(COUNT)
+    return amplitudes_by_part(PLACES, columns, PART, PATCH, lambda c: c, residual)
+
+
+def test_amplitudes_of_parts_are_those_that_were_put_in():
+    """Of 40 draws the errors over the stated ones have a mean square of 1, within four of its standard deviations."""
+    draw = np.random.default_rng(1)
+    each = [judged(draw, (1.0, 0.8, 1.3)) for _ in range(40)]
+    errors = np.array([(np.array(j.amplitude) - (1.0, 0.8, 1.3)) / j.sigma for j in each])
+    assert errors.mean() == pytest.approx(0, abs=4 / np.sqrt(errors.size))
+    assert 1 - 4 * np.sqrt(2 / errors.size) < np.mean(errors**2) < 1 + 4 * np.sqrt(2 / errors.size)
+    assert each[0].parts == PLACES
+
+
+def test_one_amplitude_everywhere_is_likelier_one_than_three_and_a_part_without_it_is_not():
+    """At odds of 100 to 1, chi2 of 9.2, none of 50 draws of one amplitude is taken for three."""
+    draw = np.random.default_rng(2)
+    assert max(judged(draw, (1, 1, 1)).lead for _ in range(50)) < 9.2
+    for without in ((1, 0, 1), (0, 0, 1), (1, 1, -1)):
+        assert judged(draw, without).lead > 9.2
+    assert judged(draw, (1, 0, 1)).unlike.endswith("inside faces")
+    assert not judged(draw, (1, 1, 1)).unlike
+
+
+def test_an_error_of_the_shape_is_forgiven():
+    """Amplitudes that differ by a tenth, as errors of shapes make them, are no sign even without noise."""
+    patterns = np.eye(3)[PART] * 30
+    shares = [
+        amplitudes_by_part(PLACES, patterns, PART, PATCH, lambda c: c, patterns @ a) for a in ([1, 1.1, 1], [1, 0, 1])
+    ]
+    assert shares[0].lead < -5
+    assert shares[1].lead > 50
+
+
+def test_a_pattern_in_one_part_is_not_compared():
+    columns = np.zeros((COUNT, 3))
+    columns[:, 1] = 1.0
+    residual = np.ones(COUNT)
+    assert amplitudes_by_part(PLACES, columns, PART, PATCH, lambda c: c, residual).lead == -np.inf
+
+
+def test_parts_are_outlines_and_contacts_by_the_nearer_border():
+    """Three upright strips: the first two touch, the third is behind the second."""
+    face = np.repeat([0, 1, 2], 8)[None, :].repeat(4, axis=0)
+    part = places_of(face, [(0, 1), (1, 2)], [(0, 1)])[0]
+    assert part.tolist() == [0] * 6 + [2, 2, 2, 2] + [0] * 5 + [1, 1] + [0] * 7
+
+
+def test_thirds_by_level_share_the_square_of_the_pattern_in_every_band():
+    draw = np.random.default_rng(4)
+    signal, shape, band = draw.uniform(1, 2, 3000), draw.standard_normal(3000), np.repeat([0, 1], 1500)
+    third = thirds_by_level(signal * np.where(band, 100, 1), band, shape)
+    for each in (band == 0, band == 1):
+        squares = np.bincount(third[each], shape[each] ** 2)
+        assert squares == pytest.approx(np.full(3, squares.mean()), rel=0.02)
+        assert signal[each & (third == 0)].max() <= signal[each & (third == 1)].min()
+        assert signal[each & (third == 1)].max() <= signal[each & (third == 2)].min()
