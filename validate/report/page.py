@@ -24,9 +24,8 @@ from .bands import named_bands
 from .blocks import Cell, ReportSection, ReportTable, Story
 from .metrics import ValidationFacts
 from .numerals import chi2_text
-from .picture_sections import band_maps, maps_section, residual_section, scatter_section, weights_section
+from .picture_sections import band_maps, maps_section, residual_section, scatter_section, story_without, weights_section
 from .plots import Drawing, MapRow
-from .story_without import story_without
 from .table_sections import camera_section, masks_section, tables_section, where_section
 from .verdict import verdict, warnings
 from .viewer import picture_data, viewer_fragment

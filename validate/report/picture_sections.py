@@ -1,4 +1,4 @@
-"""Sections of the report that show pictures and plots."""
+"""Sections of the report that show pictures and plots, and its chapters without a diagnosis."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from cboxlab.calibration.colour import FilterWeights
 from cboxlab.calibration.instrument import BandResponse
 from cboxlab.utils.distributions import normal_density
 from matplotlib.colors import LogNorm
+from numpy.typing import NDArray
 
 from ..compare import COLOUR_DIFFERENCES, HEADLINE, Comparison
 from .bands import NamedBand, named_bands
-from .blocks import ReportSection, ReportTable
+from .blocks import Headline, ReportSection, ReportTable, Story
 from .numerals import chi2_text, number, significant
 from .plots import (
     COLOUR,
@@ -32,8 +33,22 @@ from .plots import (
     plain_log_ticks,
     residual_scale,
 )
+from .verdict import verdict
 
-__all__ = ["band_maps", "maps_section", "residual_section", "scatter_section", "weights_section"]
+__all__ = [
+    "NOTHING_MISSING",
+    "band_maps",
+    "beyond_adequate",
+    "maps_section",
+    "pooled",
+    "residual_section",
+    "scatter_section",
+    "story_without",
+    "weights_section",
+]
+
+#: Sentence on an adequate model.
+NOTHING_MISSING = "This capture shows nothing that the model lacks."
 
 #: Most bands with a map in the report; the viewer shows every band.
 _MAX_BANDS = 8
@@ -298,4 +313,75 @@ def weights_section(w: FilterWeights, responses: Sequence[BandResponse]) -> Repo
                 "noise gain is the relative noise of X, Y, Z for light of equal energy, over that of every band.",
             ),
         ),
+    )
+
+
+def pooled(values: NDArray) -> NDArray[np.float64]:
+    """Sum over the bands used, over its standard deviation.
+
+    Parameters
+    ----------
+    values
+        (band, y, x) values over sigma; NaN where a sample is left out.
+
+    Returns
+    -------
+    NDArray
+        (y, x) with the noise of one band; NaN without a band.
+    """
+    used = np.isfinite(values)
+    count = used.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(count > 0, np.where(used, values, 0.0).sum(axis=0) / np.sqrt(count), np.nan)
+
+
+def story_without(c: Comparison, bands: Sequence[NamedBand]) -> Story:
+    """Chapters of a comparison without a diagnosis.
+
+    Parameters
+    ----------
+    c
+        The comparison.
+    bands
+        Bands in the order of the page.
+
+    Returns
+    -------
+    Story
+        The verdict, and the advice to run a diagnosis where the model is not adequate.
+    """
+    result = verdict(c, bands)
+    residual = pooled(c.maps["residual_over_sigma"].values)
+    picture = map_row({"Photograph minus rendering, all bands": residual}, residual_scale())
+    adequate = result.level == "explained"
+    sentence = (
+        "The model is adequate: noise explains the difference."
+        if adequate
+        else f"{result.headline} No diagnosis looked for the cause."
+    )
+    advice = (
+        "Run a diagnosis of this capture: it tries every effect of the catalogue and names those that the model lacks."
+    )
+    return Story(
+        Headline(sentence, result.details, picture),
+        ReportSection(
+            "What is missing",
+            (NOTHING_MISSING if adequate else "No diagnosis looked for the cause.",),
+        ),
+        None,
+        ReportSection("What to do next", steps=beyond_adequate() if adequate else (advice,)),
+    )
+
+
+def beyond_adequate() -> tuple[str, ...]:
+    """Steps after the result that the model is adequate.
+
+    Returns
+    -------
+    tuple
+        Sentences.
+    """
+    return (
+        "You need not add anything to the model.",
+        "If you take more frames per band, the noise falls and may reveal smaller errors of the model.",
     )

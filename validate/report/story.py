@@ -31,8 +31,8 @@ from .diagnosis import (
 )
 from .explanation import explanation_sections
 from .numerals import chi2_text, number, significant
+from .picture_sections import NOTHING_MISSING, beyond_adequate, pooled
 from .plots import STYLE, Drawing, MapRow, falling_curve, map_row, residual_scale
-from .story_without import NOTHING_MISSING, beyond_adequate, pooled
 from .verdict import verdict
 
 __all__ = ["signature_layers", "story"]

@@ -14,7 +14,7 @@ from cboxlab.utils.files import origin, this_command
 
 from ..compare import Failure, Validation, failures, write_maps
 from .bands import named_bands
-from .blocks import ReportSection
+from .blocks import ReportSection, Story
 from .metrics import PathStep, ValidationFacts, metrics, write_metrics
 from .page import ReportInputs, build_report
 from .table_sections import parts_section
@@ -169,7 +169,9 @@ def write_validation(
     prepared, c = result.prepared, result.comparison
     calibration = prepared.calibration
     subsets, failed = failures(result)
-    steps, chapters, layers = [], None, []
+    steps: list[PathStep] = []
+    chapters: Story | None = None
+    layers: list[dict[str, Any]] = []
     if diagnosis is not None:
         from .diagnosis import path_steps  # slow to import, and only needed here
         from .story import signature_layers, story

@@ -40,16 +40,13 @@ def assert_read_exactly(path, image, pictures):
     np.testing.assert_array_equal(read_pictures(path, last), image.reshape(-1, *image.shape[-2:])[-1:])
 
 
-@pytest.mark.parametrize("age_s", [0, 100], ids=["new", "settled"])
-def test_a_file_that_changes_is_read_again(tmp_path, age_s):
+def test_a_file_that_changes_is_read_again(tmp_path):
     for version in range(3):
         write_stack(tmp_path / "a.tif", counts(SHAPE, version))
-        changed_ns = (tmp_path / "a.tif").stat().st_mtime_ns - age_s * 10**9 + version
-        os.utime(tmp_path / "a.tif", ns=(changed_ns, changed_ns))
+        os.utime(tmp_path / "a.tif", ns=(version, version))  # long ago, so that it is kept
         for _ in range(2):
-            picture = read_pictures(tmp_path / "a.tif")[0]
-            np.testing.assert_array_equal(picture, counts(SHAPE, version))
-            picture[:] = 0  # the reader's own pictures stay as they are
+            np.testing.assert_array_equal(picture := read_pictures(tmp_path / "a.tif")[0], counts(SHAPE, version))
+            picture[:] = 0  # the pictures kept stay as they are
 
 
 @pytest.mark.parametrize("name", ["a.fits", "a.FIT", "a.fts", "a.fits.gz", "a.fits.fz", "a.fit.gz"])

@@ -21,9 +21,9 @@ from cboxlab.validation.report.diagnosis import (
 from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.numerals import chi2_text
 from cboxlab.validation.report.page import ReportInputs, build_report
+from cboxlab.validation.report.picture_sections import pooled
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import story
-from cboxlab.validation.report.story_without import pooled
 from helpers.fakes.box import BANDS, FakeBox, fake_run
 
 BOX = FakeBox(size=32)
