@@ -39,7 +39,7 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
 
     def refitted_picture(prepared, rendered, effects, near=None):
         settled.append(near)
-        return SimpleNamespace(fit=SimpleNamespace(camera=after), pilot=0.5)
+        return SimpleNamespace(fit=SimpleNamespace(camera=after, lamp_scale=0.5), pilot=0.5, signal=8.0, variance=12.0)
 
     monkeypatch.setattr(stepwise, "refitted_picture", refitted_picture)
     monkeypatch.setattr(stepwise, "solved_light", lambda *_: "another light")
@@ -48,19 +48,19 @@ def test_the_picture_is_rendered_again_where_the_camera_moved(monkeypatch, moved
     rendered_with = []
 
     def linearised_fit(prepared, altered, included, added):
-        rendered_with.append((included, added))
+        rendered_with.append((prepared, included, added))
         return altered.fit.camera
 
     monkeypatch.setattr(stepwise, "linearised_fit", linearised_fit)
     predictor = SimpleNamespace(camera=before, signal=lambda effects: None)
-    linearised = SimpleNamespace(rendered=SimpleNamespace(used=None, predictor=predictor), model_effects=("own",))
-    validation = SimpleNamespace(
-        prepared=SimpleNamespace(scene=cornell_box()), model=SimpleNamespace(render=None), light="light"
-    )
+    linearised = SimpleNamespace(rendered=SimpleNamespace(used="used", predictor=predictor), model_effects=("own",))
+    prepared = SimpleNamespace(scene=cornell_box(), fitted_about=lambda *prediction: prediction)
+    validation = SimpleNamespace(prepared=prepared, model=SimpleNamespace(render=None), light="light")
     stand_in = SimpleNamespace(applied="found", hypothesis=SimpleNamespace(effect=SimpleNamespace(stage=stage)))
     assert refitted(validation, linearised, [stand_in]) is after
     assert calls == [(after, "another light" if stage == "scene" else "light", pilot) for pilot in pilots]
-    assert rendered_with == [(("own",), ("found",))]
+    # what is unknown of the capture is fitted to the picture at the lamp's power
+    assert rendered_with == [((4.0, 3.0, "used"), ("own",), ("found",))]
     assert settled == [None, *[moved_mm == 1.0] * len(pilots)]
 
 
