@@ -69,10 +69,11 @@ def _require_mosaic(path: Path, raw: Any) -> None:
 
 def _require_last_rows(path: Path, counts: NDArray[np.uint16]) -> None:
     """Raise InputError for a picture that ends in rows of zeros."""
-    lit = np.flatnonzero(counts.any(axis=1))
-    if lit.size and (counts[: lit[-1] + 1] > 0).mean() * counts[lit[-1] + 1 :].size > _CHANCE_COUNTS:
-        found = f"a picture without counts below row {lit[-1]} of {len(counts)}"
-        raise InputError(path, found, "counts in all rows", "The file is truncated: copy it again.")
+    filled_rows = np.flatnonzero(counts.any(axis=1))
+    last = int(filled_rows[-1]) if filled_rows.size else len(counts) - 1
+    if (counts[: last + 1] > 0).mean() * counts[last + 1 :].size > _CHANCE_COUNTS:
+        fault = f"a picture without counts below row {last} of {len(counts)}"
+        raise InputError(path, fault, "counts in all rows", "The file is truncated: copy it again.")
 
 
 def _single_precision(value: float) -> float | None:
