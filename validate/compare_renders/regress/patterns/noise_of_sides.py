@@ -114,8 +114,8 @@ def reused_numbers(difference: Difference) -> Finding | None:
             (terms, variance), (alike, _) = (_of_tiles(sides.apart, other, by) for other in others)
             # products of noise are correlated over half the area of the noise
             pairs, neighbours = (height // by) * (width // by) - 1, max(_FINE_ALIKE, difference.clustering / 2)
-            clear = abs(float(terms.sum())) / max(float(np.sqrt(variance * neighbours)), 1e-300)
-            share = float(2 * student_tail(clear, max(terms.size / neighbours - 1, 1.0)))
+            sigmas = abs(float(terms.sum())) / max(float(np.sqrt(variance * neighbours)), 1e-300)
+            share = float(2 * student_tail(sigmas, max(terms.size / neighbours - 1, 1.0)))
         else:
             terms, alike = (block_sums(_moved_products(sides.apart, other, by)) for other in others)
             pairs, neighbours = 1, 1.0

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dataclasses import replace
+
 import numpy as np
 from cboxlab.utils.distributions import fisher_tail, student_tail
 from numpy.typing import NDArray
@@ -153,8 +155,8 @@ def _clearest(
     name = f"a part of {edge} x {edge} px around x {x} y {y}"
     sigma, bounds = sigma_of(size, probability, _SQUARE_DEGREES), {"bounds_px": _bounds(y, x, edge, used.shape)}
     typical = float(np.median(scatter[used]))
-    counted = {"looks": looks, "typical_sigma": typical}
-    return Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds, **counted)
+    finding = Finding(name, edge**2, size, sigma, _SQUARE_DEGREES, probability, bounds)
+    return replace(finding, looks=looks, typical_sigma=typical)
 
 
 def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
