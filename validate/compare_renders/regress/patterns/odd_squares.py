@@ -6,7 +6,6 @@ Squares of some sizes are laid over the difference at all positions. A finding i
 from __future__ import annotations
 
 from collections.abc import Sequence
-
 from dataclasses import replace
 
 import numpy as np
