@@ -87,7 +87,8 @@ def write_small(folder: Path, side_px: int, settings: CaptureSettings, hidden: s
             behind = [index for index, band in enumerate(settings.bands) if band.filter == frame.filter]
             planes = (signals if frame.kind == "band" else field)[behind]
             sensor = interleaved(planes, [settings.bands[index] for index in behind], settings.mosaic)
-            lights[frame.kind, frame.filter] = planes * (changed / sensor)
+            factor = np.divide(changed, sensor, out=np.ones_like(sensor), where=sensor > 0)
+            lights[frame.kind, frame.filter] = planes * factor
         return changed
 
     write_photographs(
