@@ -16,8 +16,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import bpy
-from mathutils import Vector
+if __name__ == "__main__":  # only a Python with Blender's module runs the script; others read its list of scenes
+    import bpy
+    from mathutils import Vector
 
 SIZE = 48
 Colour = tuple[float, float, float]

@@ -116,6 +116,8 @@ def reused_numbers(difference: Difference) -> Finding | None:
             pairs, neighbours = (height // by) * (width // by) - 1, max(_FINE_ALIKE, difference.clustering / 2)
             sigmas = abs(float(terms.sum())) / max(float(np.sqrt(variance * neighbours)), 1e-300)
             share = float(2 * student_tail(sigmas, max(terms.size / neighbours - 1, 1.0)))
+            # a change of the scene's structure may repeat, in few pixels of a tile
+            share = share if self_normalised(terms, neighbours)[1] < _REPEATS else 1.0
         else:
             terms, alike = (block_sums(_moved_products(sides.apart, other, by)) for other in others)
             pairs, neighbours = 1, 1.0
