@@ -1,4 +1,4 @@
-"""OpenEXR files of bands without wavelengths in their names, such as those of ``specfilm``."""
+"""OpenEXR files of bands, named freely such as those of ``specfilm``, or by their wavelengths alone (``500nm``)."""
 
 from __future__ import annotations
 
@@ -21,10 +21,14 @@ _SCALE_HINT = (
     "Mitsuba's specfilm integrates over each response: the scale to that unit is 1 over the response's width in nm, "
     "where the scene's spectra are in it."
 )
+#: Name of a channel that is a wavelength with its unit, such as ``500nm`` or ``547,5 nm``.
+_WAVELENGTH_NAME = re.compile(r"([0-9]{3,4}(?:[.,][0-9]+)?) ?nm", re.IGNORECASE)
 
 
 def cube_of_bands(path: Path, channels: ExrChannels, declared: Declared) -> xr.Dataset:
     """Spectral cube of the channels, in the order of the numbers in their names.
+
+    Names that are wavelengths in nm give the wavelengths, where none are declared.
 
     Parameters
     ----------
@@ -48,28 +52,35 @@ def cube_of_bands(path: Path, channels: ExrChannels, declared: Declared) -> xr.D
     """
     names = sorted((name for name in channels.planes if name != "A"), key=_natural)
     software = str(channels.header.get("generatedBy") or channels.header.get("software") or "")
-    if declared.wavelengths_nm is None or len(declared.wavelengths_nm) != len(names):
+    wavelength_nm = declared.wavelengths_nm or _named_wavelengths(names)
+    if wavelength_nm is None or len(wavelength_nm) != len(names):
         require_one_layer(path, list(channels.planes), software)
-    if declared.wavelengths_nm is None:
+    if wavelength_nm is None:
         raise InputError(
             path,
             f"the channels {listed(names)}, which name no wavelength",
-            "emissive spectra such as 'S0.550,000000nm', R, G, B, or X, Y, Z",
+            "emissive spectra such as 'S0.550,000000nm', wavelengths such as 550nm, R, G, B, or X, Y, Z",
             "declare wavelengths=400:700:20.",
         )
-    if len(declared.wavelengths_nm) != len(names):
-        count_text = f"{len(declared.wavelengths_nm)} wavelengths"
+    if len(wavelength_nm) != len(names):
+        count_text = f"{len(wavelength_nm)} wavelengths"
         raise InputError(
             "declared wavelengths", count_text, f"{len(names)}, for the channels {listed(names)} of {path}"
         )
     factor = spectral_factor(path, None, declared, _SCALE_HINT)
     planes, grid = sorted_planes(
-        path, np.stack([channels.planes[name] for name in names], axis=-1), np.array(declared.wavelengths_nm)
+        path, np.stack([channels.planes[name] for name in names], axis=-1), np.array(wavelength_nm)
     )
     first, last = names[0], names[-1]
-    note = f"channel {first} is {declared.wavelengths_nm[0]:g} nm, {last} is {declared.wavelengths_nm[-1]:g} nm"
+    note = f"channel {first} is {wavelength_nm[0]:g} nm, {last} is {wavelength_nm[-1]:g} nm"
     cube = as_cube(scaled(planes, factor), grid)
     return with_declarations(cube, declared, ("units", "scale", "wavelengths_nm"), [note])
+
+
+def _named_wavelengths(names: list[str]) -> tuple[float, ...] | None:
+    """Wavelength of each name, nm; None where a name is none."""
+    matches = [_WAVELENGTH_NAME.fullmatch(name) for name in names]
+    return tuple(float(match[1].replace(",", ".")) for match in matches if match) if all(matches) else None
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

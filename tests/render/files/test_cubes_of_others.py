@@ -126,6 +126,22 @@ def test_bands_without_wavelengths_ask_for_a_list(tmp_path):
     assert "channel band1 is 600 nm" in cube.attrs["reading_notes"]
 
 
+def test_names_that_are_wavelengths_are_read(tmp_path):
+    """The unit of the values is asked for all the same; a declared list comes before the names."""
+    path = exr(tmp_path / "a.exr", channels(["600nm", "448.5nm", "1000 nm"]))
+    with pytest.raises(InputError, match="declare units"):
+        read_cube(path)
+    cube = read_cube(path, Declared(RADIANCE))
+    np.testing.assert_array_equal(cube["wavelength"], [448.5, 600, 1000])
+    np.testing.assert_array_equal(cube["radiance"], GREY[..., [1, 0, 2]])
+    np.testing.assert_array_equal(
+        read_cube(path, Declared(RADIANCE, wavelengths_nm=(400, 500, 600)))["wavelength"], [400, 500, 600]
+    )
+    path = exr(tmp_path / "b.exr", channels(["600nm", "450nm", "mask"]))
+    with pytest.raises(InputError, match="name no wavelength"):
+        read_cube(path, Declared(RADIANCE))
+
+
 def test_a_wavelength_twice_is_reported(tmp_path):
     path = exr(tmp_path / "a.exr", channels(["S0.500nm", "S0.500,0nm", "S0.600nm"]), emissiveUnits=RADIANCE)
     with pytest.raises(InputError, match="500 nm twice"):
