@@ -1,4 +1,4 @@
-"""OpenEXR files of bands, named freely such as those of ``specfilm``, or by their wavelengths alone (``500nm``)."""
+"""OpenEXR files of bands with free names, as of ``specfilm``, or with wavelengths as names."""
 
 from __future__ import annotations
 

@@ -297,8 +297,6 @@ PERCENT = ",".join(str(p) for p in range(10, 90, 10))
 @pytest.mark.parametrize(
     ("text", "spectra"),
     [
-        # a sign of per cent in every cell
-        ("wavelength_nm,a,b\n400,50%,10%\n410,60%,20%\n", {"a": [0.5, 0.6], "b": [0.1, 0.2]}),
         # wavelengths with their unit, and no header
         ("CS-2000A\nSpeed mode,Normal\nLv,5.2E+01\n400nm,1.5\n410nm,2.5\n", {"value": [1.5, 2.5]}),
         ("E [lx]\t521\n\n400 [nm]\t1,5\n410 [nm]\t2,5\n", {"value": [1.5, 2.5]}),

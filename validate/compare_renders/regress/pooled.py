@@ -6,7 +6,7 @@ Within a kind the shares are equal (Bonferroni).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -26,7 +26,6 @@ from .patterns import (
     SHARES,
     Difference,
     PooledMean,
-    all_patterns,
     block_spread,
     block_sums,
     common_size,
@@ -43,7 +42,6 @@ __all__ = [
     "PooledMean",
     "Pooling",
     "area_means",
-    "cancelling_patterns",
     "difference_of",
     "pooled_means",
 ]
@@ -78,6 +76,9 @@ _MIN_PATTERN_PIXELS = 10
 _PATTERN_GROUPS = 2
 #: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
 _SQUARE_CUT = 30
+
+#: (y, x) picture of a (y, x, w) cube.
+_PictureOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,20 +126,17 @@ class Pooling:
         """(y, x) difference summed over wavelengths."""
         return np.asarray(self.trimmed.difference.sum(axis=-1))
 
+    @property
+    def common_step(self) -> float:
+        """Relative standard deviation that pixels share, from the steps of files; 0 for fine steps."""
+        return 0.0 if self.shared is None else float(self.shared.sum()) / max(float(self.level.sum()), 1e-300)
+
     @cached_property
     def summed(self) -> Sums:
         """Sums over all wavelengths."""
         all_bands = np.ones(self.bands)
-        difference = self.trimmed.difference @ all_bands
-        return Sums(
-            self.trimmed.level @ all_bands,
-            difference,
-            self.noise.total,
-            None if self.shared is None else self.shared @ all_bands,
-            float(np.mean(self.interpolation)),
-            1.0,
-            high_pass(difference),
-        )
+        allowed = float(np.mean(self.interpolation))
+        return self._sums(lambda cube: cube @ all_bands, self.noise.total, allowed, 1.0)
 
     def band(self, number: int) -> Sums:
         """Pictures of one band, in time that does not depend on the number of bands.
@@ -153,16 +151,16 @@ class Pooling:
         Sums
             Its pictures.
         """
-        difference = np.ascontiguousarray(self.trimmed.difference[..., number])
-        return Sums(
-            np.ascontiguousarray(self.trimmed.level[..., number]),
-            difference,
-            self.noise.of_band(number),
-            None if self.shared is None else self.shared[..., number],
-            float(self.interpolation[number]),
-            1.0 / self.bands,
-            high_pass(difference),
-        )
+        allowed = float(self.interpolation[number])
+        variance = self.noise.of_band(number)
+        return self._sums(lambda cube: np.ascontiguousarray(cube[..., number]), variance, allowed, 1.0 / self.bands)
+
+    def _sums(self, picture_of: _PictureOf, variance: NDArray[np.float64], allowed: float, part: float) -> Sums:
+        """Pictures that ``picture_of`` takes from (y, x, w) cubes."""
+        difference = picture_of(self.trimmed.difference)
+        shared = None if self.shared is None else picture_of(self.shared)
+        level = picture_of(self.trimmed.level)
+        return Sums(level, difference, variance, shared, allowed, part, high_pass(difference))
 
 
 def area_means(pooling: Pooling) -> tuple[PooledMean, ...]:
@@ -244,37 +242,6 @@ def difference_of(pooling: Pooling) -> Difference:
     groups = {"smooth parts": strata.smooth, "edges": strata.edges, "the lamp": strata.lamp & strata.used}
     variance = None if pooling.noise.estimated else pooling.noise.total
     return Difference(pooling.level, pooling.total, variance, strata.smooth, groups, pooling.noise.clustering)
-
-
-def cancelling_patterns(
-    pooling: Pooling,
-    baseline: NDArray[np.float64],
-    candidate: NDArray[np.float64],
-    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
-) -> tuple[PooledMean, ...]:
-    """Tests of patterns whose means cancel, and of those that need no known noise.
-
-    Parameters
-    ----------
-    pooling
-        Difference, noise and parts of the picture.
-    baseline, candidate
-        (y, x) pictures with their outliers, summed over wavelengths.
-    cubes
-        (b, y, x) independent pictures of each side, as many of either, summed over wavelengths.
-
-    Returns
-    -------
-    tuple of PooledMean
-        One for each kind of pattern, at its clearest instance.
-    """
-    steps = _steps(pooling), pooling.rounding
-    return all_patterns(difference_of(pooling), baseline, candidate, pooling.false_alarms, cubes, *steps)
-
-
-def _steps(pooling: Pooling) -> float:
-    """Relative standard deviation that pixels share, from the steps of files; 0 for fine steps."""
-    return 0.0 if pooling.shared is None else float(pooling.shared.sum()) / max(float(pooling.level.sum()), 1e-300)
 
 
 def _pool_of(

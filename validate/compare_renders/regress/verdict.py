@@ -19,6 +19,7 @@ from .patterns import (
     MEANS,
     Difference,
     Finding,
+    all_patterns,
     block_changes,
     periodic,
     pool_of_finding,
@@ -32,7 +33,6 @@ from .pooled import (
     PooledMean,
     Pooling,
     area_means,
-    cancelling_patterns,
     difference_of,
     pooled_means,
 )
@@ -304,7 +304,7 @@ def regress_sides(
     as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     totals = _total(_sides(as_found)[0]), _total(_sides(as_found)[1])
-    cancelling = cancelling_patterns(as_found.pooling, *totals, _cubes(*_sides(as_found)))
+    cancelling = _cancelling(as_found.pooling, totals, _cubes(*_sides(as_found)))
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -338,6 +338,16 @@ def regress_sides(
         numbers=(numbers[0].text, numbers[1].text) if any(n.coarse for n in numbers) else ("", ""),
     )
     return outcome if outcome.same else replace(outcome, spot=_spot(as_found, outcome)), comparison
+
+
+def _cancelling(
+    pooling: Pooling,
+    totals: tuple[NDArray[np.float64], NDArray[np.float64]],
+    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> tuple[PooledMean, ...]:
+    """Tests of patterns whose means cancel, and of those that need no known noise."""
+    steps = pooling.common_step, pooling.rounding
+    return all_patterns(difference_of(pooling), *totals, pooling.false_alarms, cubes, *steps)
 
 
 def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
