@@ -19,9 +19,8 @@ __all__ = ["main"]
 #: while modules are imported; with 100,000 0.2 s, with these none.
 _OBJECTS_PER_COLLECTION = 1_000_000
 
-#: Modules that libraries import and no command uses, 1 CPU s: xarray asks whether arrays are Dask's, Mitsuba registers
-#: integrators with derivatives, and colour-science prepares plots.
-_UNUSED_MODULES = ("dask.array", "mitsuba.python.ad.integrators", "colour.plotting")
+#: Module that colour-science imports and no command uses: a quarter of the time of all imports.
+_UNUSED_MODULE = "colour.plotting"
 
 #: Options of glibc's `mallopt` with values in bytes: freed arrays below 32 MiB stay with the program, up to 256 MiB at
 #: the end of its heap. Taken again from the system they cost 75,000 page faults of `validate`, 0.4 of its 1.7 CPU s in
@@ -39,8 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     gc.set_threshold(_OBJECTS_PER_COLLECTION, *gc.get_threshold()[1:])
     atexit.register(gc.freeze)  # else Python searches all objects as it ends, 0.15 CPU s
-    for name in _UNUSED_MODULES:
-        sys.modules.setdefault(name, ModuleType(name))
+    sys.modules.setdefault(_UNUSED_MODULE, ModuleType(_UNUSED_MODULE))
     _keep_freed_memory()
     # NumPy reads these at its import: idle threads of its matrix products would slow down ray tracing.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
