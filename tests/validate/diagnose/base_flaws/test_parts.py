@@ -27,6 +27,19 @@ def test_amplitudes_of_parts_are_those_that_were_put_in():
     assert each[0].parts == PLACES
 
 
+def test_errors_that_patches_share_widen_the_stated_ones():
+    """In each part of a patch the pattern has its own error of 0.3. Bounds as above, and a fifth for few patches."""
+    draw, errors = np.random.default_rng(6), []
+    columns = np.zeros((COUNT, 3))
+    for _ in range(40):
+        columns[np.arange(COUNT), PART] = draw.standard_normal(COUNT) * 5
+        sizes = 1 + 0.3 * draw.standard_normal((PATCHES, 3))
+        residual = columns.sum(axis=1) * sizes[PATCH, PART] + draw.standard_normal(COUNT)
+        parts = amplitudes_by_part(PLACES, columns, PART, PATCH, lambda c: c, residual)
+        errors.append((np.array(parts.amplitude) - 1) / parts.sigma)
+    assert 0.8 - 4 * np.sqrt(2 / 120) < np.mean(np.square(errors)) < 1.2 + 4 * np.sqrt(2 / 120)
+
+
 def test_one_amplitude_everywhere_is_likelier_one_than_three_and_a_part_without_it_is_not():
     """At odds of 100 to 1, chi2 of 9.2, none of 50 draws of one amplitude is taken for three."""
     draw = np.random.default_rng(2)
@@ -44,6 +57,7 @@ def test_an_error_of_the_shape_is_forgiven():
         amplitudes_by_part(PLACES, patterns, PART, PATCH, lambda c: c, patterns @ a) for a in ([1, 1.1, 1], [1, 0, 1])
     ]
     assert shares[0].lead < -5
+    assert not shares[0].unlike
     assert shares[1].lead > 50
 
 
