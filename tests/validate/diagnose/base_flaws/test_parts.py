@@ -40,6 +40,20 @@ def test_errors_that_patches_share_widen_the_stated_ones():
     assert 0.8 - 4 * np.sqrt(2 / 120) < np.mean(np.square(errors)) < 1.2 + 4 * np.sqrt(2 / 120)
 
 
+def test_flaws_that_are_fitted_widen_no_error():
+    draw = np.random.default_rng(7)
+    columns = np.zeros((COUNT, 3))
+    columns[np.arange(COUNT), PART] = draw.standard_normal(COUNT)
+    residual = columns.sum(axis=1) + draw.standard_normal(COUNT)
+    flaws = 10 * columns.sum(axis=1) * draw.standard_normal((PATCHES, 3))[PATCH, PART]
+    flaws -= columns @ np.linalg.lstsq(columns, flaws)[0]
+    arguments = PLACES, columns, PART, PATCH, lambda c: c
+    plain = amplitudes_by_part(*arguments, residual)
+    fitted = amplitudes_by_part(*arguments, residual + flaws, flaws)
+    assert fitted.sigma == pytest.approx(plain.sigma)
+    assert amplitudes_by_part(*arguments, residual + flaws).sigma[0] > 3 * plain.sigma[0]
+
+
 def test_one_amplitude_everywhere_is_likelier_one_than_three_and_a_part_without_it_is_not():
     """At odds of 100 to 1, chi2 of 9.2, none of 50 draws of one amplitude is taken for three."""
     draw = np.random.default_rng(2)
