@@ -54,6 +54,17 @@ def test_flaws_that_are_fitted_widen_no_error():
     assert amplitudes_by_part(*arguments, residual + flaws).sigma[0] > 3 * plain.sigma[0]
 
 
+def test_the_evidence_of_two_parts_has_its_closed_form():
+    """Amplitudes 1 and 1.4 of variance s^2: each scatters by v = s^2 + 0.01, or by v = s^2 + 1."""
+    columns = np.eye(3)[PART % 2] * 0.1
+    residual = columns @ (1.0, 1.4, 0.0)
+    parts = amplitudes_by_part(PLACES, columns, PART % 2, PATCH, lambda c: c, residual)
+    near, far = (variance + 1 / columns[:, :2].sum(axis=0) / 0.1 for variance in (0.01, 1.0))
+    expected = 0.4**2 / near.sum() + np.log(near.prod() * (1 / near).sum())
+    expected -= 0.4**2 / far.sum() + np.log(far.prod() * (1 / far).sum())
+    assert parts.lead == pytest.approx(expected, rel=1e-6)
+
+
 def test_one_amplitude_everywhere_is_likelier_one_than_three_and_a_part_without_it_is_not():
     """At odds of 100 to 1, chi2 of 9.2, none of 50 draws of one amplitude is taken for three."""
     draw = np.random.default_rng(2)
