@@ -16,8 +16,8 @@ from types import FrameType, ModuleType
 __all__ = ["main"]
 
 #: New objects between two searches for unreachable ones. With Python's 700 they take 0.6 CPU s of `validate`, mostly
-#: while modules are imported; with 100,000 0.2 s, with these none.
-_OBJECTS_PER_COLLECTION = 1_000_000
+#: while modules are imported; with these 0.2 s. Fewer searches would let a workbench grow.
+_OBJECTS_PER_COLLECTION = 100_000
 
 #: Module that colour-science imports and no command uses: a quarter of the time of all imports.
 _UNUSED_MODULE = "colour.plotting"

@@ -72,6 +72,7 @@ def test_one_amplitude_everywhere_is_likelier_one_than_three_and_a_part_without_
     for without in ((1, 0, 1), (0, 0, 1), (1, 1, -1)):
         assert judged(draw, without).lead > 9.2
     assert judged(draw, (1, 0, 1)).unlike.endswith("inside faces")
+    assert "at outlines" in judged(draw, (1, -1, 1)).unlike
     assert not judged(draw, (1, 1, 1)).unlike
 
 
