@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.calibration.capture import channel_lattice
-from cboxlab.calibration.quality.frame_checks.fields import check_lines
+from cboxlab.calibration.quality.frame_checks.fields import _dead_lines, check_lines
 from cboxlab.calibration.quality.frame_checks.stacks import Stack
 
 SIDE, FULL = 48, 4095
@@ -60,3 +60,12 @@ def test_defective_lines_are_named_with_their_places(pattern):
 def test_sound_sensors_have_no_defective_lines():
     """Objects of one row and column, and columns of other gain and bias."""
     assert not [s for seed in range(4) for p in ("", "RGGB") for s in check_lines(*frames(seed, p), FULL)]
+
+
+def test_a_line_is_dead_over_nearly_all_of_its_length_and_between_bright_ones():
+    image = np.full((SIDE, SIDE), 3000.0)
+    image[10, :36] = 0  # three quarters: an object
+    image[24:], image[35] = 3, 0  # black things between dim ones
+    assert _dead_lines(image) == set()
+    image[10] = 0
+    assert _dead_lines(image) == {10}
