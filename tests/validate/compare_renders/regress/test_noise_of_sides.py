@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cboxlab.validation.compare_renders.regress.patterns import Difference, reused_numbers, shared_numbers
-from cboxlab.validation.compare_renders.regress.patterns.noise_of_sides import _overlapping, _products
+from cboxlab.validation.compare_renders.regress.patterns.noise_of_sides import _of_tiles, _overlapping, _products
 
 SHAPE = (72, 96)
 INSIDE = np.pad(np.ones((70, 94), bool), 1)
@@ -100,3 +100,17 @@ def test_blocks_of_one_side_are_stated_with_their_contrast(axis, lines, block_px
     assert 0.65 < blocks.size * (1 + block_px) < 0.85
     exchanged = finding(shared_numbers, shared, alone)
     assert "of the baseline is" in exchanged.name and exchanged.size == pytest.approx(blocks.size)
+
+
+def test_products_over_all_pairs_of_tiles_and_their_variance_are_those_of_every_pair():
+    """Six tiles of 3 x 3 px: the sum over ordered pairs by hand, and its variance over random signs of all pixels."""
+    draw = np.random.default_rng(8)
+    apart, both = draw.standard_normal((2, 7, 9))  # a row is left over
+    blocks = [[p[y : y + 3, x : x + 3] for y in (0, 3) for x in (0, 3, 6)] for p in (apart, both)]
+    expected = sum(a * b for i, a in enumerate(blocks[0]) for j, b in enumerate(blocks[1]) if i != j)
+    terms, variance = _of_tiles(apart, both, 3)
+    np.testing.assert_allclose(terms.reshape(3, 3), expected)
+    signs = draw.choice([-1.0, 1.0], (4000, 7, 9))
+    sums = np.array([_of_tiles(sign * apart, sign * both, 3)[0].sum() for sign in signs])
+    # the variance of a variance by random signs: sqrt(2 / 4000) is 2 %, four of these and heavy tails
+    assert np.mean(sums**2) == pytest.approx(variance, rel=0.12)
