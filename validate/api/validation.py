@@ -17,7 +17,7 @@ from cboxlab.utils.progress import NO_PROGRESS, Progress
 from cboxlab.utils.table import Table
 
 from ..compare import HEADLINE, Validation, failures, validate_capture
-from ..report import chi2_by_place, comparison_figure, named_bands, validation_record, verdict, write_validation
+from ..report import chi2_by_place, comparison_figure, named_bands, report_verdict, validation_record, write_validation
 from ..report.viewer import viewer_data, viewer_fragment
 from .calibration import suspicion_lines
 from .inputs import CaptureLike, ModelLike, as_capture, as_model
@@ -79,7 +79,7 @@ class ValidationResult(Result):
         scale = result.prepared.free_scale
         lamp = f"lamp power × {result.fit.lamp_scale:.4f}, " if scale is None or scale.absolute else ""
         return [
-            f"{name} against {result.model.name}: {verdict(c).headline}",
+            f"{name} against {result.model.name}: {report_verdict(c).headline}",
             f"χ² per degree of freedom {c.chi2.per_dof:.3f} ({chi2_by_place(c)}), mean {HEADLINE.label} "
             f"{c.colour[HEADLINE.id].mean:.2f} (noise alone {c.colour_noise[HEADLINE.id].mean:.2f}), "
             f"rendering noise over sensor noise {c.render_sigma_over_sensor_sigma:.2f}, "

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 from cboxlab.utils.lazy import lazy_names
 
-from .verdict import chi2_by_place, verdict  # a name that a module has too cannot be lazy
-
 if TYPE_CHECKING:
     from .bands import named_bands
     from .blocks import ReportSection
@@ -26,6 +24,7 @@ if TYPE_CHECKING:
     from .plots import STYLE, map_next_to, picture_row
     from .table_sections import correlation_section
     from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
+    from .verdict import chi2_by_place, report_verdict
     from .write import validation_record, write_validation
 
 __all__ = [
@@ -46,11 +45,11 @@ __all__ = [
     "picture_row",
     "ranked_values",
     "read_trend_result",
+    "report_verdict",
     "step_name",
     "trend_record",
     "trend_rows",
     "validation_record",
-    "verdict",
     "write_diagnosis",
     "write_tables",
     "write_trend",

@@ -27,7 +27,7 @@ from .numerals import chi2_text
 from .picture_sections import band_maps, maps_section, residual_section, scatter_section, story_without, weights_section
 from .plots import Drawing, MapRow
 from .table_sections import camera_section, masks_section, tables_section, where_section
-from .verdict import verdict, warnings
+from .verdict import report_verdict, warnings
 from .viewer import picture_data, viewer_fragment
 
 __all__ = ["ReportInputs", "build_report", "report_environment"]
@@ -199,7 +199,7 @@ def build_report(path: Path, inputs: ReportInputs) -> None:
         .render(
             run=run,
             headline=story.headline,
-            level=verdict(c).level,
+            level=report_verdict(c).level,
             as_given=story.falling is not None,
             figures=_figures(c),
             warnings=[*warnings(c, run), *inputs.further_warnings],

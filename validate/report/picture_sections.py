@@ -33,7 +33,7 @@ from .plots import (
     plain_log_ticks,
     residual_scale,
 )
-from .verdict import verdict
+from .verdict import report_verdict
 
 __all__ = [
     "NOTHING_MISSING",
@@ -350,7 +350,7 @@ def story_without(c: Comparison, bands: Sequence[NamedBand]) -> Story:
     Story
         The verdict, and the advice to run a diagnosis where the model is not adequate.
     """
-    result = verdict(c, bands)
+    result = report_verdict(c, bands)
     residual = pooled(c.maps["residual_over_sigma"].values)
     picture = map_row({"Photograph minus rendering, all bands": residual}, residual_scale())
     adequate = result.level == "explained"

@@ -33,7 +33,7 @@ from .explanation import explanation_sections
 from .numerals import chi2_text, number, significant
 from .picture_sections import NOTHING_MISSING, beyond_adequate, pooled
 from .plots import STYLE, Drawing, MapRow, falling_curve, map_row, residual_scale
-from .verdict import verdict
+from .verdict import report_verdict
 
 __all__ = ["signature_layers", "story"]
 
@@ -90,7 +90,7 @@ def story(diagnosis: Diagnosis, bands: Sequence[NamedBand]) -> Story:
         *doubt_sentences(diagnosis),
         *unexplained_sentences(diagnosis),
         error_sentence(diagnosis),
-        *verdict(c, bands).details[3:],
+        *report_verdict(c, bands).details[3:],
         *diagnosis.notes,
     ]
     return Story(

@@ -26,7 +26,7 @@ from .blocks import Cell, ReportSection, ReportTable
 from .metrics import ValidationFacts
 from .numerals import chi2_text, number, percent, significant, to_error
 from .plots import MapRow
-from .verdict import verdict
+from .verdict import report_verdict
 
 __all__ = ["camera_section", "correlation_section", "masks_section", "parts_section", "tables_section", "where_section"]
 
@@ -83,7 +83,7 @@ def where_section(
     regions = regions_of(c)
     by_band = [regions["band"][i] for i, _ in bands]
     sentences = ["Noise explains the difference: there is no excess to locate."]
-    if np.isfinite(regions["place"][0].share_of_excess) and (failures or verdict(c).level != "explained"):
+    if np.isfinite(regions["place"][0].share_of_excess) and (failures or report_verdict(c).level != "explained"):
         worst = max(regions["place"], key=lambda r: r.share_of_excess)
         sentences = [f.sentence for f in failures] or [
             f"Most of the excess χ² is {_in_place(worst.name)}: {percent(worst.share_of_excess, 0)} %, with "

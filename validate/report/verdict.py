@@ -12,7 +12,7 @@ from .bands import NamedBand
 from .metrics import ValidationFacts
 from .numerals import chi2_text
 
-__all__ = ["ReportVerdict", "chi2_by_place", "verdict", "warnings"]
+__all__ = ["ReportVerdict", "chi2_by_place", "report_verdict", "warnings"]
 
 #: Probability below which a difference is significant.
 SIGNIFICANT = 1e-3
@@ -49,7 +49,7 @@ class ReportVerdict:
     details: tuple[str, ...]
 
 
-def verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
+def report_verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerdict:
     """Verdict whether noise explains the difference, and where the excess is.
 
     Parameters

@@ -5,7 +5,7 @@ import pytest
 from cboxlab.calibration.instrument.band_images import Mask, band_images
 from cboxlab.validation.compare.comparison import ChiSquare, Expectation, compare
 from cboxlab.validation.report.metrics import metrics
-from cboxlab.validation.report.verdict import verdict, warnings
+from cboxlab.validation.report.verdict import report_verdict, warnings
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
@@ -30,7 +30,7 @@ def test_chi2_of_pure_noise_is_one():
     for chi2 in splits:
         assert abs(chi2.per_dof - 1.0) < 5 * chi2.per_dof_sigma
     assert comparison.chi2_edges.count + comparison.chi2_interiors.count == comparison.chi2.count
-    assert verdict(comparison).level == "explained"
+    assert report_verdict(comparison).level == "explained"
 
 
 def test_p_values_of_pure_noise_are_uniform():
@@ -82,7 +82,7 @@ def test_scale_error_is_reported_as_such():
     relative_luminance = comparison.maps.xyz_rendered.values[(BOX.surface == 1), 1].mean() / comparison.white.luminance
     assert row.colour["delta_e_ab"] == pytest.approx(116 / 3 * relative_luminance ** (1 / 3) * 0.02, rel=0.05)
     assert row.colour["delta_e_ab"] > 10 * row.colour_noise["delta_e_ab"]
-    assert verdict(comparison).level == "unexplained"
+    assert report_verdict(comparison).level == "unexplained"
 
 
 def test_white_is_no_pixel_at_the_lamps_edge():
@@ -160,7 +160,7 @@ def test_error_in_one_band_and_surface_is_named():
     factor = np.ones(BOX.truth.shape)
     factor[3, BOX.surface == SURFACES.index("green wall")] = 1.05
     comparison = BOX.compare(seed=7, factor=factor)
-    details = " ".join(verdict(comparison).details)
+    details = " ".join(report_verdict(comparison).details)
     assert "green wall" in details and "f600" in details
     assert abs(comparison.by_surface["floor"].chi2.per_dof - 1) < 5 * comparison.by_surface["floor"].chi2.per_dof_sigma
 

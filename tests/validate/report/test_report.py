@@ -15,7 +15,7 @@ from cboxlab.validation.report.metrics import metrics
 from cboxlab.validation.report.numerals import number, with_error
 from cboxlab.validation.report.page import ReportInputs, build_report
 from cboxlab.validation.report.plots import falling_curve, map_row, residual_scale
-from cboxlab.validation.report.verdict import verdict
+from cboxlab.validation.report.verdict import report_verdict
 from cboxlab.validation.report.viewer import picture_data
 from colour.difference import delta_E_CIE1994
 from helpers.fakes.box import BANDS, SURFACES, FakeBox, fake_run, fake_weights
@@ -164,7 +164,7 @@ def test_what_is_outside_the_box_is_no_edge():
     interiors, edges, beyond = regions_of(c)["place"]
     assert beyond.share_of_excess == pytest.approx(1, abs=0.01)
     assert abs(edges.share_of_excess) < 0.01 and abs(interiors.share_of_excess) < 0.01
-    assert "outside the box" in verdict(c).details[3]
+    assert "outside the box" in report_verdict(c).details[3]
 
 
 def test_worst_is_the_highest_chi2_per_dof():
@@ -172,7 +172,7 @@ def test_worst_is_the_highest_chi2_per_dof():
     factor = np.ones(BOX.truth.shape)
     factor[:, BOX.surface == 0] = 1.03
     factor[:, BOX.surface == 5] = 1.08
-    assert "worst region is block" in verdict(BOX.compare(seed=2, factor=factor)).details[4]
+    assert "worst region is block" in report_verdict(BOX.compare(seed=2, factor=factor)).details[4]
 
 
 def test_order_of_the_report_is_fixed(pages):

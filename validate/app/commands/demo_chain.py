@@ -13,7 +13,7 @@ from cboxlab.rendering.model import Model, write_model
 from ...api import DiagnosisResult, RawFrame, ValidationResult, simulate, write_manifest
 from ...compare import Predicted, Validation, validate_capture
 from ...diagnose import Diagnosis, diagnose_validation
-from ...report import ReportSection, picture_row, verdict, write_diagnosis, write_validation
+from ...report import ReportSection, picture_row, report_verdict, write_diagnosis, write_validation
 from .console import bar, print_result, say
 
 __all__ = ["DEMO_CAPTURE", "run_demo"]
@@ -110,7 +110,7 @@ def _print_steps(result: Validation) -> None:
         f"the sensor's. Camera and lamp were fitted again with their priors: corners moved {moved:.2f} px rms, "
         f"lamp power × {fit.lamp_scale:.4f} ± {fit.lamp_scale_sigma:.1g}."
     )
-    say("4. Comparison: " + " ".join(verdict(c).details))
+    say("4. Comparison: " + " ".join(report_verdict(c).details))
 
 
 def _other_camera(result: Validation) -> RawFrame:
