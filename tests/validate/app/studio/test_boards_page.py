@@ -19,6 +19,7 @@ from helpers.captures.board_capture import (
 from helpers.pages.axe import nameless, violations
 from helpers.pages.browser import open_browser
 from helpers.pages.canvas import colour_at
+from helpers.pages.keyboard import reached_by_tab
 from helpers.pages.page_faults import FAULTS
 from helpers.pages.server import served
 from starlette.testclient import TestClient
@@ -74,6 +75,7 @@ def test_a_wrong_view_is_seen_and_removed_in_the_browser(bench):
         page.run("document.querySelectorAll('#views input')[2].click()")
         page.until("document.body.dataset.busy === 'false' && page.dropped.size === 1")
         assert abs(page.run("page.fit.focal_length_px[0]") - FOCAL_LENGTH_PX) < 5
+        assert reached_by_tab(page) == [[], []]
         for width, scheme in ((1280, "light"), (400, "dark")):
             page.size(width)
             page.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])

@@ -8,29 +8,9 @@ from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
 from cboxlab.validation.app.studio import Workbench
 from helpers.pages.axe import nameless, violations
 from helpers.pages.browser import open_browser
+from helpers.pages.keyboard import reached_by_tab
 from helpers.pages.server import served
 from helpers.pages.studio import add
-
-#: Controls in view that can have the focus; of a group of radio buttons one.
-CONTROLS = """
-[...document.querySelectorAll(
-  'a[href], button, input, select, textarea, summary, canvas[tabindex], [tabindex="0"]')].filter(
-  (e) => e.checkVisibility() && !e.disabled && e.tabIndex >= 0 && !(e.type === 'radio' && !e.checked))
-"""
-
-
-def reached_by_tab(page):
-    """Names of controls that Tab does not reach, and of those that show no focus."""
-    page.run(f"document.activeElement.blur(); window.scrollTo(0, 0); globalThis.wanted = new Set({CONTROLS})")
-    page.run("globalThis.unseen = []")
-    for _ in range(page.run("wanted.size") + 12):
-        page.key("Tab")
-        page.run(
-            "(() => {const e = document.activeElement; wanted.delete(e); const s = getComputedStyle(e);"
-            "if (e !== document.body && (s.outlineStyle === 'none' || parseFloat(s.outlineWidth) < 2))"
-            "unseen.push(e.outerHTML.slice(0, 80))})()"
-        )
-    return page.run("[[...wanted].map((e) => e.outerHTML.slice(0, 80)), unseen]")
 
 
 def looks(page):
