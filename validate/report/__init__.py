@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .page import write_tables
     from .plots import STYLE, map_next_to, picture_row
     from .table_sections import correlation_section
-    from .trend import TrendResult, read_trend_result, trend_record, trend_rows, write_trend
+    from .trend import TrendResult, read_trend_result, trend_finding, trend_record, trend_rows, write_trend
     from .verdict import chi2_by_place, report_verdict
     from .write import validation_record, write_validation
 
@@ -47,6 +47,7 @@ __all__ = [
     "read_trend_result",
     "report_verdict",
     "step_name",
+    "trend_finding",
     "trend_record",
     "trend_rows",
     "validation_record",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import read_json
+from scipy.stats import norm
 
 from .blocks import ReportSection, ReportTable
-from .numerals import with_error
+from .numerals import number, with_error
 from .page import write_sections
 from .plots import INK, LINE, STYLE, Drawing, drawing, new_figure
 
-__all__ = ["TrendResult", "read_trend_result", "trend_record", "trend_rows", "write_trend"]
+__all__ = ["TrendResult", "read_trend_result", "trend_finding", "trend_record", "trend_rows", "write_trend"]
 
 #: Unit at the end of the names of shares, which are printed in percent.
 _PERCENT_SIGN = "%"
@@ -38,8 +40,8 @@ _FIGURES: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
     ("camera, k1", ("camera_refitted", "k1"), None),
 )
 
-#: Plots in a row: their text is then large enough.
-_PLOTS_IN_A_ROW = 3
+#: Probability that noise alone makes the largest of all compared changes significant.
+_SIGNIFICANT = 0.01
 
 #: Digits of the difference between the largest and the smallest value, in a row without standard deviations.
 _DIGITS_OF_SPREAD = 2
@@ -81,7 +83,7 @@ def _numbers(metrics: Mapping[str, Any], diagnosis: Mapping[str, Any]) -> Iterat
             (_at(metrics, ("bands", band, "chi2_per_dof")), _at(metrics, ("bands", band, "chi2_per_dof_sigma"))),
         )
     if path := [step for step in metrics.get("path", ()) if step["effects"]]:
-        yield "χ² per degree of freedom, with the effects found", (_at(path[-1], ("chi2_per_dof",)), math.nan)
+        yield "χ² with the effects added", (_at(path[-1], ("chi2_per_dof",)), math.nan)
     sigmas = {entry["effect"]: entry["sigma"] for entry in diagnosis.get("ranking", ())}
     effects = [effect for effect in diagnosis.get("selected", ()) if effect != "unknown"]
     for effect, values in zip(effects, diagnosis.get("selected_parameters", ()), strict=False):
@@ -153,9 +155,41 @@ def _names(results: Sequence[TrendResult]) -> list[str]:
     return [name for name in names if any(math.isfinite(r.numbers.get(name, (math.nan, 0))[0]) for r in results)]
 
 
+def trend_finding(results: Sequence[TrendResult]) -> str:
+    """Sentence on the largest change from one result to the next, in its standard deviations.
+
+    Parameters
+    ----------
+    results
+        The results in their order.
+
+    Returns
+    -------
+    str
+        The number that changes most; or that no change is significant, or none has a known standard deviation.
+    """
+    changes = []
+    for first, second in pairwise(results):
+        for name in first.numbers.keys() & second.numbers.keys():
+            (before, sigma), (after, sigma_after) = first.numbers[name], second.numbers[name]
+            if (error := math.hypot(sigma, sigma_after)) > 0 and math.isfinite(after - before):
+                changes.append((abs(after - before) / error, name, first, second))
+    if not changes:
+        return "No number has a known standard deviation in two successive results."
+    limit = float(norm.isf(_SIGNIFICANT / 2 / len(changes)))
+    size, name, first, second = max(changes, key=lambda change: change[:2])
+    if size <= limit:
+        return f"No number changes significantly: none of {len(changes)} by more than {limit:.1f} standard deviations."
+    before, after = (with_error(*result.numbers[name]) for result in (first, second))
+    return (
+        f"The most significant change is that of '{name}': from {before} ({first.name}) to {after} ({second.name}), "
+        f"{number(size, 1)} standard deviations."
+    )
+
+
 @matplotlib.rc_context(STYLE)
-def _curves(results: Sequence[TrendResult]) -> list[Drawing]:
-    """One plot for each number, over the results in their order; a few plots to a row."""
+def _curves(results: Sequence[TrendResult]) -> Drawing:
+    """One plot for each number, over the results in their order."""
     figures = []
     order = np.arange(len(results))
     for name in _names(results):
@@ -169,7 +203,7 @@ def _curves(results: Sequence[TrendResult]) -> list[Drawing]:
         if name.startswith("χ²"):
             axes.axhline(1, color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
         figures.append(figure)
-    return [drawing(*figures[k : k + _PLOTS_IN_A_ROW]) for k in range(0, len(figures), _PLOTS_IN_A_ROW)]
+    return drawing(*figures)
 
 
 def _texts(pairs: Sequence[tuple[float, float]]) -> list[str]:
@@ -218,13 +252,14 @@ def write_trend(path: Path, results: Sequence[TrendResult]) -> None:
     """
     captures = ", ".join(dict.fromkeys(result.capture for result in results))
     sections = [
+        ReportSection("Finding", (trend_finding(results),)),
         ReportSection(
             "Every number", blocks=(ReportTable(("number", *(result.name for result in results)), trend_rows(results)),)
         ),
         ReportSection(
             "Trends",
             ("Bars are one standard deviation where it is known. The dashed line is noise alone.",),
-            _curves(results),
+            [_curves(results)],
         ),
     ]
     title = f"{len(results)} results of {captures}"

@@ -36,9 +36,14 @@ class Correlations:
         """A sentence for each pair of a strong correlation."""
         first, second = np.nonzero(np.triu(np.abs(np.nan_to_num(self.values)) > _STRONG, 1))
         return tuple(
-            f"{self.names[i]} and {self.names[j]} (r = {self.values[i, j]:+.2f}): {HARDLY_DISTINGUISHED}."
+            f"{self.names[i]} and {self.names[j]} (r = {_signed(self.values[i, j])}): {HARDLY_DISTINGUISHED}."
             for i, j in zip(first, second, strict=True)
         )
+
+
+def _signed(correlation: float) -> str:
+    """Text with a sign; a minus sign is no hyphen."""
+    return f"{correlation:+.2f}".replace("-", "−")
 
 
 def fitted_correlations(bases: Sequence[Base], effects: Sequence[AppliedEffect]) -> Correlations | None:

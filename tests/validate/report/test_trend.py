@@ -43,7 +43,8 @@ def test_every_number_stands_in_the_table_and_on_the_page(folders, tmp_path):
     with open_browser() as page:
         page.open(tmp_path / "trend.html")
         assert page.run("document.querySelectorAll('tbody tr').length") == len(record["numbers"])
-        assert page.run("document.querySelectorAll('.drawing svg').length") == len(record["numbers"])
+        widths = page.run("[...document.querySelectorAll('.drawing svg')].map((e) => e.getBoundingClientRect().width)")
+        assert len(widths) == len(record["numbers"]) and max(widths) - min(widths) < 1
         text = page.run("document.querySelector('table').innerText")
         assert "0.00400 ± 0.00010" in text and "–" in text
         for width in (1280, 400):
@@ -64,6 +65,23 @@ def test_what_is_no_result_is_refused(tmp_path):
         (tmp_path / "metrics.json").write_text(content)
         with pytest.raises(InputError):
             read_trend_result(tmp_path)
+
+
+def test_the_most_significant_change_is_the_finding():
+    def result(name, **numbers):
+        return trend.TrendResult(name, "box", numbers)
+
+    first = result("a", x=(1.0, 0.3), y=(5.0, 0.1), z=(9.0, float("nan")))
+    second = result("b", x=(2.0, 0.4), y=(4.0, 0.1), z=(1.0, 0.1))
+    assert trend.trend_finding([first, second, second]) == (
+        "The most significant change is that of 'y': from 5.00 ± 0.10 (a) to 4.00 ± 0.10 (b), 7.1 standard deviations."
+    )
+    # two of x alone: 2.0 sigma, and 2.8 are needed
+    alone = [result(name, x=value) for name, value in (("a", (1.0, 0.3)), ("b", (2.0, 0.4)), ("c", (2.0, 0.4)))]
+    assert trend.trend_finding(alone) == (
+        "No number changes significantly: none of 2 by more than 2.8 standard deviations."
+    )
+    assert "known standard deviation" in trend.trend_finding([result("a", z=(1.0, float("nan")))] * 2)
 
 
 def test_values_without_standard_deviation_have_the_decimals_that_differ():

@@ -32,7 +32,7 @@ def trend(
 
     Use it for a model before and after a change, for several cameras, or for a series over days.
     """
-    from ...report import read_trend_result, trend_record, trend_rows, write_trend
+    from ...report import read_trend_result, trend_finding, trend_record, trend_rows, write_trend
 
     if len(results) < _FEWEST:
         raise InputError("RESULTS", f"{len(results)} folder", f"at least {_FEWEST} folders of results")
@@ -40,6 +40,7 @@ def trend(
     require_file(out)
     read = [read_trend_result(folder) for folder in results]
     write_trend(out, read)
+    say(trend_finding(read))
     for name, *texts in trend_rows(read):
         say(f"{name}: {', '.join(texts)}")
     give_json(json, trend_record(read))
