@@ -332,6 +332,13 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
     press(page, "adopt")
     page.until("page.controls.length === 1")
     assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before
+    # nothing can be added of a cause that is unknown
+    page.run(
+        "showDiagnosis({selected: ['unknown'], sentences: [], ranking: ['unknown', 'gloss'].map("
+        "(id) => ({id, text: '', explained: null, probability: 0.5, values: {}}))})"
+    )
+    labels = "[...document.querySelectorAll('#diagnosis button')].map((e) => e.getAttribute('aria-label'))"
+    assert page.run(labels) == ["Add gloss"]
 
 
 @pytest.mark.parametrize("width", [1280, 400])
