@@ -170,4 +170,6 @@ def comparison_figure(c: Comparison, bands: Sequence[NamedBand], what: str) -> F
         raise InputError("figure", repr(what), f"one of {', '.join(FIGURES)}", suggestion(what, FIGURES))
     style = {key: _INK if value == STYLE["text.color"] else value for key, value in STYLE.items()}
     with matplotlib.rc_context({**style, "svg.hashsalt": "cboxlab", "axes.titlesize": 9.5}):
-        return FIGURES[what](c, bands)
+        figure = FIGURES[what](c, bands)
+        figure.draw_without_rendering()  # the first layout leaves too little space above titles
+    return figure
