@@ -269,6 +269,22 @@ def test_axes_number_the_pixels_at_their_centres(page, zoom):
             assert percent == pytest.approx(50 + 100 * zoom * (number + 0.5 - centres[axis]) / 48, abs=0.1)
 
 
+def test_numbers_stand_within_their_pixels(page):
+    page.run(
+        "globalThis.texts = []; globalThis.draw = CanvasRenderingContext2D.prototype.fillText;"
+        "CanvasRenderingContext2D.prototype.fillText = function (text, x, y, width) {"
+        "  texts.push([text, Math.min(this.measureText(text).width, width ?? Infinity)]);"
+        "  return draw.call(this, text, x, y, width); }; null"
+    )
+    page.run("v.set({mode: 'side', c: 'residual', band: -1, zoom: 8, x: 24, y: 28})")
+    cell = page.run("document.querySelector('canvas').clientWidth") / BOX.size * 8
+    assert cell > 46
+    texts = page.run("texts")
+    page.run("CanvasRenderingContext2D.prototype.fillText = draw; null")
+    assert len(texts) > 50 and max(width for _, width in texts) < cell
+    assert any(text.startswith("Y ") for text, _ in texts)
+
+
 def test_wheel_zooms_about_the_pointer_and_dragging_moves(page):
     """Ctrl + wheel: the pixel under the pointer stays there. A drag by a quarter of the width moves by a quarter."""
     pixel = _at(page, 0, 12, 12)

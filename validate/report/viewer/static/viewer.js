@@ -508,7 +508,7 @@ class CBoxViewer {
         const text = layer.values ? shown(value, 3) : "Y " + shown(value, 3);
         const [red, green, blue, alpha] = layer.rgba.subarray(4 * i, 4 * i + 4);
         context.fillStyle = !alpha || 0.3 * red + 0.59 * green + 0.11 * blue > 120 ? "#000" : "#fff";
-        context.fillText(text, g.left + (x + 0.5) * g.cell, g.top + (y + 0.5) * g.cell);
+        context.fillText(text, g.left + (x + 0.5) * g.cell, g.top + (y + 0.5) * g.cell, g.cell - 6);
       }
   }
 
