@@ -263,7 +263,7 @@ class CalibratedCapture:
         """Fitted factor on the lamp's power and its standard deviation.
 
         For an external rendering the factor is bounded by the stated lamp power, so that it cannot absorb missing
-        light.
+        light. Without darks its error holds those of the fitted dark levels and of the references' level.
 
         Parameters
         ----------
@@ -282,6 +282,10 @@ class CalibratedCapture:
             Its standard deviation.
         """
         scale, sigma = fit_lamp_scale(self.measured, signal, variance, used, self.lamp_sigma)
+        if (bands := self.calibration.bands).further_dark_sigma_dn.size:
+            by_level = np.sum(np.where(used, signal / variance * bands.by_dark_level, 0.0), axis=(1, 2))
+            of_levels = sigma**2 * by_level * bands.further_dark_sigma_dn
+            sigma = float(np.sqrt(sigma**2 + of_levels @ of_levels + self.calibration.radiometry.dark_sigma**2))
         return (scale if self.picture is None else held_lamp_scale(scale, self.lamp_sigma)), sigma
 
 
