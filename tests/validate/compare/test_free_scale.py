@@ -178,11 +178,7 @@ def without_flats(photograph, by_band, **of_bands):
 
 def test_dark_levels_settle_next_to_a_fall_off_that_was_fitted_without_the_effect():
     """A photograph without darks and flats, whose first fit took a dark wall for a tilt."""
-    plain, terms, levels = (
-        rendering() * np.array([0.1, 0.2, 1.0])[:, None, None],
-        fall_off_terms(AXIS, SHAPE),
-        [1, -1, 0],
-    )
+    plain, terms, levels = rendering() * np.array([[[0.1]], [[0.2]], [[1]]]), fall_off_terms(AXIS, SHAPE), [1, -1, 0]
     dark = np.where(np.arange(SHAPE[1]) < 15, 0.9, 1.0) * plain
     photograph = dark * (1 + np.tensordot([-0.1, 0.02, 0.0, 0.01], terms, 1)) + np.array(levels)[:, None, None]
     first = without_flats(photograph, False, dark_sigma_dn=np.full(3, 2.0))
