@@ -369,10 +369,9 @@ def _likelier_than_imitations(
 
 def _path(validation: Validation, start: LinearModel, answer: _Answer, imitated: Sequence[str]) -> tuple[Step, ...]:
     """The model as given, then with one effect more each, fitted without the later ones."""
-    unknown = unknown_notes(validation.prepared, imitated)
     linearised, effects = answer.linearised, answer.effects
-    pull = prior_pull(start.residual)
-    steps = [Step((), (), smooth_excess(start, start.residual), pull, validation.comparison, unknown)]
+    excess, pull = smooth_excess(start, start.residual), prior_pull(start.residual)
+    steps = [Step((), (), excess, pull, validation.comparison, unknown_notes(validation.prepared, imitated))]
     for count in range(1, len(effects) + 1):
         first_effects = refitted_together(linearised, effects[:count]) if count < len(effects) else effects
         steps.append(_step(validation, linearised, first_effects, imitated))
