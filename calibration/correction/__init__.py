@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from .black_level import dark_level_sigmas
     from .corrected_bands import CorrectedBands, correct_bands
     from .correction import correct, evaluate_variance, uniform_flat
     from .dark import DarkLibrary, read_darks
@@ -28,6 +29,7 @@ __all__ = [
     "VarianceSamples",
     "correct",
     "correct_bands",
+    "dark_level_sigmas",
     "evaluate_variance",
     "fall_off_terms",
     "hot_pixels",

@@ -7,12 +7,13 @@ for it, so that a large offset stays visible as one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import Capture, channel_mask
+from ..capture import BandTable, Capture, ReferenceTable, channel_mask
 
 __all__ = ["BlackLevel", "black_level", "dark_level_sigmas", "fitted_dark_levels"]
 
@@ -67,8 +68,10 @@ def black_level(capture: Capture) -> BlackLevel | None:
     return BlackLevel(level, _ROUNDED_DN, text)
 
 
-def dark_level_sigmas(capture: Capture, shot_dn: float) -> NDArray[np.float64]:
-    """Uncertainty of the bands' dark levels where no darks measured them.
+def dark_level_sigmas(
+    capture: Capture, tables: Sequence[BandTable | ReferenceTable], shot_dn: float
+) -> NDArray[np.float64]:
+    """Uncertainty of dark levels where no darks measured them.
 
     A stated black level is rounded, and is that of no exposure: dark current comes in addition.
 
@@ -76,17 +79,19 @@ def dark_level_sigmas(capture: Capture, shot_dn: float) -> NDArray[np.float64]:
     ----------
     capture
         The capture.
+    tables
+        Its photographs.
     shot_dn
         Counts per electron, DN/e-; 0 if the gain is unknown.
 
     Returns
     -------
     NDArray
-        (band,) standard deviations, DN. 0 where darks measured the level or were subtracted beforehand, and for merged
+        (table,) standard deviations, DN. 0 where darks measured the level or were subtracted beforehand, and for merged
         pictures, which are no counts.
     """
     manifest = capture.manifest
-    exposure_s = np.array([band.exposure_s for band in manifest.band])
+    exposure_s = np.array([table.exposure_s for table in tables])
     if manifest.darks or manifest.dark == "subtracted" or capture.is_merged:
         return np.zeros(exposure_s.size)
     return np.hypot(_ROUNDED_DN, _DARK_CURRENT_E_S * shot_dn * exposure_s)
@@ -100,7 +105,7 @@ def fitted_dark_levels(
     signal: NDArray[np.float64],
     variance: NDArray[np.float64],
     used: NDArray[np.bool_],
-) -> NDArray[np.float64]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Dark levels in addition to the stated ones, by a rendering and robust least squares.
 
     Parameters
@@ -122,8 +127,10 @@ def fitted_dark_levels(
     -------
     NDArray
         (band,) levels, DN, at most two of their standard deviations.
+    NDArray
+        (band,) their standard deviations next to free factors of the bands, DN.
     """
-    levels = np.zeros(len(level_sigma))
+    levels, sigmas = np.zeros(len(level_sigma)), level_sigma.copy()
     for band, (sigma, some) in enumerate(zip(level_sigma, used, strict=True)):
         if not some.any():
             continue
@@ -133,6 +140,8 @@ def fitted_dark_levels(
         for _ in range(_ROUNDS):
             pull = np.abs(data - fit @ design) * np.sqrt(weight)
             robust = weight * np.minimum(1.0, _HUBER / np.maximum(pull, 1e-9))
-            fit = np.linalg.solve((design * robust) @ design.T + np.diag([sigma**-2, 0.0]), design @ (robust * data))
+            information = (design * robust) @ design.T + np.diag([sigma**-2, 0.0])
+            fit = np.linalg.solve(information, design @ (robust * data))
         levels[band] = np.clip(fit[0], -_LARGEST_SIGMAS * sigma, _LARGEST_SIGMAS * sigma)
-    return levels
+        sigmas[band] = np.sqrt(np.linalg.inv(information)[0, 0])
+    return levels, sigmas

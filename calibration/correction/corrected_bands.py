@@ -55,6 +55,8 @@ class CorrectedBands(FrozenMappings):
     dark_sigma_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     #: (band,) dark levels that a comparison subtracted in addition, DN.
     further_dark_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    #: (band,) standard deviations of the dark levels that remain after it, DN.
+    further_dark_sigma_dn: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     #: Standard deviation of the pixels' dark levels, in the variance where no darks were taken, DN; else 0.
     dark_scatter_dn: float = 0.0
     #: By band of several exposures, how they were merged.
@@ -70,11 +72,16 @@ class CorrectedBands(FrozenMappings):
         return np.stack([1 / self.flats[band].response for band in self.images.band.values])
 
     @property
+    def dark_changes(self) -> NDArray[np.float64]:
+        """(band, band, y, x) changes of the signals by a standard deviation of each dark level, DN."""
+        return np.asarray(np.diag(self.dark_sigma_dn)[:, :, None, None] * self.by_dark_level)
+
+    @property
     def dark_sentence(self) -> str | None:
         """The dark levels that a comparison fitted, and what is not seen then; None with darks."""
         if not self.dark_sigma_dn.any() or not self.further_dark_dn.size:
             return None
-        triples = zip(self.images.band.values, self.further_dark_dn, self.dark_sigma_dn, strict=True)
+        triples = zip(self.images.band.values, self.further_dark_dn, self.further_dark_sigma_dn, strict=True)
         levels = ", ".join(f"{band} {level:+.2g} (± {sigma:.2g})" for band, level, sigma in triples)
         hot = int(np.count_nonzero(np.any(self.images["mask"].values & Mask.HOT, axis=0)))
         return (
@@ -196,7 +203,7 @@ class CorrectedBands(FrozenMappings):
         signal = self.images["signal"].values
         if self.further_dark_dn.size:
             signal = signal + self.further_dark_dn[:, None, None] * by_level
-        levels = fitted_dark_levels(
+        levels, sigmas = fitted_dark_levels(
             signal, by_level, self.dark_sigma_dn, signal=expected_signal, variance=variance, used=used
         )
         signal = signal - levels[:, None, None] * by_level
@@ -205,7 +212,7 @@ class CorrectedBands(FrozenMappings):
         pull_of_bands = np.where(bands > 0, pull.sum(axis=0) / np.sqrt(np.maximum(bands, 1)), np.nan)
         hot = np.where(lone_bright_pixels(pull_of_bands), np.uint8(Mask.HOT), np.uint8(0))
         images["mask"] = self.images["mask"] | hot
-        return replace(self, images=images, further_dark_dn=levels)
+        return replace(self, images=images, further_dark_dn=levels, further_dark_sigma_dn=sigmas)
 
     def predicted_variance(self, expected_signal: ArrayLike) -> NDArray[np.float64]:
         """Variance of the corrected signals, given their expectation.
@@ -497,7 +504,7 @@ def correct_bands(
         tuple(dict.fromkeys(notes)),
         nominal_axis,
         scatter,
-        dark_level_sigmas(capture, noise.shot_dn),
+        dark_level_sigmas(capture, capture.manifest.band, noise.shot_dn),
         merged=merged,
         exposure_findings=findings,
         faint=faint,

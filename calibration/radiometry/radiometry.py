@@ -15,6 +15,7 @@ from ..correction import (
     DarkLibrary,
     NoiseModel,
     correct,
+    dark_level_sigmas,
     evaluate_variance,
     uniform_flat,
 )
@@ -41,10 +42,12 @@ class BandConstant:
     band: str
     #: C, mm^2 m^2 / (e-/DN).
     constant: float
-    #: Standard deviation of C by noise.
+    #: Standard deviation of C by noise, and by the dark level where no darks measured it.
     sigma: float
     #: Number of pixels used.
     pixels: int
+    #: The part of the dark level.
+    dark_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,8 @@ class Radiometry:
     is_free: bool = False
     #: (band,) factors of the bands on `constant`, in the manifest's order; None where all are 1.
     band_factors: NDArray[np.float64] | None = None
+    #: Relative standard deviation of `constant` by a dark level that no darks measured, as if alike in all bands.
+    dark_sigma: float = 0.0
 
     @property
     def band_constants(self) -> float | NDArray[np.float64] | None:
@@ -118,8 +123,10 @@ def _reference_constant(
         spread = float(residual[good].mean())
         good &= residual < _OUTLIER_SIGMAS**2 * max(spread, 1.0)
     # The mean of the flat over the field is 1 by definition, so its noise is not included.
-    sigma = float(np.sqrt(variance[good].sum())) / flat.response[good].sum()
-    return BandConstant(table.band, level / unit, sigma / unit, int(good.sum())), spread
+    sum_of_flat = unit * flat.response[good].sum()
+    of_noise = float(np.sqrt(variance[good].sum())) / sum_of_flat
+    of_dark = float(dark_level_sigmas(capture, [table], noise.shot_dn)[0]) * good.sum() / sum_of_flat
+    return BandConstant(table.band, level / unit, np.hypot(of_noise, of_dark), int(good.sum()), of_dark), spread
 
 
 def measure_constant(
@@ -235,7 +242,8 @@ def _one_per_band(constants: Sequence[BandConstant]) -> tuple[BandConstant, ...]
         of_band = [c for c in constants if c.band == band]
         weight = np.array([c.sigma for c in of_band]) ** -2.0
         value = float(np.average([c.constant for c in of_band], weights=weight))
-        joined.append(BandConstant(band, value, float(weight.sum() ** -0.5), sum(c.pixels for c in of_band)))
+        dark = float(np.average([c.dark_sigma for c in of_band], weights=weight))
+        joined.append(BandConstant(band, value, float(weight.sum() ** -0.5), sum(c.pixels for c in of_band), dark))
     return tuple(joined)
 
 
@@ -275,7 +283,9 @@ def join_constants(constants: Sequence[BandConstant], nominal: float | None, not
     shares = 1 / (noise**2 + (scatter * mean) ** 2)
     shares /= shares.sum()
     mean = float(np.sum(shares * values))
-    variance = float(np.sum(shares**2 * (noise**2 + (scatter * mean) ** 2)))
+    of_dark = shares * [c.dark_sigma for c in by_band]
+    dark = float(of_dark.sum())
+    variance = float(np.sum(shares**2 * (noise**2 + (scatter * mean) ** 2))) + dark**2 - float(of_dark @ of_dark)
     freedom = degrees if scatter else np.inf
     return Radiometry(
         mean,
@@ -288,4 +298,5 @@ def join_constants(constants: Sequence[BandConstant], nominal: float | None, not
         misfit,
         degrees,
         tuple(notes),
+        dark_sigma=dark / mean,
     )

@@ -1,7 +1,8 @@
 """Vignetting: a radial fall-off that the flat field did not show.
 
 L' = L (1 - e r^2), r the distance from the image's centre over that of a corner pixel's centre. It acts on frames of
-the scene only. The cause is a flat field that was taken at another aperture or focus, or without the hood.
+the scene only. The cause is a flat field that was taken at another aperture or focus, or without the hood. Where a
+camera corrects its fall-off itself, flats correct it twice: e is negative.
 
 Parameters: edge_loss e, without unit, null value 0.
 Source: first term of an even polynomial in r; no publication.
@@ -34,5 +35,6 @@ EFFECT = Effect(
     "show it: it was taken at another aperture or focus, or without the hood.",
     parameters=(Parameter("edge_loss", "1", null=0.0, low=-0.5, high=0.9, step=5e-3),),
     apply=_apply,
-    confirm="Take the flat field again with the aperture, focus and hood of the scene's frames.",
+    confirm="Take the flat field again with the aperture, focus and hood of the scene's frames. A loss below 0 means "
+    "that the camera or a program had corrected them before: switch that off, or leave the flats out.",
 )

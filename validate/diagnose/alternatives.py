@@ -12,7 +12,6 @@ import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ..compare import Nuisances
 from .evidence import beyond_tolerance, dispersion, penalised, square
 from .fitting import parameter_variance
 from .hypotheses import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
@@ -357,7 +356,7 @@ def heldout_pixels(model: LinearModel, residual: NDArray, predicted: NDArray) ->
     rows, columns = np.indices(model.used.shape[1:])
     board = ((rows // _HELDOUT_BLOCK_PX + columns // _HELDOUT_BLOCK_PX) % 2).astype(bool)
     white = np.broadcast_to(board, model.used.shape)[model.used]
-    priors = np.ones(Nuisances.count, bool)
+    priors = np.ones(len(residual) - model.count, bool)
     fitted_gain = heldout_gain = 0.0
     for part in (white, ~white):
         inside, outside = np.append(part, priors), np.append(~part, ~priors)

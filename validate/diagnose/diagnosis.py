@@ -77,6 +77,8 @@ class Step(FrozenMappings):
     prior_pull: float
     #: Photograph against this model, camera and lamp fitted.
     comparison: Comparison
+    #: Notes on what references, flats and darks would have shown.
+    unknown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +230,7 @@ def diagnose_validation(
     if explanation is not None and not flaws.small:
         # their fit contained part of that cause, which is in the change also where its family is not named
         flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
-    path = _path(validation, start, answer)
+    path = _path(validation, start, answer, judged.imitated)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
     notes = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
@@ -253,7 +255,7 @@ def diagnose_validation(
         render=render,
         certainty=_least([] if search.first.errors is None else [effect.certainty for effect in answer.assessed]),
         limits=() if answer.selected else search.limits,
-        notes=unknown_notes(prepared, judged.imitated) + notes + unexplained.parts_notes(judged.verdicts, judged.leads),
+        notes=path[-1].unknown + notes + unexplained.parts_notes(judged.verdicts, judged.leads),
         flaws=flaws.reported,
         flaws_cost=flaws_cost,
         verdicts=judged.verdicts,
@@ -365,13 +367,14 @@ def _likelier_than_imitations(
     )
 
 
-def _path(validation: Validation, start: LinearModel, answer: _Answer) -> tuple[Step, ...]:
+def _path(validation: Validation, start: LinearModel, answer: _Answer, imitated: Sequence[str]) -> tuple[Step, ...]:
     """The model as given, then with one effect more each, fitted without the later ones."""
     linearised, effects = answer.linearised, answer.effects
-    steps = [Step((), (), smooth_excess(start, start.residual), prior_pull(start.residual), validation.comparison)]
+    excess, pull = smooth_excess(start, start.residual), prior_pull(start.residual)
+    steps = [Step((), (), excess, pull, validation.comparison, unknown_notes(validation.prepared, imitated))]
     for count in range(1, len(effects) + 1):
         first_effects = refitted_together(linearised, effects[:count]) if count < len(effects) else effects
-        steps.append(_step(validation, linearised, first_effects))
+        steps.append(_step(validation, linearised, first_effects, imitated))
     return tuple(steps)
 
 
@@ -424,24 +427,23 @@ def _least(gains: Sequence[float]) -> float:
     return min((gain for gain in gains if np.isfinite(gain)), default=float("nan"))
 
 
-def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[Candidate]) -> Step:
+def _step(
+    validation: Validation, linearised: LinearisedFit, effects: Sequence[Candidate], imitated: Sequence[str]
+) -> Step:
     """The model with these effects, compared; lamp and free scale are fitted with them in place."""
     prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, effects)
     applied = tuple(c.applied for c in effects)
     signal = linearised.predictor.signal((*linearised.model_effects, *applied))
+    prepared = prepared.fitted_about(signal, rendered.variance, rendered.used)
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
-    prepared = prepared.with_dark_levels_of(signal, variance, rendered.used)
-    before, prepared = prepared.free_scale, prepared.with_scale_of(signal, variance, rendered.used)
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
-    if before is not None and not before.absolute:
-        factors = ((prepared.free_scale or before).constant / before.constant)[:, None, None]
-        scale, signal = 1.0, factors * signal
-        lamp = replace(rendered.fit, lamp_scale=1.0)
-        rendered = replace(rendered, fit=lamp, signal=signal, variance=factors**2 * rendered.variance)
+    if prepared.free_scale is not None and not prepared.free_scale.absolute:
+        scale, rendered = 1.0, replace(rendered, fit=replace(rendered.fit, lamp_scale=1.0))
     return Step(
         effects=applied,
         sigma=tuple(dict(c.sigma) for c in effects),
         smooth_excess=smooth_excess(linearised.model, residual),
         prior_pull=prior_pull(residual),
         comparison=compared(prepared, rendered, scale * signal),
+        unknown=unknown_notes(prepared, imitated),
     )

@@ -168,8 +168,15 @@ def linearised_fit(
             [nuisances.lamp_scale * derivative, _by_lamp_scale(predictor, (*model_effects, *added))[None]]
         ),
         lamp_sigma=prepared.lamp_sigma,
-        band_errors=BandErrors(tabulation_errors(prepared.responses, lamp), _dark_errors(prepared)),
+        band_errors=BandErrors(
+            tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
+        ),
     )
+    if (bands := prepared.calibration.bands).dark_sigma_dn.any():
+        model = model.with_priors_of(
+            [change[rendered.used] / model.sigma for change in bands.dark_changes],
+            -bands.further_dark_dn / bands.dark_sigma_dn,
+        )
     columns = free_columns(prepared.calibration, prepared.free_scale, nuisances.lamp_scale * rendered.signal)
     free = tuple(column[rendered.used] for column in columns)
     model = model.marginalised_over([model.whiten_used(change) for change in free])
@@ -179,15 +186,6 @@ def linearised_fit(
     single = derivative.astype(np.float32)
     free_changes = None if prepared.free_scale is None else free
     return LinearisedFit(rendered, predictor, model, tuple(model_effects), base, single, free_changes)
-
-
-def _dark_errors(prepared: CalibratedCapture) -> NDArray[np.float64]:
-    """Standard deviations of the dark levels, (band, y, x) or with darks (1, 1, 1), DN."""
-    calibration, rounding = prepared.calibration, np.full((1, 1, 1), prepared.calibration.noise.rounding_error_dn)
-    unmeasured = calibration.bands.dark_sigma_dn
-    if not unmeasured.any():
-        return rounding
-    return np.asarray(np.hypot(rounding, unmeasured[:, None, None]) * calibration.bands.by_dark_level)
 
 
 def _by_lamp_scale(predictor: Predictor, effects: Sequence[AppliedEffect]) -> NDArray[np.float64]:

@@ -78,7 +78,8 @@ class _JointModel:
     def split(self, vector: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """The captures' vectors from a joined one."""
         pixels = np.split(vector[: self.count], np.cumsum([part.count for part in self.parts])[:-1])
-        priors = np.split(vector[self.count :], len(self.parts))
+        rows = [len(part.residual) - part.count for part in self.parts]
+        priors = np.split(vector[self.count :], np.cumsum(rows)[:-1])
         return [np.concatenate(pair) for pair in zip(pixels, priors, strict=True)]
 
     def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -76,12 +76,14 @@ def check_light_in_darks(stacks: Sequence[Stack], dark: DarkLibrary) -> Iterator
         return
     (light_dn, share), index = max(lights)
     tables = [s.key for s in stacks if s.kind == "dark" for _, i in lights if s.exposure_s == dark.exposure_s[i]]
+    shortest_s, exposure_s = dark.exposure_s[0], dark.exposure_s[index]
+    at_exposure = light_dn * exposure_s / (exposure_s - shortest_s)
     yield Suspicion(
         "the dark frames hold light",
         ", ".join(tables),
-        f"Of the level at {dark.exposure_s[index]:g} s, {light_dn:.3g} DN ({min(share, 1.0):.0%} of the increase over "
+        f"Of the level at {exposure_s:g} s, {light_dn:.3g} DN ({min(share, 1.0):.0%} of the increase over "
         f"the shortest exposure) show the {pattern_text} sensitivities as the flats do; dark current does not show "
-        "them.",
+        f"them. If this light shone in all dark frames, it is {at_exposure:.3g} DN at {exposure_s:g} s.",
     )
 
 

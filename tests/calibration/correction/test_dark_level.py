@@ -33,6 +33,11 @@ def test_the_levels_are_found_next_to_factors_of_the_bands(levels):
     arguments = rendered, np.full(SHAPE, 0.25), np.ones(SHAPE, bool)
     corrected = bands_of(measured).with_dark_levels_of(*arguments)
     fitted = corrected.further_dark_dn
+    unlike_light = 1 / RESPONSE - (rendered * np.sum(rendered / RESPONSE, (1, 2), keepdims=True)) / np.sum(
+        rendered**2, (1, 2), keepdims=True
+    )
+    sigmas = (np.sum(unlike_light**2, (1, 2)) / 0.25 + SIGMAS**-2) ** -0.5
+    np.testing.assert_allclose(corrected.further_dark_sigma_dn, sigmas, rtol=0.02)
     np.testing.assert_allclose(fitted, levels, atol=0.07)
     assert (corrected.images.mask[:, 3, 4] == Mask.HOT).all()
     np.testing.assert_allclose(corrected.images.signal.values, measured - fitted[:, None, None] / RESPONSE)
@@ -61,6 +66,6 @@ def test_dark_current_of_long_exposures_adds_to_the_rounding_of_a_stated_level()
     bands = [SimpleNamespace(exposure_s=0.01), SimpleNamespace(exposure_s=6.0)]
     manifest = SimpleNamespace(band=bands, darks=(), dark=())
     capture = SimpleNamespace(manifest=manifest, is_merged=False)
-    np.testing.assert_allclose(dark_level_sigmas(capture, 1 / 12), [0.2888, 5.0083], rtol=1e-3)
+    np.testing.assert_allclose(dark_level_sigmas(capture, bands, 1 / 12), [0.2888, 5.0083], rtol=1e-3)
     manifest.darks = (None,)
-    assert not dark_level_sigmas(capture, 1 / 12).any()
+    assert not dark_level_sigmas(capture, bands, 1 / 12).any()

@@ -49,6 +49,23 @@ def test_stated_sigmas_cover_the_truth(ensemble, quantity):
     assert 6.4 < np.sum(np.square(pulls)) < 60.0
 
 
+def test_without_darks_the_constant_has_the_error_of_the_stated_level(ensemble, tmp_path):
+    """A level stated 2 counts lower changes it by two of what 1 count does; the levels of all bands err alike."""
+    constants = []
+    for level in (100, 98):
+        fake = FakeCapture(tmp_path / str(level), seed=0, centres=(450, 550, 650))
+        folder = fake.write(darks=False)
+        manifest = folder / "capture.toml"
+        manifest.write_text(manifest.read_text().replace("[camera]\n", f"[camera]\nblack_level_dn = {level}\n"))
+        constants.append(radiometry(folder)[1])
+    lower, noise = constants[1], ensemble[0][1]
+    exposures = [fake.exposure[band.band] for band in lower.by_band]
+    by_count = [b.dark_sigma / np.hypot(12**-0.5, 10 / GAIN * t) for b, t in zip(lower.by_band, exposures, strict=True)]
+    assert (lower.constant - constants[0].constant) == pytest.approx(2 * lower.weights @ by_count, rel=0.02)
+    assert lower.dark_sigma * lower.constant == pytest.approx(lower.weights @ [b.dark_sigma for b in lower.by_band])
+    assert lower.sigma**2 == pytest.approx(noise.sigma**2 + (lower.dark_sigma * lower.constant) ** 2, rel=0.1)
+
+
 def test_bands_agree_on_one_constant(ensemble):
     """chi2 over bands summed over captures: 48 degrees, 1e-4 a side."""
     assert 18.0 < sum(r.chi2 for _, r in ensemble) < 95.0

@@ -143,8 +143,8 @@ def test_a_light_leak_in_all_darks_is_named_with_its_size(tmp_path):
     leaking(d, 1.9, sensitivities(d))
     (suspicion,) = light_suspicions(d)
     longest = max(table["exposure_s"] for table in d.tables("dark"))
-    size = float(re.search(r"s, ([\d.]+) DN", suspicion.why)[1])
-    assert size == pytest.approx(1.9 * longest, rel=0.15)
+    size = float(re.search(r"it is ([\d.]+) DN", suspicion.why)[1])
+    assert size == pytest.approx(1.9 * longest, rel=0.1)
     assert f"({longest:g} s)" in suspicion.where
 
 

@@ -1,7 +1,7 @@
 """Free factors and fall-off of a capture without absolute scale: exact fits, noise, and a whole validation."""
 
 import tomllib
-from dataclasses import make_dataclass, replace
+from dataclasses import dataclass, make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -155,6 +155,40 @@ def test_a_second_fit_corrects_the_first_one_exactly():
     np.testing.assert_allclose(signal + change, signal * bent[0] / bent[1])
 
 
+@dataclass(frozen=True, eq=False)
+class Uncalibrated:
+    bands: CorrectedBands
+    radiometry: object
+    capture: object
+    responses: object = None
+    images = property(lambda self: self.bands.images)
+    predicted_variance = property(lambda self: self.bands.predicted_variance)
+
+
+def without_flats(photograph, by_band, **of_bands):
+    flat = FlatField(np.ones(SHAPE), np.zeros(SHAPE), np.inf, np.zeros(0), np.zeros(SHAPE, bool))
+    images = band_images(BANDS, photograph, np.ones(photograph.shape))
+    coefficients = np.ones((3, 3, *SHAPE)) * np.array([1.0, 0.0, 0.0])[:, None, None]
+    bands = CorrectedBands(images, coefficients, dict.fromkeys(BANDS, flat), (), AXIS, **of_bands)
+    manifest = SimpleNamespace(is_free_by_band=by_band, is_absolute=False)
+    radiometry = make_dataclass("R", ["constant", "band_factors"])(1.0, None)
+    stand = Uncalibrated(bands, radiometry, SimpleNamespace(manifest=manifest, cell=None))
+    return CalibratedCapture(stand, None, None, None, None, None, None, free_scale=start(by_band, True))
+
+
+def test_dark_levels_settle_next_to_a_fall_off_that_was_fitted_without_the_effect():
+    """A photograph without darks and flats, whose first fit took a dark wall for a tilt."""
+    plain, terms, levels = rendering() * np.array([[[0.1]], [[0.2]], [[1]]]), fall_off_terms(AXIS, SHAPE), [1, -1, 0]
+    dark = np.where(np.arange(SHAPE[1]) < 15, 0.9, 1.0) * plain
+    photograph = dark * (1 + np.tensordot([-0.1, 0.02, 0.0, 0.01], terms, 1)) + np.array(levels)[:, None, None]
+    first = without_flats(photograph, False, dark_sigma_dn=np.full(3, 2.0))
+    every, none = plain > 0, np.zeros(plain.shape)
+    first = first.with_scale_of(plain, np.ones(plain.shape), every)
+    fitted = first.fitted_about(first.free_scale.constant[0] * dark, none, every)
+    np.testing.assert_allclose(fitted.calibration.bands.further_dark_dn, levels, atol=0.15)
+    assert fitted.free_scale.fall_off == pytest.approx([-0.1, 0.02, 0.0, 0.01], abs=2e-3)
+
+
 @pytest.mark.parametrize("by_band", [False, True])
 def test_with_an_effect_in_place_fall_off_and_factors_are_fitted_again(by_band):
     """A first fit took a dark wall for a tilt. In the prediction's units the photograph is that prediction then."""
@@ -162,21 +196,12 @@ def test_with_an_effect_in_place_fall_off_and_factors_are_fitted_again(by_band):
     dark = np.where(np.arange(SHAPE[1]) < 15, 0.9, 1.0) * plain
     bent = 1 + np.tensordot([-0.1, 0.02, 0.0, 0.01], terms, 1)
     factors = np.array([2.0, 3.0, 0.5] if by_band else [2.0, 2.0, 2.0])[:, None, None]
-    flat = FlatField(np.ones(SHAPE), np.zeros(SHAPE), np.inf, np.zeros(0), np.zeros(SHAPE, bool))
-    images = band_images(BANDS, factors * dark * bent, np.ones(plain.shape))
-    coefficients = np.ones((3, 3, *SHAPE)) * np.array([1.0, 0.0, 0.0])[:, None, None]
-    bands = CorrectedBands(images, coefficients, dict.fromkeys(BANDS, flat), (), AXIS)
-    manifest = SimpleNamespace(is_free_by_band=by_band, is_absolute=False)
-    names = ["bands", "images", "radiometry", "responses", "capture", "predicted_variance"]
-    radiometry = make_dataclass("R", ["constant", "band_factors"])(1.0, None)
-    capture = SimpleNamespace(manifest=manifest, cell=None)
-    calibration = make_dataclass("C", names)(bands, images, radiometry, None, capture, bands.predicted_variance)
-    first = CalibratedCapture(calibration, None, None, None, None, None, None, free_scale=start(by_band, True))
+    first = without_flats(factors * dark * bent, by_band)
     every = plain > 0
     fitted = first.fitted_about(1.9 * dark, np.zeros(plain.shape), every)
     np.testing.assert_allclose(fitted.calibration.bands.images["signal"], 1.9 * dark, rtol=2e-3)
     assert fitted.free_scale.fall_off == pytest.approx([-0.1, 0.02, 0.0, 0.01], abs=5e-3)
-    assert replace(first, free_scale=None).fitted_about(dark, dark, every).calibration is calibration
+    assert replace(first, free_scale=None).fitted_about(dark, dark, every).calibration is first.calibration
 
 
 @pytest.fixture(scope="module")

@@ -166,6 +166,24 @@ def test_the_error_of_a_dark_level_is_each_bands_own(parts):
     assert fine.shared_errors.shape[1] == SHAPE[0] + 1
 
 
+def test_levels_with_priors_are_errors_that_samples_share(parts):
+    """An amplitude next to them is that of generalised least squares with their covariance, which has no rows."""
+    generator, base, derivative, camera = parts
+    model = model_of(base + 5 * generator.standard_normal(SHAPE), base, derivative, camera)
+    change = np.linspace(1, 2, SHAPE[2]) ** 2 * np.ones(SHAPE)
+    columns = 0.3 * np.eye(SHAPE[0])[:, :, None, None] * np.linspace(1, 2, SHAPE[2]) * np.ones(SHAPE)
+    missed = np.array([1.5, -0.5, 0.0])
+    with_levels = model.with_priors_of([column.ravel() for column in columns], missed)
+    shape, levels = model.whiten(change), np.array([model.whiten(5 * column) for column in columns]).T
+    residual = model.residual - levels @ missed
+    weighted = shape - levels @ np.linalg.solve(np.eye(3) + levels.T @ levels, levels.T @ shape)
+    narrowed = with_levels.whiten(change)
+    assert narrowed @ narrowed == pytest.approx(weighted @ shape, rel=1e-9)
+    assert narrowed @ narrowed < 0.9 * shape @ shape
+    assert narrowed @ with_levels.residual == pytest.approx(weighted @ residual, rel=1e-9)
+    assert with_levels.camera_change(np.ones(10)).size == with_levels.count + 3 + 11
+
+
 def test_errors_of_dark_levels_gain_what_is_said(parts):
     """The mean over 400 draws of the chi2 that a change fitted to such errors gains; four of its standard errors."""
     generator, base, derivative, camera = parts

@@ -3,7 +3,7 @@
 To first order the measured signals are r = D t + s a + noise. D holds the derivatives by the eleven nuisances t,
 their priors as further rows; s is an effect's signature and a its amplitude. Minimising over t is a projection, so
 an effect's gain in chi2 is that of the projected signature alone. A vector (n + 11,) holds the n used samples over
-sigma, then the eleven rows of the priors.
+sigma, then the eleven rows of the priors. Without darks, rows of the bands' dark levels stand between them.
 """
 
 from __future__ import annotations
@@ -155,7 +155,8 @@ class LinearModel:
             (n + 11,) as of `whiten`.
         """
         pixels = change / self.sigma
-        return self.project(_without_priors(pixels if self.errors is None else self.errors.whitened(pixels)))
+        pixels = pixels if self.errors is None else self.errors.whitened(pixels)
+        return self.project(np.append(pixels, np.zeros(len(self.residual) - self.count)))
 
     def counting(self, errors: PictureErrors) -> LinearModel:
         """The model with rendering errors in the covariance, which then whiten all vectors.
@@ -221,6 +222,31 @@ class LinearModel:
         basis = np.hstack([self.basis, u[:, values > _RELATIVE_CUTOFF * values[0]]])
         free = replace(self, basis=basis)
         return replace(free, residual=free.project(self.residual))
+
+    def with_priors_of(self, columns: Sequence[NDArray[np.float64]], missed: NDArray[np.float64]) -> LinearModel:
+        """The model with further nuisances, bound to priors by rows before those of camera and lamp.
+
+        Parameters
+        ----------
+        columns
+            (n,) over sigma each, changes by one standard deviation of a prior.
+        missed
+            (k,) prior values minus those of the base, in standard deviations.
+
+        Returns
+        -------
+        LinearModel
+            With a larger basis, its residual projected again.
+        """
+        rows = np.full(len(columns), self.count)
+        residual, basis, shared = (np.insert(a, rows, 0, 0) for a in (self.residual, self.basis, self.shared_errors))
+        residual[self.count : self.count + len(columns)] = missed
+        model = replace(self, residual=residual, basis=basis, shared_errors=shared)
+        projected = [
+            model.project(np.concatenate([column, unit, np.zeros(Nuisances.count)]))
+            for column, unit in zip(columns, np.eye(len(columns)), strict=True)
+        ]
+        return model.marginalised_over(projected)
 
     def gain_of_dark_errors(self, change: NDArray) -> float:
         """Mean chi2 that a change gains by fitting errors of the bands' dark levels.
@@ -312,7 +338,7 @@ class LinearModel:
 
     def _of_priors(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change (n + 11,), projected, by nuisances (11,) whose part in the picture is taken off."""
-        return self.project(np.append(np.zeros(self.count), -self.priors @ vector))
+        return self.project(np.append(np.zeros(len(self.residual) - Nuisances.count), -self.priors @ vector))
 
     @property
     def chi2(self) -> float:
@@ -439,13 +465,13 @@ class BandErrors:
 
     #: (band,) relative to the signal, by the tabulation of spectra.
     relative: NDArray[np.float64]
-    #: (band, y, x) or a shape that suits it, of the dark level in the signal, DN.
-    dark_dn: NDArray[np.float64]
+    #: Of the dark level in the signal, DN.
+    dark_dn: float
 
     @property
     def dark_counts(self) -> bool:
         """Whether the error of the dark level is large enough to be counted."""
-        return bool(np.max(self.dark_dn) > _MIN_DARK_ERROR_DN)
+        return self.dark_dn > _MIN_DARK_ERROR_DN
 
 
 def build_linear_model(
@@ -528,7 +554,7 @@ def _shared_errors(
     bands = [
         size * band * signal for size, band in zip(np.hypot(_BAND_ERROR, errors.relative), unit_bands, strict=True)
     ]
-    darks = [band * np.broadcast_to(errors.dark_dn, signal.shape) for band in unit_bands] if errors.dark_counts else []
+    darks = [band * np.full(signal.shape, errors.dark_dn) for band in unit_bands] if errors.dark_counts else []
     faces = [_FACE_ERROR * part * signal for part in np.moveaxis(coverage, -1, 0) if part.any()]
     rows = [_without_priors(error[used] / sigma).astype(np.float32) for error in (*darks, *bands, *faces)]
     return np.array(rows).T
