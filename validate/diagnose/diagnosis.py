@@ -293,6 +293,9 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
     by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]
     imitations = dict(answer.imitations)
     unknown = max(unlisted, *imitations.values(), LEAST_PROBABILITY)
+    if explanation is not None and not effects and max(unlisted, best.cause_probability) <= LIKELY:
+        # the pattern is likelier that of a sound capture
+        return replace(answer, unknown=max(unknown, best.cause_probability))
     if explanation is not None:
         explained = explained_part(start, residual)
         # an imitation of another cause explains a part of it
