@@ -419,23 +419,3 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
     with pytest.raises(_Reached):
         diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)
     np.testing.assert_allclose(explained, [without if is_taken_off else residual for is_taken_off in taken_off])
-
-
-@pytest.mark.parametrize(("sound", "selected"), [(0.53, ()), (0.47, ("unknown",))])
-def test_a_pattern_without_effects_is_unknown_where_a_cause_is_likelier_than_a_sound_capture(
-    monkeypatch, sound, selected
-):
-    best = SimpleNamespace(single_pixels=False, cause_probability=1 - sound, named_if_likely=lambda: best)
-    monkeypatch.setattr(diagnosis_module, "residual_with_rendered", lambda linearised, effects: np.ones(2))
-    monkeypatch.setattr(diagnosis_module, "something_remains", lambda model, residual, rendered: True)
-    monkeypatch.setattr(diagnosis_module.unexplained, "residual_data_of", lambda linearised, rest, capture: rest)
-    monkeypatch.setattr(diagnosis_module.unexplained, "explanation_to_report", lambda several, *rest: several[0])
-    monkeypatch.setattr(diagnosis_module, "explain_masked_families", lambda excess: ())
-    monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: best)
-    model = SimpleNamespace(chi2=9.0, count=2, residual=np.ones(2))
-    answer = diagnosis_module._Answer(SimpleNamespace(model=model), [], [], np.ones(2))
-    judged = SimpleNamespace(flaws=SimpleNamespace(small=False), unlisted=0.0)
-    result = diagnosis_module._explained(SimpleNamespace(model=model), answer, judged, None, NO_PROGRESS)
-    assert result.selected == selected
-    assert result.explanation is (best if selected else None)
-    assert result.unknown == pytest.approx(1 - sound)
