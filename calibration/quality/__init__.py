@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from .find import find_suspicions
     from .frame_checks import Suspicion
     from .levels import centre_nm, power_law
-    from .points import explain_points
+    from .points import distance_to_surface, explain_points
 
-__all__ = ["Suspicion", "centre_nm", "explain_points", "find_suspicions", "power_law"]
+__all__ = ["Suspicion", "centre_nm", "distance_to_surface", "explain_points", "find_suspicions", "power_law"]
 
 __getattr__, __dir__ = lazy_names(__name__)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from cboxlab.scenes import Scene
+from cboxlab.scenes.scene import Surface
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
@@ -14,7 +15,7 @@ from ..capture import Capture
 from ..geometry import CameraFit, SurveyedPoints, capture_points, fit_camera
 from .frame_checks import Suspicion
 
-__all__ = ["check_points", "explain_points"]
+__all__ = ["check_points", "distance_to_surface", "explain_points"]
 
 #: Largest distance of a surveyed point from a surface, mm: boxes are built to a few mm.
 OFF_SURFACE_MM = 15.0
@@ -250,11 +251,25 @@ def _corrections(points: SurveyedPoints, width: int, height: int) -> dict[str, S
 
 def _distance_to_surfaces(scene: Scene, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) distance of points (n, 3), mm, to the nearest surface or lamp of a scene, mm."""
-    nearest = np.full(len(points), np.inf)
-    for surface in scene.all_surfaces:
-        for face in surface.faces:
-            nearest = np.minimum(nearest, _distance_to_triangle(points, surface.vertices_mm[face]))
-    return nearest
+    return np.min([distance_to_surface(surface, points) for surface in scene.all_surfaces], axis=0)
+
+
+def distance_to_surface(surface: Surface, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of points to a surface.
+
+    Parameters
+    ----------
+    surface
+        The surface.
+    points
+        (n, 3) positions, mm.
+
+    Returns
+    -------
+    NDArray
+        (n,) mm.
+    """
+    return np.min([_distance_to_triangle(points, surface.vertices_mm[face]) for face in surface.faces], axis=0)
 
 
 def _distance_to_triangle(points: NDArray[np.float64], triangle: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.colour import FilterWeights
-from cboxlab.calibration.geometry import CameraFit
+from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, capture_points, parameter_jacobian
 from cboxlab.calibration.instrument import BandResponse
+from cboxlab.calibration.quality import distance_to_surface
 from cboxlab.calibration.result import Calibration, calibrate_capture
 from cboxlab.rendering.chain import RenderSettings, after_stage
-from cboxlab.rendering.effects import AppliedEffect
+from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.rendering.files import Declared
 from cboxlab.rendering.model import Model, seen_through
 from cboxlab.rendering.radiosity import LightField, solve_light
 from cboxlab.scenes.camera import Camera
 from cboxlab.scenes.scene import Scene
+from cboxlab.scenes.shapes import moved_on_floor
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
@@ -32,6 +34,9 @@ __all__ = ["CalibratedCapture", "prepare", "solved_light", "with_model", "with_p
 
 #: Ratio of the measured to the modelled signal above which the model lacks light.
 _MIN_EXCESS_RATIO = 2.0
+
+#: Largest distance from a block of a surveyed point that moves with it, mm: stated positions are rounded.
+_ON_BLOCK_MM = 1.0
 
 #: Share of the picture's median signal below which a sample is too dark to say that the model lacks light.
 _MIN_SIGNAL_SHARE = 0.05
@@ -338,9 +343,10 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
             + (' Without gain and lens data state scale = "free".' if manifest_is_absolute else ""),
         )
     scene = model.scene.with_lamp(capture.light(lamp.radiance))
+    points = capture_points(capture)
     return CalibratedCapture(
         calibration,
-        camera_fit,
+        camera_fit if points is None else with_placed_blocks(camera_fit, points, scene),
         responses,
         weights,
         scene.lambertian,
@@ -348,6 +354,43 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
         scene,
         free_scale=starting_scale(calibration),
     )
+
+
+def with_placed_blocks(fit: CameraFit, points: SurveyedPoints, scene: Scene) -> CameraFit:
+    """A survey's camera with the tolerance of blocks' places in its covariance.
+
+    All points on a block move with it, so that their number does not average this error.
+
+    Parameters
+    ----------
+    fit
+        Camera fitted to the points.
+    points
+        The points.
+    scene
+        Scene with its blocks.
+
+    Returns
+    -------
+    CameraFit
+        With a larger covariance where points lie on blocks.
+    """
+    camera, position = fit.camera, points.points_mm[fit.in_use]
+    if camera.covariance is None:
+        return fit
+    covariance = np.array(camera.covariance)
+    by_image = camera.covariance @ parameter_jacobian(camera, position).T / fit.point_sigma_px**2
+    numbers = {number.name: 0.0 for number in catalogue()["block-pose"].numbers}
+    for block in (surface for surface in scene.surfaces if surface.name.endswith("-block")):
+        on_block = distance_to_surface(block, position) < _ON_BLOCK_MM
+        corners = np.c_[block.vertices_mm, np.ones(len(block.vertices_mm))]
+        for number in catalogue()["block-pose"].numbers:
+            moved = moved_on_floor(block.vertices_mm, **{**numbers, number.name: number.tolerance})
+            rigid = np.linalg.lstsq(corners, moved - block.vertices_mm, rcond=None)[0]
+            shift = on_block[:, None] * (np.c_[position, np.ones(len(position))] @ rigid)
+            change = by_image @ (camera.project(position + shift) - camera.project(position)).ravel()
+            covariance += np.outer(change, change)
+    return replace(fit, camera=replace(camera, covariance=covariance))
 
 
 def _compared_with(capture: Capture, scene: Scene) -> Capture:

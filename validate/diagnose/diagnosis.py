@@ -272,6 +272,8 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
     Where one family explains the excess better than the effects, "unknown" is the whole answer, and the model stays as
     given. What small flaws of the base explain is taken off beforehand, unless something remains then, since their fit
     contains part of such a cause. Next to effects, "unknown" is added where an unlisted cause is likelier than not.
+    Without effects it is the answer where a cause is likelier than a sound capture. Next to flaws that stand for what
+    remained it always is, since the odds do not know these.
     first : the picture without effects.
     """
     flaws, unlisted = judged.flaws, judged.unlisted
@@ -295,6 +297,8 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
     by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]
     imitations = dict(answer.imitations)
     unknown = max(unlisted, *imitations.values(), LEAST_PROBABILITY)
+    if explanation is not None and not (effects or by_flaws) and max(unlisted, best.cause_probability) <= LIKELY:
+        return replace(answer, unknown=max(unknown, best.cause_probability))
     if explanation is not None:
         explained = explained_part(start, residual)
         # an imitation of another cause explains a part of it

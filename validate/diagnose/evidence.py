@@ -35,6 +35,7 @@ __all__ = [
     "penalised",
     "price_of",
     "prior_pull",
+    "relieves",
     "shape_error_of",
     "something_remains",
     "square",
@@ -259,10 +260,28 @@ def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, by
         return gain > max(certain, least_gain(candidate, model), by_shapes)
     if candidate.hypothesis.effect.imitates_nuisance:
         relief = prior_pull(residual) ** 2 - prior_pull(residual - candidate.predicted) ** 2
-        relieved = gain > 0 and relief > chi2_quantile(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free))
+        relieved = gain > 0 and relieves(relief, candidate)
         if relieved or candidate.by_priors:
             return bool(relieved)
     return gain > max(least_gain(candidate, model), by_shapes)
+
+
+def relieves(relief: float, candidate: Candidate) -> bool:
+    """Whether an effect relieves the priors by more than chance does.
+
+    Parameters
+    ----------
+    relief
+        Chi2 that the priors gain by it.
+    candidate
+        The effect.
+
+    Returns
+    -------
+    bool
+        By the number of its free numbers.
+    """
+    return bool(relief > chi2_quantile(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free)))
 
 
 def beyond_tolerance(candidate: Candidate) -> bool:

@@ -18,7 +18,7 @@ from .alternatives import (
     with_better_alternatives,
 )
 from .base_flaws import FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
-from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, square
+from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relieves, square
 from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import (
@@ -296,12 +296,13 @@ def verdict_of(
     Returns
     -------
     Verdict
-        An effect that priors judge holds. One whose numbers are null changes nothing, and does not.
+        An effect that priors judge holds if it still relieves them. One whose numbers are null changes nothing.
     """
     name, model = candidate.hypothesis.effect.id, flaws.model
     gain = (square(without) - square(residual)) / model.model.count
     if candidate.by_priors:
-        return Verdict(name, gain, square(without) - square(residual), np.inf, 1.0, True)
+        relief = square(without) - square(residual)
+        return Verdict(name, gain, relief, np.inf, 1.0, relieves(relief, candidate))
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]

@@ -93,7 +93,7 @@ def ranking(
                 if candidate is effect.candidate or listed is None or entry.probability > listed.probability:
                     entries[entry.effect] = entry
     else:
-        others_share = 1 - unknown if selected else 1 - unknown - _NOTHING_MISSING
+        others_share = 1 - unknown if selected else max(1 - unknown - _NOTHING_MISSING, 0.0)
         for candidate, share in zip(singles, _shares(singles, search.first.chi2, 1.0), strict=True):
             entries[candidate.hypothesis.effect.id] = _ranked(candidate, offset, start.count, others_share * share)
     lowest = min((offset + c.chi2 for c in singles), default=start.chi2)

@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction import CorrectedBands
+from cboxlab.calibration.geometry import SurveyedPoints, fit_camera
 from cboxlab.calibration.instrument import band_images
 from cboxlab.scenes import cornell_box
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
-from cboxlab.validation.compare.prepared import CalibratedCapture, _compared_with
+from cboxlab.validation.compare.prepared import CalibratedCapture, _compared_with, with_placed_blocks
+from cboxlab.validation.synthetic import perturbed_camera
 
 
 def test_noise_is_the_photographs_where_it_is_twice_the_model():
@@ -59,3 +61,32 @@ def test_pixels_scatter_beyond_the_noise_of_both_pictures():
     prepared = make_dataclass("Prepared", ["calibration"])(calibration)
     result = CalibratedCapture.with_scatter_of(prepared, np.full(3, 5.0), np.full(3, 0.5), np.ones(3, bool))
     np.testing.assert_array_equal(result.calibration.bands, 10.5)
+
+
+def test_the_surveyed_camera_is_as_uncertain_as_its_points_on_blocks_that_move_together():
+    """The covariance grows by the squared changes of cameras fitted to points on moved blocks."""
+    box, camera, draw, sigma = cornell_box(), perturbed_camera(256, 1), np.random.default_rng(3), 0.02
+    corners = {name: box.surface(name).vertices_mm for name in ("short-block", "tall-block")}
+    room = [x for s in box.surfaces if s.name not in corners for x in s.vertices_mm + 1e-3 * draw.normal(size=3)]
+    names = tuple(map(str, range(len(room) + sum(map(len, corners.values())))))
+
+    def fitted(scene):
+        blocks = [scene.surface(name).vertices_mm for name in corners]
+        return fit_camera(
+            SurveyedPoints(names, position_mm, camera.project(np.vstack([room, *blocks]))),
+            width_px=256,
+            height_px=256,
+            point_sigma_px=sigma,
+            start=camera,
+        )
+
+    position_mm = np.vstack([room, *corners.values()])
+    sound, expected = fitted(box), np.zeros((10, 10))
+    moves = ({"by_mm": [0.1, 0, 0]}, {"by_mm": [0, 0, 0.1]}, {"turn_deg": 0.05})
+    for block, move in ((block, move) for block in corners for move in moves):
+        change = fitted(box.moved(block, **move)).camera.parameters - sound.camera.parameters
+        expected += np.outer(change, change)
+    points = SurveyedPoints(names, position_mm, camera.project(position_mm))
+    growth = with_placed_blocks(sound, points, box).camera.covariance - sound.camera.covariance
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(growth / np.outer(size, size), expected / np.outer(size, size), atol=0.02)

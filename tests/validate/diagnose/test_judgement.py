@@ -46,6 +46,18 @@ def test_an_effect_holds_by_its_amplitude_and_one_that_changes_nothing_does_not(
     assert verdict.holds_next_to_flaws is holds
 
 
+@pytest.mark.parametrize(
+    ("free", "relief", "holds"), [(1, 12.0, False), (1, 14.0, True), (6, 24.0, False), (6, 27.0, True)]
+)
+def test_an_effect_that_priors_judge_holds_if_it_relieves_them_by_more_than_chance(free, relief, holds):
+    """Odds of 3e-4: 3.6 standard deviations squared for one number, 25.3 for six."""
+    hypothesis = SimpleNamespace(effect=SimpleNamespace(id="lamp-power"), free=range(free))
+    candidate = SimpleNamespace(hypothesis=hypothesis, by_priors=True)
+    rest = np.ones(COUNT)
+    without = rest * np.sqrt(1 + relief / COUNT)
+    assert judgement.verdict_of(candidate, without, rest, sound_base(rest)).holds is holds
+
+
 def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):
     noise, cause = np.random.default_rng(4).standard_normal((2, 5, 6, 7))
     linearised = SimpleNamespace(model=SimpleNamespace(whiten=np.ravel))

@@ -1,11 +1,16 @@
 """Probabilities of effects and of an unknown cause."""
 
+import importlib
+from dataclasses import make_dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose.evidence import SHAPE_ERROR
 from cboxlab.validation.diagnose.ranking import _NOTHING_MISSING, UNKNOWN, _shares, ranking
+
+diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
 
 
 def _candidate(name, chi2):
@@ -106,3 +111,28 @@ def test_probabilities_follow_the_difference_of_chi2():
     weights = np.exp(-np.array([0.0, 4.0, 30.0]) / 2 / scatter)
     assert _shares(trials, 1510.0, 2.0) == pytest.approx(weights / weights.sum())
     assert _shares(trials[:1], 100.0, 1.0) == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("sound", "next_to_flaws", "selected"), [(0.53, True, ()), (0.47, True, ("unknown",)), (0.53, False, ("unknown",))]
+)
+def test_a_pattern_without_effects_is_unknown_where_a_cause_is_likelier_than_a_sound_capture(
+    monkeypatch, sound, next_to_flaws, selected
+):
+    """The odds do not count flaws that explain what remains: with these it is always unknown."""
+    best = SimpleNamespace(single_pixels=False, cause_probability=1 - sound, named_if_likely=lambda: best)
+    remains = iter((True, next_to_flaws))
+    monkeypatch.setattr(diagnosis_module, "residual_with_rendered", lambda linearised, effects: np.ones(2))
+    monkeypatch.setattr(diagnosis_module, "something_remains", lambda model, residual, rendered: next(remains))
+    monkeypatch.setattr(diagnosis_module.unexplained, "residual_data_of", lambda linearised, rest, capture: rest)
+    monkeypatch.setattr(diagnosis_module.unexplained, "explanation_to_report", lambda several, *rest: several[0])
+    monkeypatch.setattr(diagnosis_module, "explain_masked_families", lambda excess: ())
+    monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: best)
+    fields = {"chi2": 9.0, "count": 2, "residual": np.ones(2), "whiten_used": lambda change: change}
+    model = make_dataclass("Model", fields)(*fields.values())
+    answer = diagnosis_module._Answer(SimpleNamespace(model=model), [], [], np.ones(2))
+    judged = SimpleNamespace(flaws=SimpleNamespace(small=True, change_dn=np.full(2, 0.5)), unlisted=0.0)
+    result = diagnosis_module._explained(SimpleNamespace(model=model), answer, judged, None, NO_PROGRESS)
+    assert result.selected == selected
+    assert result.explanation is (best if selected else None)
+    assert result.unknown == pytest.approx(1 - sound)
