@@ -430,8 +430,7 @@ def _step(validation: Validation, linearised: LinearisedFit, effects: Sequence[C
     applied = tuple(c.applied for c in effects)
     signal = linearised.predictor.signal((*linearised.model_effects, *applied))
     variance = prepared.calibration.predicted_variance(signal) + rendered.variance
-    prepared = prepared.with_dark_levels_of(signal, variance, rendered.used)
-    before, prepared = prepared.free_scale, prepared.with_scale_of(signal, variance, rendered.used)
+    before, prepared = prepared.free_scale, prepared.with_levels_of(signal, variance, rendered.used)
     scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
     if before is not None and not before.absolute:
         factors = ((prepared.free_scale or before).constant / before.constant)[:, None, None]
