@@ -11,7 +11,10 @@ from cboxlab.rendering.model.model_file import Model, write_model
 from helpers.programs.command_line import assert_one_line_of_help
 from helpers.programs.installed_renderers import own_renderers
 
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
 CLOSED = """
 format = "scene/1"
