@@ -126,7 +126,7 @@ def test_mistakes_end_in_one_line(tmp_path, cbox):
 def test_a_renderer_of_another_package_is_exported_for_and_run(tmp_path, cbox):
     """Its entry point is all that names it; one without its program is named in one line, and the other is run."""
     (tmp_path / "site").mkdir()
-    size = "--size", 16, "--wavelengths", "550,600"
+    size = "--size", 16, "--wavelengths", "550,600", "--samples", 16
     with own_renderers(tmp_path / "site"):
         code, said, err = cbox("export", "cornell-box", "--to", tmp_path / "box", *size)
         assert code == 0 and "flat" in said, err
