@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation
 from ..capture import BandTable, Capture, channel_mask, shares_frames
 from ..instrument import Mask, band_images
 from .black_level import black_level, dark_level_sigmas, fitted_dark_levels
-from .correction import FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
+from .correction import CorrectedFrames, FlatField, correct, evaluate_variance, read_flat, with_mean_of_all_pixels
 from .dark import DarkLibrary
 from .defects import dead_pixels, hot_pixels, lone_bright_pixels, vignetted_pixels
 from .exposure_agreement import ExposureFinding, exposure_findings
@@ -378,6 +378,57 @@ def _frame_notes(capture: Capture) -> list[str]:
     return notes
 
 
+def _flat_fields(
+    capture: Capture,
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    of_channel: Mapping[str, NDArray[np.bool_] | None],
+    nominal_axis: LensAxis | None,
+) -> tuple[dict[str, FlatField], float, list[str]]:
+    """Flat field of each band, relative scatter of the pixels where it is nominal, and notes."""
+    manifest, scatter, notes = capture.manifest, 0.0, []
+    if nominal_axis is None:
+        measured = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
+        without_flat = [band for band in capture.band_ids if not capture.flats(band)]
+        if without_flat and manifest.flat != "divided":
+            bands_without_flat = ", ".join(without_flat)
+            notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
+    else:
+        measured, scatter = _nominal_flats(capture, nominal_axis, dark, noise, of_channel)
+        notes.append(
+            "no flat fields: the fall-off is nominal, cos^4 of the field angle, and pixels' sensitivities scatter by "
+            f"{scatter:.2%} (estimated from neighbours); what a lens falls off further is fitted with a model"
+        )
+    flats = {}
+    for band in manifest.band:
+        same_aperture = [measured[other.id] for other in manifest.band if other.f_number == band.f_number]
+        flats[band.id] = with_mean_of_all_pixels(band.id, measured[band.id], same_aperture, of_channel[band.id])
+    return flats, scatter, notes
+
+
+def _corrected_frames(
+    capture: Capture,
+    flats: Mapping[str, FlatField],
+    dark: DarkLibrary,
+    noise: NoiseModel,
+    defects: Mapping[str, NDArray[np.uint8]],
+) -> tuple[list[CorrectedFrames], dict[str, MergedFrames], tuple[ExposureFinding, ...]]:
+    """Frames of each band, with merged exposures and those whose times do not fit."""
+    exposures = {
+        band.id: exposures_of(capture, merged_tables(capture, band), flats[band.id], dark, noise)
+        for band in capture.manifest.band
+        if len(merged_tables(capture, band)) > 1
+    }
+    cell = capture.cell or (1, 1)
+    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()}, cell)
+    merged = {band: merge_exposures(_without_misfits(each, findings, band), cell) for band, each in exposures.items()}
+    frames = [
+        merged[band.id].frames if band.id in merged else correct(capture, band, flats[band.id], dark, noise)
+        for band in capture.manifest.band
+    ]
+    return frames, {band: each for band, each in merged.items() if len(each.tables) > 1}, findings
+
+
 def correct_bands(
     capture: Capture,
     dark: DarkLibrary,
@@ -420,51 +471,22 @@ def correct_bands(
         For a faulty frame.
     """
     manifest = capture.manifest
-    corrected, masks, flats, notes = [], [], {}, _frame_notes(capture)
-    without_flat = [band.id for band in manifest.band if not capture.flats(band.id)]
-    of_channel, scatter = _channel_masks(capture, channels), 0.0
-    if len(without_flat) < len(manifest.band) or manifest.flat == "divided":
+    masks, notes, of_channel = [], _frame_notes(capture), _channel_masks(capture, channels)
+    if manifest.flat == "divided" or any(capture.flats(band) for band in capture.band_ids):
         nominal_axis = None
-    if nominal_axis is None:
-        measured_flats = {band: read_flat(capture, band, dark, noise, channel) for band, channel in of_channel.items()}
-        if without_flat and manifest.flat != "divided":
-            bands_without_flat = ", ".join(without_flat)
-            notes.append(f"no flat field for {bands_without_flat}: vignetting and pixel sensitivity are not corrected")
-    else:
-        measured_flats, scatter = _nominal_flats(capture, nominal_axis, dark, noise, of_channel)
-        notes.append(
-            "no flat fields: the fall-off is nominal, cos^4 of the field angle, and pixels' sensitivities scatter by "
-            f"{scatter:.2%} (estimated from neighbours); what a lens falls off further is fitted with a model"
-        )
-    for band in manifest.band:
-        same_aperture = [measured_flats[other.id] for other in manifest.band if other.f_number == band.f_number]
-        flats[band.id] = with_mean_of_all_pixels(band.id, measured_flats[band.id], same_aperture, of_channel[band.id])
+    flats, scatter, flat_notes = _flat_fields(capture, dark, noise, of_channel, nominal_axis)
+    notes += flat_notes
     defects = {
         band.id: _defects(capture, flats[band.id], dark, noise, _longest(capture, band), of_channel[band.id])
         for band in manifest.band
     }
-    exposures = {
-        band.id: exposures_of(capture, merged_tables(capture, band), flats[band.id], dark, noise)
-        for band in manifest.band
-        if len(merged_tables(capture, band)) > 1
-    }
-    cell = capture.cell or (1, 1)
-    findings = exposure_findings(exposures, {band: mask == 0 for band, mask in defects.items()}, cell)
-    merged: dict[str, MergedFrames] = {}
-    for band in manifest.band:
-        flat = flats[band.id]
-        if band.id in exposures:
-            fitting = _without_misfits(exposures[band.id], findings, band.id)
-            merged[band.id] = merge_exposures(fitting, capture.cell or (1, 1))
-            frames = merged[band.id].frames
-        else:
-            frames = correct(capture, band, flat, dark, noise)
-        mask = defects[band.id]
+    corrected, merged, findings = _corrected_frames(capture, flats, dark, noise, defects)
+    for band, frames in zip(manifest.band, corrected, strict=True):
+        flat, mask = flats[band.id], defects[band.id]
         saturated = frames.saturated | flat.saturated
         if manifest.mosaic is not None:
             saturated = binary_dilation(saturated, np.ones((3, 3)))
         mask[saturated] |= np.uint8(Mask.SATURATED)
-        corrected.append(frames)
         masks.append(mask)
         notes += [note for note in (flat.note, dark.note(band.exposure_s)) if note is not None]
     faint = _faint_bands(capture, channels, flats, of_channel)
@@ -473,7 +495,6 @@ def correct_bands(
             f"{', '.join(band for band in capture.band_ids if band in faint)}: these channels see too little through "
             "their filters; the scale and the checks of frames leave them out"
         )
-    merged = {band: each for band, each in merged.items() if len(each.tables) > 1}
     if merged:
         times = "; ".join(
             f"{band}: {', '.join(f'{table.exposure_s:g}' for table in each.tables)} s" for band, each in merged.items()

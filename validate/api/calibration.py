@@ -88,7 +88,7 @@ class CalibrationResult(Result):
         tables = [Table(self._title, ("", "value", "± 1 σ", "unit"), tuple(calibration_rows(result)))]
         if result.colour is not None:
             columns = ("weights", "X, %", "Y, %", "Z, %", "ΔE*ab", "CIEDE2000")
-            title = "Filter weights, also of the best subsets of bands: rms error; mean / largest colour difference"
+            title = "Errors of the weights, with all bands and the best subsets: rms; mean / largest colour difference"
             tables.append(Table(title, columns, tuple(map(tuple, colour_rows(result.colour)))))
         if result.patches is not None:
             errors = patch_errors(result.patches, result.capture.label_reflectances())

@@ -184,8 +184,8 @@ class CubeResult(Result):
         if self.standard_error_99 == 0:
             return ["The camera sees no lit surface."]
         lines = [
-            f"Relative standard error: {self.standard_error:.2%} (median), {self.standard_error_99:.2%} (99 of 100 "
-            "pixels)."
+            f"Relative standard error: {self.standard_error:.2%} in the median pixel, "
+            f"{self.standard_error_99:.2%} or less in 99 of 100 pixels."
         ]
         if self.firefly_pixels:
             lines.append(

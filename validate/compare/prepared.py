@@ -105,7 +105,7 @@ class CalibratedCapture:
         scattering = self.with_scatter_of(signal, rendering_variance, used)
         noise = scattering.calibration.predicted_variance(self.noise_reference_signal(signal))
         variance = noise + rendering_variance
-        return scattering.with_dark_levels_of(signal, variance, used).with_scale_of(signal, variance, used)
+        return scattering.with_levels_of(signal, variance, used)
 
     def fitted_about(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
@@ -117,12 +117,8 @@ class CalibratedCapture:
 
         Parameters
         ----------
-        signal
-            (band, y, x) predicted signal with its effects, DN.
-        rendering_variance
-            (band, y, x) variance of the prediction, DN^2.
-        used
-            (band, y, x) True for the samples used.
+        signal, rendering_variance, used
+            As of ``fitted_to``, of a prediction with its effects.
 
         Returns
         -------
@@ -168,27 +164,24 @@ class CalibratedCapture:
         responses = calibration.responses or self.responses
         return replace(self, calibration=calibration, responses=responses, free_scale=scale)
 
-    def with_dark_levels_of(
+    def with_levels_of(
         self, signal: NDArray[np.float64], variance: NDArray[np.float64], used: NDArray[np.bool_]
     ) -> CalibratedCapture:
-        """The same capture with dark levels fitted to a rendering; itself with darks.
+        """The same with dark levels and the free scale fitted to a rendering.
 
         Parameters
         ----------
-        signal
-            (band, y, x) rendered signal, DN.
-        variance
-            (band, y, x) variance of measured minus rendered, DN^2.
-        used
-            (band, y, x) True for the samples used.
+        signal, variance, used
+            As of ``with_scale_of``.
 
         Returns
         -------
         CalibratedCapture
-            With calibration changed.
+            With calibration and responses changed.
         """
         bands = self.calibration.bands.with_dark_levels_of(signal, variance, used)
-        return replace(self, calibration=replace(self.calibration, bands=bands))
+        levelled = replace(self, calibration=replace(self.calibration, bands=bands))
+        return levelled.with_scale_of(signal, variance, used)
 
     def with_scatter_of(
         self, signal: NDArray[np.float64], rendering_variance: NDArray[np.float64], used: NDArray[np.bool_]
@@ -197,12 +190,8 @@ class CalibratedCapture:
 
         Parameters
         ----------
-        signal
-            (band, y, x) rendered signal, DN.
-        rendering_variance
-            (band, y, x) variance of the rendering, DN^2.
-        used
-            (band, y, x) True for the samples used.
+        signal, rendering_variance, used
+            As of ``fitted_to``.
 
         Returns
         -------

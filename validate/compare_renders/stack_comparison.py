@@ -120,7 +120,7 @@ class StackComparison:
         if bright:
             row = max(bright, key=lambda row: abs(row.relative_mean))
             size = as_percent(row.relative_mean, "B", unit=" %")
-            lines = [f"{names}: largest mean difference (A − B) / B of a plane {size} ({row.name})"]
+            lines = [f"{names}: largest mean difference of a plane, (A − B) / B: {size} ({row.name})"]
         else:
             lines = [f"{names}: no plane has light"]
         if self.residual_over_sigma is not None:

@@ -394,14 +394,16 @@ def evidence_sentences(diagnosis: Diagnosis) -> list[str]:
             "The difference is small. Its size is "
             f"{diagnosis.certainty:.1f} times its standard deviation, which includes errors of the rendering."
         )
+    names = [name for name in diagnosis.selected if name != "unknown"]
+    effect, at_least = ("each effect", "at least ") if len(names) > 1 else ("".join(names), "")
     if np.isfinite(diagnosis.heldout_pixels):
         sentences.append(
-            "Fitted in one half of the pixels, the last effect lowers χ² in the other half by "
-            f"{100 * diagnosis.heldout_pixels:.0f} % of the decrease in the first."
+            f"Fitted in one half of the pixels, {effect} lowers χ² in the other half by {at_least}"
+            f"{100 * diagnosis.heldout_pixels:.0f} % of the decrease in the first half."
         )
         if np.isfinite(diagnosis.heldout_bands):
             sentences.append(
-                "Fitted in all bands but one, it lowers χ² in that band by "
+                f"Fitted in all bands but one, {effect} lowers χ² in that band by {at_least}"
                 f"{100 * diagnosis.heldout_bands:.0f} % of the decrease with all bands fitted."
             )
     return sentences

@@ -1,11 +1,16 @@
 """A small capture with a veiling glare that the published box lacks, for tests of the study and the workbench."""
 
+import shutil
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.model import Model
 from cboxlab.rendering.synthetic import CaptureSettings
 from cboxlab.validation.synthetic import perturbed_camera, write_model_capture
+
+from .large_patches import large_patches
 
 __all__ = ["GLARE", "glare_capture"]
 
@@ -14,8 +19,14 @@ GLARE = 0.02
 
 
 def glare_capture(folder: Path, size: int = 32) -> Path:
-    """Writes the capture into a new folder, which is returned."""
-    glare = apply_checked("veiling-glare", {"fraction": GLARE}, "test")
-    camera = perturbed_camera(size, 3)
-    write_model_capture(folder, Model(effects=(glare,)), camera, CaptureSettings(), 3, relative_error=0.05)
+    """Writes the capture into a new folder, which is returned; it is rendered once a process."""
+    return shutil.copytree(f"{_written(size).name}/capture", folder)
+
+
+@cache
+def _written(size: int) -> TemporaryDirectory:
+    folder, glare = TemporaryDirectory(), apply_checked("veiling-glare", {"fraction": GLARE}, "test")
+    model, camera = Model(effects=(glare,)), perturbed_camera(size, 3)
+    with large_patches():
+        write_model_capture(Path(folder.name, "capture"), model, camera, CaptureSettings(), 3, relative_error=0.05)
     return folder

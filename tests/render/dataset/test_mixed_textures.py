@@ -115,6 +115,7 @@ def test_shares_of_patches_conserve_the_mean_of_a_texture(box):
 
 
 @pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+@pytest.mark.usefixtures("large_patches")
 def test_the_albedo_of_a_texture_is_exact_and_its_light_unbiased(box):
     """Albedo by the image at 256 places in each pixel; light within four standard errors of the path tracer's."""
     camera, original = box.cameras["main"], box.model.scene
@@ -133,7 +134,7 @@ def test_the_albedo_of_a_texture_is_exact_and_its_light_unbiased(box):
     painted = (image.coverage[..., : len(faces)][..., faces] > 0).any(axis=-1)  # edges, too
     reflected = mean - parts.reflections[0]
     np.testing.assert_allclose(product[painted], reflected[painted], atol=1e-6 * mean.max())
-    traced = render_image(RenderJob(original, camera, GRID, 128, 16, seed=8))
+    traced = render_image(RenderJob(original, camera, GRID, 64, 16, seed=8))
     for surface in range(len(names)):
         on = alone & (image.surface == surface)
         if on.sum() < 5:

@@ -8,7 +8,10 @@ from cboxlab.rendering.image import RenderJob
 from cboxlab.rendering.integrators import relative_error, render_passes, render_to_precision
 from helpers.scenes.recipes import write_recipe
 
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
 GRID = np.arange(400.0, 701.0, 60.0)
 

@@ -15,7 +15,10 @@ from cboxlab.scenes import Lamp, Material, Scene, Spectrum, Surface, cornell_box
 from cboxlab.scenes.shapes import box_mesh, sphere_mesh
 from helpers.scenes.boxes import BANDS, FLAT, box_with_lamp, camera_inside, quad, square
 
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
 
 CAMERA = cornell_camera(24)

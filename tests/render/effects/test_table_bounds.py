@@ -39,7 +39,7 @@ def bounds(capfd, uneven):
     assert "out-of-bounds" not in capfd.readouterr().err
 
 
-@pytest.mark.usefixtures("bounds")
+@pytest.mark.usefixtures("bounds", "large_patches")
 @pytest.mark.parametrize("render", [render_path_tracer, render_final_gather])
 def test_pictures(uneven, render):
     assert render(RenderJob(*uneven, NM, 16, 2, seed=1)).project(np.eye(3))[0].max() > 0

@@ -67,7 +67,7 @@ SCENES = {
 def test_stock_mitsuba_shows_the_same(name, max_bounces):
     """By ``volpath``: the block itself, and the walls that it lights and shades; a boundary is no bounce."""
     scene, camera = SCENES[name](), camera_inside(16)
-    arguments = {"samples": 256, "batches": BATCHES, "max_bounces": max_bounces}
+    arguments = {"samples": 128, "batches": BATCHES, "max_bounces": max_bounces}
     ours = render_general_path_tracer(RenderJob(scene, camera, BANDS, seed=1, **arguments))
     stock = render_stock(RenderJob(scene, camera, BANDS, seed=2, **arguments), variant="llvm_ad_rgb")
     assert_agree(ours, stock, 0.05)

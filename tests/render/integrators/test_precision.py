@@ -20,12 +20,17 @@ from cboxlab.rendering.integrators.precision import (
     render_passes,
     render_to_precision,
 )
+from cboxlab.rendering.radiosity import patched_scene
 from cboxlab.scenes import cornell_box, cornell_camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import Cancelled, ProgressReporter
+from helpers.captures.large_patches import PATCHES
 from helpers.scenes.boxes import BANDS
 
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
 WHERE = cornell_box(), cornell_camera(12), BANDS
 
@@ -174,6 +179,7 @@ def test_a_worker_that_dies_costs_its_pass_only(tmp_path):
 
 
 def _dying_once(job, marker):
+    patched_scene.PATCHES_PER_DIAGONAL = PATCHES  # in the worker, as here
     if job.first_batch == 2 and not os.path.exists(marker):
         open(marker, "w").close()
         os._exit(1)

@@ -205,7 +205,7 @@ def test_with_an_effect_in_place_fall_off_and_factors_are_fitted_again(by_band):
 
 
 @pytest.fixture(scope="module")
-def absolute(tmp_path_factory):
+def absolute(large_patches, tmp_path_factory):
     folder = tmp_path_factory.mktemp("free") / "absolute"
     write_model_capture(folder, Model(), perturbed_camera(32, 2), CaptureSettings(), 2, relative_error=2e-3)
     return folder

@@ -25,6 +25,8 @@ from cboxlab.validation.report.write import write_validation
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, photographed_scene
 from helpers.captures.mosaic_capture import write_mosaic_capture
 
+pytestmark = pytest.mark.usefixtures("large_patches")
+
 SIZE, SEED = 64, 11
 #: Stages of effects that channels may show.
 OF_CAMERA = ("camera", "filter", "optics", "counts")

@@ -102,7 +102,9 @@ def truth():
     """A render of the published box through a camera a little off, and that camera."""
     camera = perturbed_camera(SIZE, SEED)
     scene = photographed_scene(Model())
-    return render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3), camera, scene
+    with large_patches():
+        image = render_to_precision(RenderJob(scene, camera, WAVELENGTH_NM, seed=SEED), 2.5e-3)
+    return image, camera, scene
 
 
 @pytest.fixture(scope="session")
@@ -117,7 +119,8 @@ def small_capture(truth, tmp_path_factory):
 def result(small_capture):
     messages = []
     progress = ProgressReporter(lambda stage, done: messages.append((stage, done)))
-    validation = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
+    with large_patches():
+        validation = validate_capture(load_capture(small_capture), Model(render=RenderSettings(noise=0.8)), progress)
     stages, parts = zip(*messages, strict=True)
     assert list(dict.fromkeys(stages)) == ["calibrating", "rendering", "comparing"]
     assert parts[-1] == 1 and np.all(np.diff(parts) >= 0)

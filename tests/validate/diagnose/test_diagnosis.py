@@ -44,11 +44,12 @@ from scipy import stats
 from scipy.ndimage import convolve
 
 diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
+pytestmark = pytest.mark.usefixtures("large_patches")
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """One demo, with a rougher render than a user's to save time: what was found, its folder, its terminal text."""
+    """One demo, with a rougher render and larger patches than a user's: what was found, its folder, its text."""
     folder = tmp_path_factory.mktemp("demo") / "report"
     with warnings.catch_warnings(), console.console.capture() as text:
         warnings.simplefilter("ignore")

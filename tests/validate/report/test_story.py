@@ -12,6 +12,7 @@ from cboxlab.validation.compare import regions_of
 from cboxlab.validation.diagnose import Diagnosis, FurtherCaptureResult, LikelyCause, Limit, Ranked, Separation, Step
 from cboxlab.validation.report.diagnosis import (
     diagnosis_record,
+    evidence_sentences,
     further_sentences,
     limit_text,
     path_steps,
@@ -217,6 +218,17 @@ def test_every_size_in_words_can_be_said():
         values = {p.name: p.choices[0] if p.choices else 0.25 for p in effect.parameters}
         sentence = size_in_words(AppliedEffect(effect, values))
         assert sentence.startswith(effect.id) and sentence.endswith(".") and "{" not in sentence
+
+
+@pytest.mark.parametrize(
+    ("selected", "gain"),
+    [
+        (("veiling-glare", "unknown"), "veiling-glare lowers χ² in the other half by 90 %"),
+        (("veiling-glare", "dark-offset"), "each effect lowers χ² in the other half by at least 90 %"),
+    ],
+)
+def test_the_gain_where_held_out_is_the_effects_or_the_least_of_several(selected, gain):
+    assert any(gain in sentence for sentence in evidence_sentences(_diagnosis(selected)))
 
 
 def test_the_runner_up_is_answered():

@@ -55,4 +55,6 @@ def export(
     warn_unless_compiled()
     with options(), bar("exporting"):
         write_export(to, exported_model(load_model(model), camera, size, settings))
-    say(f"Export of {settings.wavelength_nm.size} wavelengths for {', '.join(renderer_catalogue())}: {to}")
+    count = settings.wavelength_nm.size
+    unit = "wavelength" if count == 1 else "wavelengths"
+    say(f"Export of {count} {unit} for {', '.join(renderer_catalogue())}: {to}")

@@ -52,7 +52,7 @@ def reveal(
         )
         raise typer.Exit(1)
     if expected_hash is None:
-        check = "The program did not compare it: give --hash with the hash that `cbox capture --hide` printed."
+        check = "You gave no --hash, so the program did not compare it with the one that `cbox capture --hide` printed."
     else:
         check = "It equals the hash you gave: capture and answer are unchanged."
     result = None if record is None else score(answer, record)

@@ -236,8 +236,8 @@ class Outcome(FrozenMappings):
         size = as_percent(mean.difference, "the baseline", unit="%")
         text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {mean.sigma:.3%}"]
         if self.same:
-            text.append(f"The mean light agrees within {self.equivalence_95:.3%} at 95 %.")
-        text.append(f"Detectable even change of the light: {self.would_have_seen:.3%} (in 90 of 100 runs).")
+            text.append(f"With 95 % confidence, the mean light differs by less than {self.equivalence_95:.3%}.")
+        text.append(f"An even change of the light by {self.would_have_seen:.3%} is detected in 90 of 100 runs.")
         if self.unseen:
             text.append(self.unseen)
         if self.of_numbers:

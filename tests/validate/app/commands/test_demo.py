@@ -31,6 +31,7 @@ def test_the_bundled_capture_is_small():
     assert load_capture(DEMO_CAPTURE).shape == (128, 128)
 
 
+@pytest.mark.usefixtures("large_patches")
 def test_the_stated_command_makes_the_bundled_capture(tmp_path):
     """A rough render of the same: files that do not hang on it are equal, the signals are so on average.
 

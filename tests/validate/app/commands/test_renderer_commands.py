@@ -8,10 +8,14 @@ from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.files import read_cube
 from cboxlab.rendering.model.model_file import Model, write_model
+from helpers.captures.large_patches import PATCHES
 from helpers.programs.command_line import assert_one_line_of_help
 from helpers.programs.installed_renderers import own_renderers
 
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
 CLOSED = """
 format = "scene/1"
@@ -120,10 +124,11 @@ def test_mistakes_end_in_one_line(tmp_path, cbox):
     assert not (tmp_path / "x").exists()
 
 
-def test_a_renderer_of_another_package_is_exported_for_and_run(tmp_path, cbox):
+def test_a_renderer_of_another_package_is_exported_for_and_run(tmp_path, cbox, monkeypatch):
     """Its entry point is all that names it; one without its program is named in one line, and the other is run."""
     (tmp_path / "site").mkdir()
-    size = "--size", 16, "--wavelengths", "550,600"
+    monkeypatch.setattr("cboxlab.validation.compare_renders.regress.variants._PATCHES_PER_DIAGONAL", PATCHES)
+    size = "--size", 16, "--wavelengths", "550,600", "--samples", 16
     with own_renderers(tmp_path / "site"):
         code, said, err = cbox("export", "cornell-box", "--to", tmp_path / "box", *size)
         assert code == 0 and "flat" in said, err
