@@ -94,9 +94,13 @@ def small_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     if min(used.shape) < _LEAST_PX or not used.any() or not difference.of_pixel_filter:
         return None
     half = 0.5 * (baseline + candidate)
-    relative = (candidate - baseline) / np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
+    least = _LEAST_LEVEL * float(np.median(half[used])) + 1e-300
+    relative = (candidate - baseline) / np.maximum(half, least)
     off = relative - median_filter(relative, _AROUND_PX, mode="reflect")
-    around = median_filter(off**2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
+    # pixels without light do not show the noise of their neighbours: the typical noise stands for theirs
+    lit = half > least
+    squares = np.where(lit, off**2, np.median(off[lit] ** 2) if lit.any() else 0.0)
+    around = median_filter(squares, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300)
     limit = _SQUARE_SIGMAS * np.sqrt(around)
     off = np.where(used, np.clip(off, -limit, limit), 0.0)
