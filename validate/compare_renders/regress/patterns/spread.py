@@ -200,7 +200,7 @@ def _of_blocks(cubes: NDArray[np.float64], block: NDArray[np.int64]) -> NDArray[
 
 
 def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
-    """Square at any place whose pixels have higher or lower ranks among all cubes than elsewhere.
+    """Square at any place whose pixels rank higher or lower among all cubes than others.
 
     A pixel's rank among the cubes of both sides has one distribution, whatever its noise: the variances of all squares
     are alike, and few cubes suffice. Ranks are lower where skewed noise has fewer samples, but they scatter more there,
@@ -234,21 +234,21 @@ def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]
         unlike = _OF_SCATTER * np.maximum(np.abs(scattered) - _BY_CHANCE, 0.0)
         clear = np.maximum(np.abs(changed - np.median(changed)) - unlike, 0.0)
         shares = 2 * looks * student_tail(clear, degrees)
-        top, left = (int(n) for n in np.unravel_index(int(shares.argmin()), shares.shape))
-        part = np.s_[:, top : top + edge, left : left + edge]
+        row, column = (int(n) for n in np.unravel_index(int(shares.argmin()), shares.shape))
+        part = np.s_[:, row : row + edge, column : column + edge]
         size = float(candidate[part].mean() / max(float(baseline[part].mean()), 1e-300)) - 1
-        name = f"{edge} x {edge} px around x {left + edge // 2} y {top + edge // 2}, ranks between cubes"
-        probability, freedom = min(1.0, float(shares[top, left])), float(degrees[top, left])
+        name = f"{edge} x {edge} px around x {column + edge // 2} y {row + edge // 2}, ranks between cubes"
+        probability, freedom = min(1.0, float(shares[row, column])), float(degrees[row, column])
         sigma = sigma_of(size, probability / looks, freedom)
-        bounds = {"bounds_px": (left, top, left + edge, top + edge)}
+        bounds = {"bounds_px": (column, row, column + edge, row + edge)}
         findings.append(Finding(name, edge**2, size, sigma, freedom, probability, bounds, looks=looks))
     return min(findings, key=lambda finding: finding.probability)
 
 
 def _of_squares(values: NDArray[np.float64], count: int, edge: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Change of the means of squares over its standard deviation, and degrees of freedom, at all places inside.
+    """Change of squares' means over its standard deviation, and degrees of freedom.
 
-    values : (b, y, x) of the cubes, the first ``count`` of the baseline.
+    Squares lie at all places inside. values : (b, y, x) of the cubes, the first ``count`` of the baseline.
     """
     inside = slice(edge // 2, -(edge // 2))
     means = uniform_filter(values, (0, edge, edge))[:, inside, inside]
@@ -266,7 +266,7 @@ def _of_squares(values: NDArray[np.float64], count: int, edge: int) -> tuple[NDA
 def _moderated(
     variance: NDArray[np.float64], degrees: float, shared: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Variances by their own and the shared one, with their degrees of freedom; the own ones where these are larger."""
+    """Variances by their own and the shared one, or the own if larger, with degrees."""
     typical, added = shared
     both = (degrees * variance + added * typical) / (degrees + added)
     is_own = variance > both
