@@ -1,6 +1,6 @@
 """Verdicts of `cbox regress` on six scenes of Mitsuba and Cycles, with and without layers, as one table.
 
-    python regress_scene_table.py [--cycles PYTHON] [--scenes hair,outdoor] [--samples 32]
+    python regress_scene_table.py [--cycles PYTHON] [--scenes hair,outdoor] [--samples 32] [--seed 5]
 
 Each side is three pictures of other seeds, 48 x 48 px. An equal pair has to be SAME. In a changed pair, one property of
 the scene is another; it has to be DIFFERENT, without a wrong name that fits. Pictures without layers are the same ones,
@@ -99,6 +99,7 @@ def main() -> None:
     parser.add_argument("--cycles", default="", help="Python with the package bpy.")
     parser.add_argument("--scenes", default=",".join(CHANGES))
     parser.add_argument("--samples", type=int, default=32)
+    parser.add_argument("--seed", type=int, default=0, help="Added to the seeds of the renderings.")
     options = parser.parse_args()
     right = total = 0
     renderers: dict[str, Callable[[list[Job]], None]] = {"Mitsuba": by_mitsuba}
@@ -113,7 +114,7 @@ def main() -> None:
                     for side in ("baseline", "equal", "changed")
                 ]
                 jobs = [
-                    (name, side == 2, 1 + seed + SEEDS * (side + 3 * number), options.samples, str(file))
+                    (name, side == 2, 1 + options.seed + seed + SEEDS * (side + 3 * number), options.samples, str(file))
                     for side, files in enumerate(sides)
                     for seed, file in enumerate(files)
                 ]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare_renders.regress.patterns import block_changes
+from cboxlab.validation.compare_renders.regress.patterns import block_changes, ranked_squares
 
 BLOCK = np.add.outer(np.arange(32) // 4 * 8, np.arange(32) // 4)
 
@@ -62,3 +62,44 @@ def test_equal_noise_and_a_floor_bound_the_errors_from_below():
     assert min(sigmas) > 0.85 * true
     with_floor = [finding.sigma for finding in block_changes(first, second, BLOCK, 0.05)]
     np.testing.assert_allclose(np.square(with_floor), np.square(sigmas) + 0.05**2)
+
+
+def skewed(rng, mean, shape, count=3):
+    """Cubes of gamma-distributed noise, 1 / sqrt(shape) of the light: many dark pixels, few very bright ones."""
+    return mean * rng.gamma(shape, 1 / shape, (count, *mean.shape))
+
+
+def test_ranks_of_equal_skewed_cubes_are_below_a_tenth_in_a_tenth_of_the_pairs():
+    """30 pairs, of one to 16 times the samples of others: more than 9 have a probability of 0.2 %."""
+    rng, light = np.random.default_rng(4), np.ones((36, 36))
+    pairs = [[skewed(rng, light, 4.0 ** (n % 3 - 1), 3 + n % 2) for _ in range(2)] for n in range(30)]
+    assert sum(ranked_squares(*pair).probability < 0.1 for pair in pairs) <= 9
+
+
+def test_ranks_see_a_square_among_fireflies_that_means_do_not():
+    rng, light = np.random.default_rng(6), np.full((40, 40), 2.0)
+    changed = light.copy()
+    changed[20:27, 9:16] *= 3
+    first, second = skewed(rng, light, 4.0), skewed(rng, 1.1 * changed, 4.0)
+    first[0, 21, 10] += 200
+    second[2, 25, 14] += 400
+    block = np.add.outer(np.arange(40) // 5 * 8, np.arange(40) // 5)
+    means = block_changes(first[..., None], second[..., None], block, 0.0)
+    assert min(finding.probability for finding in means) > 1e-5
+    finding = ranked_squares(first, second)
+    left, top, right, bottom = finding.parameters["bounds_px"]
+    assert finding.probability < 1e-7
+    assert abs((left + right) / 2 - 12.5) < 4
+    assert abs((top + bottom) / 2 - 23.5) < 4
+    assert finding.size > 1
+    assert ranked_squares(first[:2], second) is None
+
+
+@pytest.mark.parametrize("samples", [1.5, 4.0])
+def test_other_samples_of_skewed_noise_inside_a_part_change_no_light(samples):
+    """Each pixel's mean is the same, its median is not."""
+    for seed in range(4):
+        rng, light = np.random.default_rng(seed), np.ones((40, 40))
+        first, second = (skewed(rng, light, 1.0, 8) for _ in range(2))
+        second[:, 5:25, 5:25] = skewed(rng, light[5:25, 5:25], samples, 8)
+        assert ranked_squares(first, second).probability > 1e-3

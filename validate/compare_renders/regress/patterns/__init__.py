@@ -12,7 +12,7 @@ from .odd_squares import moved_part, small_part
 from .periodic import periodic, without_period
 from .pooled_mean import CANCELLING, MEANS, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change, without_slow
-from .spread import block_changes, block_spread, scatter_of_blocks, steady_sigmas
+from .spread import block_changes, block_spread, ranked_squares, scatter_of_blocks, steady_sigmas
 from .texture import FIXED_TEXTURE, fine_structure, textures
 from .wave import ripple
 
@@ -49,6 +49,7 @@ __all__ = [
     "other_contrast",
     "periodic",
     "pool_of_finding",
+    "ranked_squares",
     "reused_numbers",
     "ripple",
     "scatter_of_blocks",

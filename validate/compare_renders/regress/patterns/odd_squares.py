@@ -47,10 +47,6 @@ _CLEARER = 2.0
 _LEAST_PX = 24
 #: Edges of the squares in which something may have moved, px: an object with the surroundings that it uncovers.
 _MOVED_PX = (7, 11, 15)
-#: Part of the squares that are less steep than those of edges.
-_EDGES = 0.9
-#: Steepness of a square over that of the clearest one, from which its motion shows what correlated noise can do.
-_AS_STEEP = 0.5
 #: Median of the sum of two squares of normal numbers.
 _MEDIAN_OF_TWO = 1.386
 #: Width of the Gaussian that smooths slopes, px: wide ones have less noise, narrow ones lose fewer edges.
@@ -94,9 +90,13 @@ def small_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     if min(used.shape) < _LEAST_PX or not used.any() or not difference.of_pixel_filter:
         return None
     half = 0.5 * (baseline + candidate)
-    relative = (candidate - baseline) / np.maximum(half, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
+    least = _LEAST_LEVEL * float(np.median(half[used])) + 1e-300
+    relative = (candidate - baseline) / np.maximum(half, least)
     off = relative - median_filter(relative, _AROUND_PX, mode="reflect")
-    around = median_filter(off**2, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
+    # pixels without light do not show the noise of their neighbours: the typical noise stands for theirs
+    with_light = half > least
+    squares = np.where(with_light, off**2, np.median(off[with_light] ** 2) if with_light.any() else 0.0)
+    around = median_filter(squares, _AROUND_PX, mode="reflect") / _MEDIAN_OF_SQUARE
     around = np.maximum(around, _LEAST_SCATTER**2 * float(np.median(around[used])) + 1e-300)
     limit = _SQUARE_SIGMAS * np.sqrt(around)
     off = np.where(used, np.clip(off, -limit, limit), 0.0)
@@ -165,7 +165,7 @@ def moved_part(difference: Difference, baseline: NDArray[np.float64], candidate:
     Products of noise with its own slopes have no sign, whichever side has more of it. A pixel's variance is that of its
     surroundings and a part in proportion to the square of its slope, as samples at random places of a pixel have. What
     the fit leaves in a square enlarges it. Denoisers move edges of few samples as a whole. Where noise is correlated,
-    squares elsewhere that are about as steep show how far, and few of them show little.
+    squares elsewhere that are at least as steep show how far, and few of them show little.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def _moved_square(
     clear = np.where(used & (count >= _LEAST_SLOPES), np.sqrt(np.maximum(square, 0.0) / np.maximum(excess, 1.0)), 0.0)
     position = np.unravel_index(int(clear.argmax()), clear.shape)
     peak, degrees = float(clear[position]), float(np.clip(count[position] - 2, _LEAST_DEGREES, _MOST_OF_SLOPES))
-    alike = _without(np.where(trace >= _AS_STEEP * trace[position], clear, 0.0), position, 2 * edge)
+    alike = _without(np.where(trace >= trace[position], clear, 0.0), position, 2 * edge)
     alike = alike[alike > 0]
     spread = max(1.0, float(np.median(alike**2)) / _MEDIAN_OF_TWO) if alike.size else 1.0
     if clustering > 1:
@@ -253,8 +253,8 @@ def _moved_square(
     name = f"something moved in {edge} x {edge} px around x {column} y {row}"
     sigma, bounds = sigma_of(size, probability, degrees), {"bounds_px": _bounds(row, column, edge, used.shape)}
     steep = used & (count >= _LEAST_SLOPES)
-    # along edges, where a motion shows
-    typical = float(np.sqrt(2 * clustering / np.quantile(trace[steep], _EDGES))) if steep.any() else np.inf
+    # in squares weighted by their slopes: along edges, where a motion shows
+    typical = float(np.sqrt(2 * clustering * trace[steep].sum() / (trace[steep] ** 2).sum())) if steep.any() else np.inf
     return Finding(name, edge**2, size, sigma, max(degrees, 1.0), probability, bounds, "px", looks, typical)
 
 

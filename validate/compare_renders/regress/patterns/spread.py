@@ -4,7 +4,7 @@ By its pixels each block alone decides only far out, since few pixels are not no
 by two standard deviations is robust against single bright pixels, and against errors that are too small by a half.
 
 Between cubes no neighbour takes part: a change of a few bright pixels is neither set aside as fireflies nor counted as
-noise of its surroundings. A firefly is in one cube, which scatters its block.
+noise of its surroundings. A firefly is in one cube, which scatters its block. Among ranks it counts as any other pixel.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 from cboxlab.utils.distributions import robust_sigma, student_tail
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 from scipy.optimize import brentq
 from scipy.special import bdtrc, digamma, polygamma
 
 from .difference import Finding, common_size, sigma_of
 from .pooled_mean import PooledMean
 
-__all__ = ["block_changes", "block_spread", "scatter_of_blocks", "steady_sigmas"]
+__all__ = ["block_changes", "block_spread", "ranked_squares", "scatter_of_blocks", "steady_sigmas"]
 
 #: Standard deviations from which a block counts.
 _SIGMAS = 2.0
@@ -36,6 +37,19 @@ _WIDEST_SPREAD = 3.0
 _MOST_DEGREES = 1e4
 #: Fewest degrees of freedom that the scatter of variances can add.
 _LEAST_DEGREES = 1e-2
+#: Edges of the squares in which pixels are ranked among cubes, px, odd.
+_RANKED_PX = (3, 5, 7, 11)
+#: Fewest cubes of a side that are ranked: two gave probabilities below 1e-4 in 3 of 630 equal pairs of filtered noise.
+_FEWEST_RANKED = 3
+#: Least variance of a square's ranks: where all cubes are equal there is only rounding.
+_LEAST_RANK_VARIANCE = 1e-9
+#: Statistic of a change of ranks over that of their scatter, up to which unlike noise explains it: gamma-distributed
+#: noise of up to 3 times the light, with 1.5 to 16 times the samples, gives 1.9 at most.
+_OF_SCATTER = 2.0
+#: Statistic of the scatter of ranks that chance gives.
+_BY_CHANCE = 1.0
+#: Quotient of both sides' variances, in most pixels, from which they have other settings: ranks then differ everywhere.
+_UNLIKE = 2.0
 
 
 def block_spread(blocks: Sequence[PooledMean], clustering: float) -> Finding | None:
@@ -162,12 +176,9 @@ def block_changes(
     if with_light.sum() < _MIN_BLOCKS:
         return ()
     difference = (second.mean(axis=0) - level)[with_light] / level[with_light]
-    typical, added = _shared_variance(per_cube[with_light], own_degrees)
-    moderated = (own_degrees * per_cube[with_light] + added * typical) / (own_degrees + added)
-    is_own = per_cube[with_light] > moderated
-    variance = np.where(is_own, per_cube[with_light], moderated) * (1 / len(first) + 1 / len(second))
-    degrees = np.where(is_own, own_degrees, own_degrees + added)
-    sigma = np.sqrt(variance + floor**2)
+    shared = _shared_variance(per_cube[with_light], own_degrees)
+    variance, degrees = _moderated(per_cube[with_light], own_degrees, shared)
+    sigma = np.sqrt(variance * (1 / len(first) + 1 / len(second)) + floor**2)
     pixels = np.bincount(block.ravel())[np.flatnonzero(with_light)]
     side_length = round(len(level) ** 0.5)
     return tuple(
@@ -186,6 +197,80 @@ def block_changes(
 def _of_blocks(cubes: NDArray[np.float64], block: NDArray[np.int64]) -> NDArray[np.float64]:
     """(b, block) light of each block in each cube."""
     return np.stack([np.bincount(block.ravel(), cube.sum(axis=-1).ravel()) for cube in cubes])
+
+
+def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
+    """Square at any place whose pixels rank higher or lower among all cubes than others.
+
+    A pixel's rank among the cubes of both sides has one distribution, whatever its noise: the variances of all squares
+    are alike, and few cubes suffice. Ranks are lower where skewed noise has fewer samples, but they scatter more there,
+    too. A finding is clearer than twice that scatter.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (b, y, x) independent cubes of each side, summed over wavelengths.
+
+    Returns
+    -------
+    Finding or None
+        The size is the square's mean difference over the baseline there. None for small pictures, for few cubes, or for
+        unlike noise.
+    """
+    count, (height, width) = len(baseline), baseline.shape[1:]
+    if min(count, len(candidate)) < _FEWEST_RANKED or min(height, width) < _MIN_BLOCKS * min(_RANKED_PX):
+        return None
+    variances = [np.maximum(side.var(axis=0, ddof=1), 1e-300) for side in (baseline, candidate)]
+    if np.abs(np.median(np.log(variances[1] / variances[0]))) > np.log(_UNLIKE):
+        return None
+    cubes = np.concatenate([baseline, candidate])
+    ranks = np.zeros_like(cubes)
+    for cube in cubes:
+        ranks += np.sign(cubes - cube)
+    scatter = ranks**2 - (ranks**2).mean(axis=0)
+    looks, findings = float(len(_RANKED_PX) * height * width), []
+    for edge in _RANKED_PX:
+        (changed, degrees), (scattered, _) = (_of_squares(values, count, edge) for values in (ranks, scatter))
+        unlike = _OF_SCATTER * np.maximum(np.abs(scattered) - _BY_CHANCE, 0.0)
+        clear = np.maximum(np.abs(changed - np.median(changed)) - unlike, 0.0)
+        shares = 2 * looks * student_tail(clear, degrees)
+        row, column = (int(n) for n in np.unravel_index(int(shares.argmin()), shares.shape))
+        part = np.s_[:, row : row + edge, column : column + edge]
+        size = float(candidate[part].mean() / max(float(baseline[part].mean()), 1e-300)) - 1
+        name = f"{edge} x {edge} px around x {column + edge // 2} y {row + edge // 2}, ranks between cubes"
+        probability, freedom = min(1.0, float(shares[row, column])), float(degrees[row, column])
+        sigma = sigma_of(size, probability / looks, freedom)
+        bounds = {"bounds_px": (column, row, column + edge, row + edge)}
+        findings.append(Finding(name, edge**2, size, sigma, freedom, probability, bounds, looks=looks))
+    return min(findings, key=lambda finding: finding.probability)
+
+
+def _of_squares(values: NDArray[np.float64], count: int, edge: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Change of squares' means over its standard deviation, and degrees of freedom.
+
+    Squares lie at all places inside. values : (b, y, x) of the cubes, the first ``count`` of the baseline.
+    """
+    inside = slice(edge // 2, -(edge // 2))
+    means = uniform_filter(values, (0, edge, edge))[:, inside, inside]
+    sides, own_degrees = (means[:count], means[count:]), len(values) - 2.0
+    per_cube = sum(np.square(side - side.mean(axis=0)).sum(axis=0) for side in sides) / own_degrees
+    apart = per_cube[::edge, ::edge]
+    apart = apart[apart > _LEAST_RANK_VARIANCE]
+    if apart.size < _MIN_BLOCKS:
+        return np.zeros_like(per_cube), np.ones_like(per_cube)
+    variance, degrees = _moderated(per_cube, own_degrees, _shared_variance(apart, own_degrees))
+    sigma = np.sqrt(variance * (1 / count + 1 / (len(values) - count)))
+    return (sides[1].mean(axis=0) - sides[0].mean(axis=0)) / sigma, degrees
+
+
+def _moderated(
+    variance: NDArray[np.float64], degrees: float, shared: tuple[float, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Variances by their own and the shared one, or the own if larger, with degrees."""
+    typical, added = shared
+    both = (degrees * variance + added * typical) / (degrees + added)
+    is_own = variance > both
+    return np.where(is_own, variance, both), np.where(is_own, degrees, degrees + added)
 
 
 def _shared_variance(variance: NDArray[np.float64], degrees: float) -> tuple[float, float]:
