@@ -1,12 +1,10 @@
 """What all tests share: where the measurements lie, and a strict but patient hypothesis."""
 
 import gc
-import importlib
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from types import ModuleType
 
 # before NumPy: matrix products' waiting threads would take the cores from ray tracing
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -20,16 +18,6 @@ from hypothesis import HealthCheck, settings
 
 # with Python's 700 new objects, searches for unreachable ones take a tenth of the time of quick tests
 gc.set_threshold(50_000, *gc.get_threshold()[1:])
-
-_reload = importlib.reload
-
-
-def _reload_unless_unused(module: ModuleType) -> ModuleType:
-    """Skip Mitsuba's differentiable integrators, which it reloads at each change of its variant in 0.2 CPU s."""
-    return module if module.__name__.startswith("mitsuba.python.ad.integrators.") else _reload(module)
-
-
-importlib.reload = _reload_unless_unused
 
 # derandomize: the same examples on every run, so that a failure can be repeated
 settings.register_profile("repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
