@@ -222,8 +222,8 @@ def diagnose_validation(
         assessed = refitted_to_all(prepared, search.judging(linearised), assessed, as_judged)
         effects = [effect.candidate for effect in assessed]
     linearised = linearised if effects else first
-    answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects))
-    answer = replace(answer, imitations=_imitations(judged, assessed))
+    imitations = _imitations(judged, assessed)
+    answer = _Answer(linearised, effects, assessed, residual_with(linearised, effects), imitations=imitations)
     progress.stage("explaining what remains")
     answer = _explained(first, answer, judged, prepared.calibration.capture, progress)
     flaws, flaws_cost, explanation = judged.flaws, judged.flaws_cost, answer.explanation
@@ -233,15 +233,14 @@ def diagnose_validation(
     path = _path(validation, start, answer, judged.imitated)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
-    notes = () if answer.selected else tolerance_notes(by_size.singles, start.residual, start)
+    singles = by_size.singles
+    notes = () if answer.selected else tolerance_notes(singles, start.residual, start)
     notes += unexplained.frames_note(answer.linearised, explanation, prepared.calibration.capture)
     return Diagnosis(
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=ranking(
-            by_size.singles, search, answer.assessed, start, answer.unknown, answer.imitations, answer.selected
-        ),
+        ranking=ranking(singles, search, answer.assessed, start, answer.unknown, answer.imitations, answer.selected),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -305,8 +304,7 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
         remaining = best.cause_probability * (1 - max(explained, 0.0))
         imitations |= {name: max(imitations[name], remaining) for name in by_picture}
         unknown = max(unknown, best.cause_probability)
-        # no effect imitates single pixels
-        hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)
+        hold = holds_with_remainder(answer.assessed, 1.0 if best.single_pixels else explained)  # imitated by none
         next_to_effects = (UNKNOWN,) if unknown > LIKELY else ()
         selected = (*selected, *next_to_effects) if hold else (UNKNOWN,)
     is_large = square(residual) / model.count - 1 > evidence.REMAINS_MIN_SMOOTH_EXCESS

@@ -180,9 +180,9 @@ def trend_finding(results: Sequence[TrendResult]) -> str:
     size, name, first, second = max(changes, key=lambda change: change[:2])
     if size <= limit:
         return f"No number changes significantly: none of {len(changes)} by more than {limit:.1f} standard deviations."
-    before, after = (with_error(*result.numbers[name]) for result in (first, second))
+    texts = [f"{with_error(*result.numbers[name])} ({result.name})" for result in (first, second)]
     return (
-        f"The most significant change is that of '{name}': from {before} ({first.name}) to {after} ({second.name}), "
+        f"The most significant change is that of '{name}': from {texts[0]} to {texts[1]}, "
         f"{number(size, 1)} standard deviations."
     )
 

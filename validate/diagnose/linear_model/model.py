@@ -239,8 +239,8 @@ class LinearModel:
             With a larger basis, its residual projected again.
         """
         rows = np.full(len(columns), self.count)
-        residual, basis, shared = (np.insert(a, rows, 0, 0) for a in (self.residual, self.basis, self.shared_errors))
-        residual[self.count : self.count + len(columns)] = missed
+        residual = np.insert(self.residual, rows, missed)
+        basis, shared = np.insert(self.basis, rows, 0, axis=0), np.insert(self.shared_errors, rows, 0, axis=0)
         model = replace(self, residual=residual, basis=basis, shared_errors=shared)
         projected = [
             model.project(np.concatenate([column, unit, np.zeros(Nuisances.count)]))
