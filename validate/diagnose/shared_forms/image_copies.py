@@ -157,15 +157,16 @@ def _best_shifts(
         # the band's own level is free: a copy is a pattern
         along = float(np.sum(residual * weight * signal)) / level
         pattern, rest = of_band[0] - along * of_band[2], of_band[1] - of_band[2] ** 2 / level
-        alone.append(
-            np.where(
-                enough, pattern * np.abs(pattern) / np.maximum(rest, _MIN_POWER * np.abs(of_band[1]) + 1e-30), -1.0
-            )
-        )
+        alone.append(_gain(pattern, np.maximum(rest, _MIN_POWER * of_band[1]), enough))
         product, power, cross = product + of_band[0], power + of_band[1], cross + of_band[2]
         overlap = overlap + reached
     power = power - cross**2 / max(float(np.sum((data.weight * data.signal) ** 2)), 1e-300)
     enough = (overlap > _MIN_OVERLAP * data.signal.sum()) & (power > _MIN_POWER * power.max())
-    gain = np.where(enough, product * np.abs(product) / np.maximum(power, 1e-30), -1.0)
     band, of_one = max(enumerate(map(best, alone)), key=lambda each: each[1][0])
-    return best(gain), (*of_one, band)
+    return best(_gain(product, power, enough)), (*of_one, band)
+
+
+def _gain(product: NDArray[np.float64], power: NDArray[np.float64], enough: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Signed chi2 that copies gain, by shift; -1 where too little light is in the frame."""
+    gain = np.full(power.shape, -1.0)
+    return np.divide(product * np.abs(product), power, out=gain, where=enough)
