@@ -323,11 +323,14 @@ def _median(weight: NDArray[np.float64]) -> float:
 
 
 def _spectrum(data: ResidualData, change: NDArray[Any], weight: NDArray[Any]) -> NDArray[np.float64]:
-    """(band,) change over the signal, summed where the weight (y, x) of the change is large."""
+    """(band,) mean change over the mean signal where the weight (y, x) of the change is large."""
     where = weight >= _SPECTRUM_WEIGHT * weight.max() if weight.max() > 0 else np.zeros(weight.shape, bool)
     relative = []
     for band in range(len(data.bands)):
         pixels = where & data.used[band]
-        total = float(change[band][pixels].sum() / max(data.signal[band][pixels].sum(), 1e-9)) if pixels.any() else 0.0
-        relative.append(total)
+        if not pixels.any():
+            relative.append(0.0)
+            continue
+        signal = max(float(data.signal[band][pixels].mean()), data.least_signal[band])
+        relative.append(float(change[band][pixels].mean()) / signal)
     return np.array(relative)

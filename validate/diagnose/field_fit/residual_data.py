@@ -16,6 +16,9 @@ __all__ = ["ChargeExchange", "ResidualData", "Transport"]
 #: frames (band, y, x) above dark by these frames.
 ChargeExchange = Callable[[Callable[[NDArray[np.float64]], NDArray[np.float64]]], NDArray[np.float64]]
 
+#: Part of a band's mean signal below which changes are compared with that part: relative changes diverge there.
+_DARK_SIGNAL = 0.05
+
 #: Side of the squares that are held out in turn, px; that of a mosaic's repeat where larger.
 _HELD_OUT_PX = 2
 
@@ -140,6 +143,11 @@ class ResidualData:
         """Rows and columns of the image."""
         rows, columns = self.used.shape[1:]
         return rows, columns
+
+    @property
+    def least_signal(self) -> NDArray[np.float64]:
+        """(band,) signal with which the changes of darker pixels are compared, DN."""
+        return _DARK_SIGNAL * self.signal.mean(axis=(1, 2))
 
     def reflectance_of(self, surface: int) -> NDArray[np.float64]:
         """Reflectance of a surface's paint.

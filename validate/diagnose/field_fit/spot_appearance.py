@@ -41,9 +41,6 @@ _MAX_DEPTH_OF_STAIN = 0.25
 #: Relative change in the other bands below which a spot is of one band: spectra of stains and threads are broad.
 _MIN_PART_IN_OTHER_BANDS = 0.05
 
-#: Part of a band's mean signal below which changes are compared with that part: relative changes diverge there.
-_DARK_SIGNAL = 0.05
-
 #: Largest variance across a line that is as thin as pixels resolve, px^2.
 _MAX_LINE_VARIANCE_PX2 = 0.6
 
@@ -98,8 +95,8 @@ class SpotAppearance:
     def relative(self) -> NDArray[np.float64]:
         """(band,) relative change of the signal in the core of the spot."""
         core = self.weight > CORE_WEIGHT * self.weight.max()
-        dark = _DARK_SIGNAL * self.data.signal.mean(axis=(1, 2))
-        return self.change[:, core].mean(axis=1) / np.maximum(self.data.signal[:, core].mean(axis=1), dark)
+        signal = np.maximum(self.data.signal[:, core].mean(axis=1), self.data.least_signal)
+        return self.change[:, core].mean(axis=1) / signal
 
     @cached_property
     def strongest(self) -> float:

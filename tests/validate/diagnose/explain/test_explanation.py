@@ -172,6 +172,16 @@ def test_a_stain_has_surface_place_and_spectrum():
     assert explanation.spectrum[0] < explanation.spectrum[1] < explanation.spectrum[2] < 0.01
 
 
+def test_changes_of_pixels_without_light_have_a_finite_spectrum():
+    """Light scattered outside the box: in DN, over 5 % of the band's mean signal."""
+    data = small_excess(np.zeros(SIGNAL.shape))
+    outside = _spot(33, 38, 4) > 0.5
+    data = replace(data, signal=np.where(outside, 0.0, SIGNAL))
+    change = np.broadcast_to(np.where(outside, 3.0, 0.0), SIGNAL.shape)
+    expected = 3.0 / (0.05 * data.signal.mean(axis=(1, 2)))
+    np.testing.assert_allclose(competition._spectrum(data, change, change[0] ** 2), expected)
+
+
 def test_bands_that_only_the_lamps_fit_changes_do_not_show_the_cause():
     """The lamp's scale takes up a quarter of what one band gains, and with it changes all others."""
     change = np.zeros(SIGNAL.shape)
