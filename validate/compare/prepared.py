@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,12 @@ from cboxlab.calibration.instrument import BandResponse
 from cboxlab.calibration.quality import distance_to_surface
 from cboxlab.calibration.result import Calibration, calibrate_capture
 from cboxlab.rendering.chain import RenderSettings, after_stage
-from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.effects import AppliedEffect, catalogue, names_in
 from cboxlab.rendering.files import Declared
 from cboxlab.rendering.model import Model, seen_through
 from cboxlab.rendering.radiosity import LightField, solve_light
 from cboxlab.scenes.camera import Camera
-from cboxlab.scenes.scene import Scene
-from cboxlab.scenes.shapes import moved_on_floor
+from cboxlab.scenes.scene import Scene, Surface
 from cboxlab.scenes.wavelength_grid import WAVELENGTH_NM
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
@@ -369,17 +369,25 @@ def with_placed_blocks(fit: CameraFit, points: SurveyedPoints, scene: Scene) -> 
         return fit
     covariance = np.array(camera.covariance)
     by_image = camera.covariance @ parameter_jacobian(camera, position).T / fit.point_sigma_px**2
-    numbers = {number.name: 0.0 for number in catalogue()["block-pose"].numbers}
-    for block in (surface for surface in scene.surfaces if surface.name.endswith("-block")):
+    for block, moved in _misplaced_blocks(scene):
         on_block = distance_to_surface(block, position) < _ON_BLOCK_MM
         corners = np.c_[block.vertices_mm, np.ones(len(block.vertices_mm))]
-        for number in catalogue()["block-pose"].numbers:
-            moved = moved_on_floor(block.vertices_mm, **{**numbers, number.name: number.tolerance})
-            rigid = np.linalg.lstsq(corners, moved - block.vertices_mm, rcond=None)[0]
-            shift = on_block[:, None] * (np.c_[position, np.ones(len(position))] @ rigid)
-            change = by_image @ (camera.project(position + shift) - camera.project(position)).ravel()
-            covariance += np.outer(change, change)
+        rigid = np.linalg.lstsq(corners, moved.vertices_mm - block.vertices_mm, rcond=None)[0]
+        shift = on_block[:, None] * (np.c_[position, np.ones(len(position))] @ rigid)
+        change = by_image @ (camera.project(position + shift) - camera.project(position)).ravel()
+        covariance += np.outer(change, change)
     return replace(fit, camera=replace(camera, covariance=covariance))
+
+
+def _misplaced_blocks(scene: Scene) -> Iterator[tuple[Surface, Surface]]:
+    """Each block of a scene, and the same block off by the tolerance of a number of its place."""
+    for effect in catalogue().values():
+        names = [p.name for p in effect.parameters if p.kind == "block"]
+        for name, block in product(names, names_in(scene)["block"]):
+            in_place = {name: block, **{number.name: number.null for number in effect.numbers}}
+            for number in (number for number in effect.numbers if number.tolerance):
+                moved = effect.apply(scene, **{**in_place, number.name: number.tolerance})
+                yield from (pair for pair in zip(scene.surfaces, moved.surfaces, strict=True) if pair[0] is not pair[1])
 
 
 def _compared_with(capture: Capture, scene: Scene) -> Capture:
