@@ -9,13 +9,13 @@ from cboxlab.utils.lazy import lazy_names
 if TYPE_CHECKING:
     from .alternatives import LikelyCause
     from .base_flaws import Flaw
-    from .diagnosis import Diagnosis, Step, diagnose_validation
+    from .diagnosis import Diagnosis, diagnose_validation
     from .effect_fit import fit_effect, fit_effects
     from .evidence import Limit
     from .further_captures import Separation
     from .judgement import Verdict
     from .linear_model import nuisance_priors
-    from .ranking import Ranked
+    from .results import Ranked, Step
     from .search import judged_by_priors
     from .several_captures import FurtherCaptureResult
 

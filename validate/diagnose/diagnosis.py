@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.calibration.capture import Capture
-from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.model import Model
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
 
-from ..compare import Comparison, Validation, compared
+from ..compare import Validation
 from . import evidence, unexplained
 from .alternatives import (
     LikelyCause,
@@ -24,9 +23,10 @@ from .alternatives import (
     with_alternatives,
 )
 from .base_flaws import Flaw
-from .evidence import Limit, explained_part, prior_pull, something_remains, square, tolerance_notes
+from .evidence import Limit, explained_part, something_remains, square, tolerance_notes
 from .explain import (
     LEAST_PROBABILITY,
+    SOUND,
     Explanation,
     Lead,
     Signs,
@@ -47,7 +47,6 @@ from .judgement import (
     selected_with_flaws,
     settled_with_flaws,
 )
-from .linear_model import LinearModel, smooth_excess
 from .linearised_fit import (
     LinearisedFit,
     linearised_fit,
@@ -55,30 +54,12 @@ from .linearised_fit import (
     residual_with,
     residual_with_rendered,
 )
-from .ranking import UNKNOWN, Ranked, ranking
-from .search import Candidate, Signature, unknown_notes, without_imitated
+from .results import UNKNOWN, Ranked, Step, path_of, ranking
+from .search import Candidate, Signature, without_imitated
 from .several_captures import FurtherCaptureResult, further_fit, further_result, refitted_to_all
 from .stepwise import Selection, selection, signatures_of, tolerated_changes
 
-__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "Step", "diagnose_validation"]
-
-
-@dataclass(frozen=True, eq=False)
-class Step(FrozenMappings):
-    """The model with the first of the selected effects."""
-
-    #: The first effects, in the order of selection.
-    effects: tuple[AppliedEffect, ...]
-    #: For each, standard deviations of its numbers by parameter.
-    sigma: tuple[Mapping[str, float], ...]
-    #: Excess of interior block means over noise, chi2 per sample, see `linear_model.smooth_excess`.
-    smooth_excess: float
-    #: Standard deviations by which fitted camera and lamp miss survey and stated power.
-    prior_pull: float
-    #: Photograph against this model, camera and lamp fitted.
-    comparison: Comparison
-    #: Notes on what references, flats and darks would have shown.
-    unknown: tuple[str, ...] = ()
+__all__ = ["UNKNOWN", "Diagnosis", "Ranked", "diagnose_validation"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,7 +211,7 @@ def diagnose_validation(
     if explanation is not None and not flaws.small:
         # their fit contained part of that cause, which is in the change also where its family is not named
         flaws, flaws_cost = flaws_without(answer.linearised, answer.residual, explanation.change).base_flaws, 1.0
-    path = _path(validation, start, answer, judged.imitated)
+    path = path_of(validation, start, answer.linearised, answer.effects, judged.imitated)
     progress.part(1.0)
     effect_ids = [c.hypothesis.effect.id for c in answer.effects]
     singles = by_size.singles
@@ -240,7 +221,16 @@ def diagnose_validation(
         adequate=not answer.selected,
         chi2_per_dof=start.chi2 / start.count,
         final_chi2_per_dof=float(answer.residual @ answer.residual) / answer.linearised.model.count,
-        ranking=ranking(singles, search, answer.assessed, start, answer.unknown, answer.imitations, answer.selected),
+        ranking=ranking(
+            singles,
+            search,
+            answer.assessed,
+            start,
+            answer.unknown,
+            answer.imitations,
+            answer.selected,
+            sound=0.0 if explanation is None else explanation.odds.get(SOUND, 0.0),
+        ),
         selected=answer.selected,
         indistinguishable=groups(answer.assessed),
         path=path,
@@ -369,17 +359,6 @@ def _likelier_than_imitations(
     )
 
 
-def _path(validation: Validation, start: LinearModel, answer: _Answer, imitated: Sequence[str]) -> tuple[Step, ...]:
-    """The model as given, then with one effect more each, fitted without the later ones."""
-    linearised, effects = answer.linearised, answer.effects
-    excess, pull = smooth_excess(start, start.residual), prior_pull(start.residual)
-    steps = [Step((), (), excess, pull, validation.comparison, unknown_notes(validation.prepared, imitated))]
-    for count in range(1, len(effects) + 1):
-        first_effects = refitted_together(linearised, effects[:count]) if count < len(effects) else effects
-        steps.append(_step(validation, linearised, first_effects, imitated))
-    return tuple(steps)
-
-
 def _search(validation: Validation, first: LinearisedFit, progress: Progress) -> _Judged:
     """Effects selected by size, and those that hold in the end.
 
@@ -427,25 +406,3 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
 def _least(gains: Sequence[float]) -> float:
     """The smallest finite gain; NaN for none."""
     return min((gain for gain in gains if np.isfinite(gain)), default=float("nan"))
-
-
-def _step(
-    validation: Validation, linearised: LinearisedFit, effects: Sequence[Candidate], imitated: Sequence[str]
-) -> Step:
-    """The model with these effects, compared; lamp and free scale are fitted with them in place."""
-    prepared, rendered, residual = validation.prepared, linearised.rendered, residual_with(linearised, effects)
-    applied = tuple(c.applied for c in effects)
-    signal = linearised.predictor.signal((*linearised.model_effects, *applied))
-    prepared = prepared.fitted_about(signal, rendered.variance, rendered.used)
-    variance = prepared.calibration.predicted_variance(signal) + rendered.variance
-    scale, _ = prepared.lamp_scale(signal, variance, rendered.used)
-    if prepared.free_scale is not None and not prepared.free_scale.absolute:
-        scale, rendered = 1.0, replace(rendered, fit=replace(rendered.fit, lamp_scale=1.0))
-    return Step(
-        effects=applied,
-        sigma=tuple(dict(c.sigma) for c in effects),
-        smooth_excess=smooth_excess(linearised.model, residual),
-        prior_pull=prior_pull(residual),
-        comparison=compared(prepared, rendered, scale * signal),
-        unknown=unknown_notes(prepared, imitated),
-    )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.diagnose.evidence import SHAPE_ERROR
-from cboxlab.validation.diagnose.ranking import _NOTHING_MISSING, UNKNOWN, _shares, ranking
+from cboxlab.validation.diagnose.results import _NOTHING_MISSING, UNKNOWN, _shares, ranking
 
 diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
 
@@ -24,12 +24,12 @@ def _selected(candidate, *alternatives):
     )
 
 
-def _probabilities(assessed, unknown, selected, imitations=None):
+def _probabilities(assessed, unknown, selected, imitations=None, sound=0.0):
     singles = [_candidate(name, chi2) for name, chi2 in (("haze", 1000.0), ("fog", 1010.0), ("ghost", 1200.0))]
     model = SimpleNamespace(chi2=2000.0, count=1000)
     search = SimpleNamespace(singles=singles, first=model)
     imitations = imitations or dict.fromkeys((name for name in selected if name != UNKNOWN), unknown)
-    entries = ranking(singles, search, assessed, model, unknown, imitations, selected)
+    entries = ranking(singles, search, assessed, model, unknown, imitations, selected, sound=sound)
     return {r.effect: r.probability for r in entries}
 
 
@@ -68,7 +68,7 @@ def test_where_errors_hide_every_effect_the_others_have_no_probability():
     """A small picture behind a mosaic: no effect is large enough to be tried where the render's errors are counted."""
     start, by_size = SimpleNamespace(chi2=2000.0, count=1000), [_candidate("haze", 1990.0)]
     search = SimpleNamespace(singles=[], first=start)
-    entries = {entry.effect: entry for entry in ranking(by_size, search, [], start, 0.1, {}, ())}
+    entries = {entry.effect: entry for entry in ranking(by_size, search, [], start, 0.1, {}, (), sound=0.0)}
     assert entries["haze"].probability == 0.0
     assert (entries[UNKNOWN].probability, entries[UNKNOWN].chi2_per_dof) == (0.1, 2.0)
 
@@ -78,12 +78,19 @@ def test_where_nothing_is_missing_effects_share_little():
     assert sum(probability.values()) == pytest.approx(1 - _NOTHING_MISSING)
 
 
+@pytest.mark.parametrize(("unknown", "sound", "others"), [(0.49, 0.51, 0.0), (0.6, 0.1, 0.3), (0.7, 0.4, 0.0)])
+def test_next_to_a_bare_unknown_effects_share_what_a_sound_capture_leaves(unknown, sound, others):
+    probability = _probabilities([], unknown, (UNKNOWN,), sound=sound)
+    assert probability.pop(UNKNOWN) == unknown
+    assert sum(probability.values()) == pytest.approx(others)
+
+
 def test_chi2_of_an_unknown_cause_is_that_of_the_best_single_effect_per_sample():
     """Fitted in another covariance, chi2 is shifted by the difference of the two without any effect."""
     singles = [_candidate("haze", 640.0), _candidate("ghost", 600.0)]
     search = SimpleNamespace(singles=singles, first=SimpleNamespace(chi2=700.0))
     start = SimpleNamespace(chi2=800.0, count=200)
-    entries = {entry.effect: entry for entry in ranking(singles, search, [], start, 0.3, {}, (UNKNOWN,))}
+    entries = {entry.effect: entry for entry in ranking(singles, search, [], start, 0.3, {}, (UNKNOWN,), sound=0.0)}
     assert entries["haze"].chi2_per_dof == pytest.approx(740 / 200)
     assert entries["ghost"].chi2_per_dof == entries[UNKNOWN].chi2_per_dof == pytest.approx(700 / 200)
     assert entries["ghost"].probability > entries["haze"].probability
@@ -91,7 +98,7 @@ def test_chi2_of_an_unknown_cause_is_that_of_the_best_single_effect_per_sample()
 
 def test_shares_are_odds_widened_by_the_errors_of_shapes(monkeypatch):
     """A difference of 6 in chi2, over a dispersion and a part of what the best effect explains."""
-    monkeypatch.setattr("cboxlab.validation.diagnose.ranking.penalised", lambda candidate: candidate)
+    monkeypatch.setattr("cboxlab.validation.diagnose.results.penalised", lambda candidate: candidate)
     for without, explained in ((500.0, 400.0), (90.0, 0.0)):
         first, second = _shares([100.0, 106.0], without, 1.5)
         assert first + second == pytest.approx(1.0)
