@@ -381,7 +381,7 @@ def with_placed_blocks(fit: CameraFit, points: SurveyedPoints, scene: Scene) -> 
 
 def _misplaced_blocks(scene: Scene) -> Iterator[tuple[Surface, Surface]]:
     """Each block of a scene, and the same block off by the tolerance of a number of its place."""
-    for effect in catalogue().values():
+    for effect in (effect for effect in catalogue().values() if effect.stage == "scene"):
         names = [p.name for p in effect.parameters if p.kind == "block"]
         for name, block in product(names, names_in(scene)["block"]):
             in_place = {name: block, **{number.name: number.null for number in effect.numbers}}
