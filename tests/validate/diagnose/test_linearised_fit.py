@@ -100,13 +100,20 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
 
     def built(**keywords):
         arguments.update(keywords)
-        return SimpleNamespace(marginalised_over=lambda columns: None)
+        model = SimpleNamespace(marginalised_over=lambda columns: None, sigma=2.0)
+        model.with_priors_of = lambda columns, missed: arguments.update(columns=columns, missed=missed) or model
+        return model
 
     monkeypatch.setattr(linearised_fit, "build_linear_model", built)
     calibration = SimpleNamespace(
         predicted_variance=lambda signal_given: 2 * signal_given + 5,
         noise=SimpleNamespace(rounding_error_dn=0.0),
-        bands=SimpleNamespace(shared_variance=lambda signal_given: 0.0, dark_sigma_dn=np.zeros(2)),
+        bands=SimpleNamespace(
+            shared_variance=lambda signal_given: 0.0,
+            dark_sigma_dn=np.array([2.0, 4.0]),
+            further_dark_dn=np.array([1.0, -2.0]),
+            dark_changes=np.ones((2, *shape)),
+        ),
         capture=SimpleNamespace(cell=None),
     )
     prepared = SimpleNamespace(
@@ -133,6 +140,9 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     signal_given = 3 * 100 * scale
     np.testing.assert_allclose(arguments["variance"], 2 * signal_given + 5 + 0.01 * signal_given + 9 * scale**2)
     np.testing.assert_array_equal(arguments["derivative"][-1], picture)
+    # the levels that were subtracted are that far above those of their prior
+    np.testing.assert_array_equal(arguments["missed"], [-0.5, 0.5])
+    np.testing.assert_array_equal(arguments["columns"], np.full((2, 1, *shape), 0.5))
 
 
 @pytest.mark.parametrize("scale", [0.6, 1.0, 1.7])
