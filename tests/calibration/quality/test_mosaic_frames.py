@@ -70,8 +70,8 @@ def test_light_in_the_darks_of_a_colour_sensor_follows_its_colours(rate_dn_s, su
         assert bool(suspicions) is suspected
         if suspicions:
             assert suspicions[0].where == "dark (8 s)" and "colours' sensitivities" in suspicions[0].why
-            stated = float(re.search(r"it is ([\d.]+) DN at 8 s", suspicions[0].why)[1])
-            assert rate_dn_s < 5 or stated == pytest.approx(8 * rate_dn_s * response.mean(), rel=0.2)
+            level_dn = float(re.search(r"it is ([\d.]+) DN at 8 s", suspicions[0].why)[1])
+            assert rate_dn_s < 5 or level_dn == pytest.approx(8 * rate_dn_s * response.mean(), rel=0.2)
 
 
 def of_neighbours(frame):
