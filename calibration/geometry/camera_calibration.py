@@ -336,6 +336,7 @@ def _without_survey(
     rms = float(np.sqrt(np.mean(residuals**2)))
     fit = CameraFit(
         camera=camera,
+        points=None,
         residuals_px=residuals,
         in_use=np.ones(len(points.ids), bool),
         outliers=(),

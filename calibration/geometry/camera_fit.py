@@ -38,6 +38,8 @@ class CameraFit(FrozenMappings):
 
     #: Fitted camera with its (10, 10) covariance in the order of PARAMETER_NAMES.
     camera: Camera
+    #: Surveyed points; None where boards at a stated place determine the camera.
+    points: SurveyedPoints | None
     #: (n, 2) measured minus projected image positions of all points, px.
     residuals_px: NDArray[np.float64]
     #: (n,) True for the points used in the fit.
@@ -135,6 +137,7 @@ def fit_camera(
     chi2 = sum_of_squares / point_sigma_px**2 if point_sigma_px else None
     return CameraFit(
         camera=camera,
+        points=points,
         residuals_px=residuals,
         in_use=in_use,
         outliers=tuple(name for name, use in zip(points.ids, in_use, strict=True) if not use),

@@ -88,7 +88,7 @@ def check_points(capture: Capture, fit: CameraFit | None) -> Iterator[Suspicion]
     Suspicion
         For the points together, then for single wrong ones.
     """
-    points = capture_points(capture)
+    points = capture_points(capture) if fit is None else fit.points
     if points is None:
         return
     name = str(capture.manifest.geometry.points) if capture.manifest.geometry else ""

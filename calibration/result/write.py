@@ -15,7 +15,7 @@ from cboxlab.utils.numbers import json_value
 
 from ..colour import ILLUMINANT, ChainCheck, patch_errors, patches_csv
 from ..detector import dark_level_sigma
-from ..geometry import CameraFit, capture_points
+from ..geometry import CameraFit
 from ..instrument import Mask
 from .calibrate import Calibration
 from .geometry_plot import plot_geometry
@@ -268,11 +268,11 @@ def write_calibration(calibration: Calibration, folder: Path) -> tuple[Path, ...
         jobs["response.png"] = lambda path: plot_response(calibration.sensor.responses, path)
     if calibration.sensor.curve is not None:
         jobs["curve.png"] = lambda path: plot_curve(calibration, path)
-    points = capture_points(calibration.capture)
     camera, fit = calibration.camera, calibration.camera_fit
-    if points is not None and camera is not None and fit is not None:
+    if camera is not None and fit is not None and fit.points is not None:
         scene = calibration.capture.scene
         photograph = calibration.photograph
+        points = fit.points
         jobs["geometry.png"] = lambda path: plot_geometry(photograph, points, fit, camera, scene, path)
     for name, job in jobs.items():
         _write(folder / name, job)

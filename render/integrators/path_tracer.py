@@ -16,6 +16,8 @@ Wavelengths share their paths, so the errors of neighbouring wavelengths are str
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
@@ -142,47 +144,17 @@ def _strip(
     wavelengths, max_bounces = job.wavelength_nm, job.max_bounces
     rays = pixel_rays(job.camera, pixels)
     points = PathPoints(samples, pixels, seeds)
-    reflectances, shares = tracer.scene.reflectances(wavelengths), tracer.scene.lamp_shares(wavelengths)
+    reflectances = tracer.scene.reflectances(wavelengths)
     survival = np.clip(reflectances.max(axis=1), 0.05, HIGHEST_SURVIVAL)
-    reflectance_of = _MaterialTable(reflectances)
+    tables = _Spectra(_MaterialTable(reflectances), _opaque(tracer.scene.lamp_shares(wavelengths)))
     survival_of = _MaterialTable(np.column_stack([survival, 1 / survival]))
     total = dr.opaque(mi.UInt32, samples)
     max_depth = dr.opaque(mi.UInt32, UNLIMITED if max_bounces is None else max_bounces)
     full = mi.Float(1)
-    lamp_shares = [[dr.opaque(mi.Float, float(x)) for x in row] for row in shares]
-
-    def updated(
-        throughput: list[mi.Float],
-        sums: list[mi.Float],
-        counted_sums: list[list[mi.Float]],
-        begun: mi.Bool,
-        material: mi.UInt32,
-        lights: list[mi.Float],
-        counts: list[mi.Float],
-    ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
-        """Throughputs and sums of all wavelengths after a vertex.
-
-        The vertex is given by its material and the direct light of each lamp. `begun` marks first vertices of paths, at
-        which the throughput is reset. `counts` are the factors of `counted_sums`.
-        """
-        throughput = [dr.select(begun, r, t * r) for t, r in zip(throughput, reflectance_of(material), strict=True)]
-        if len(lights) == 1:  # of share 1 at every wavelength
-            light = lights * len(sums)
-        else:
-            light = [
-                sum(m * x for m, x in zip(shares_at, lights, strict=True))
-                for shares_at in zip(*lamp_shares, strict=True)
-            ]
-        sums = [dr.fma(t, x, s) for t, x, s in zip(throughput, light, sums, strict=True)]
-        counted_sums = [
-            [dr.fma(c * x, t, s) for t, x, s in zip(throughput, light, row, strict=True)]
-            for c, row in zip(counts, counted_sums, strict=True)
-        ]
-        return throughput, sums, counted_sums
 
     def body(spectral: tuple, path: tuple) -> tuple[tuple, tuple]:
         """One path segment: the update for the vertex before, then the vertex at its end."""
-        spectra, counts = updated(*spectral), spectral[-1]
+        spectra, counts = tables.after_vertex(*spectral), spectral[-1]
         index, depth, origin, direction, emitted, weight = path
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         material, shaded = hit.material, hit.reflecting & (depth < max_depth)
@@ -234,8 +206,54 @@ def _strip(
         dr.zeros(mi.Float, count),
     )
     spectral, (*_, emitted, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
-    _, sums, counted_sums = updated(*spectral)
+    _, sums, counted_sums = tables.after_vertex(*spectral)
     return [*emitted, *sums, *(s for row in counted_sums for s in row)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Spectra:
+    """Reflectances and the lamps' shares at all wavelengths."""
+
+    #: Reflectances by material.
+    reflectance_of: _MaterialTable
+    #: (lamps, w) each lamp's radiance over the lamps' mean.
+    lamp_shares: list[list[mi.Float]]
+
+    def after_vertex(
+        self,
+        throughput: list[mi.Float],
+        sums: list[mi.Float],
+        counted_sums: list[list[mi.Float]],
+        begun: mi.Bool,
+        material: mi.UInt32,
+        lights: list[mi.Float],
+        counts: list[mi.Float],
+    ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
+        """Throughputs and sums of all wavelengths after a vertex.
+
+        The vertex is given by its material and the direct light of each lamp. `begun` marks first vertices of paths, at
+        which the throughput is reset. `counts` are the factors of `counted_sums`.
+        """
+        reflectances = self.reflectance_of(material)
+        throughput = [dr.select(begun, r, t * r) for t, r in zip(throughput, reflectances, strict=True)]
+        if len(lights) == 1:  # of share 1 at every wavelength
+            light = lights * len(sums)
+        else:
+            light = [
+                sum(m * x for m, x in zip(shares_at, lights, strict=True))
+                for shares_at in zip(*self.lamp_shares, strict=True)
+            ]
+        sums = [dr.fma(t, x, s) for t, x, s in zip(throughput, light, sums, strict=True)]
+        counted_sums = [
+            [dr.fma(c * x, t, s) for t, x, s in zip(throughput, light, row, strict=True)]
+            for c, row in zip(counts, counted_sums, strict=True)
+        ]
+        return throughput, sums, counted_sums
+
+
+def _opaque(table: np.ndarray) -> list[list[mi.Float]]:
+    """Rows of a table in numbers of one lane, which are data of the kernel."""
+    return [[dr.opaque(mi.Float, float(x)) for x in row] for row in table]
 
 
 class _MaterialTable:

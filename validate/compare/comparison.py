@@ -279,12 +279,20 @@ class _Residuals:
 
 
 def _band(
-    chi2: ChiSquare, measured: NDArray, rendered: NDArray, variance: NDArray, where: NDArray[np.bool_]
+    residuals: _Residuals,
+    index: int,
+    measured: NDArray,
+    rendered: NDArray,
+    variance: NDArray,
+    on_surface: NDArray[np.bool_],
 ) -> BandRow:
-    """Row of one band from its (y, x) images, over the pixels of surfaces."""
+    """Row of one band from (band, y, x) images, over the pixels of surfaces."""
+    measured, rendered, variance = measured[index], rendered[index], variance[index]
+    where = residuals.used[index] & on_surface
     unexplained = float(np.sum(((measured - rendered) ** 2 - variance)[where]))
     power = float(np.sum(rendered[where] ** 2))
     beyond_noise = float(np.sqrt(max(unexplained, 0.0) / power)) if power > 0 else float("nan")
+    chi2 = residuals.chi_square(np.arange(len(residuals.used))[:, None, None] == index)
     return BandRow(chi2, _relative(measured, rendered, variance, where), beyond_noise)
 
 
@@ -318,6 +326,15 @@ def _sample_maps(
         "rendered": (_SAMPLES, model, {"units": "DN"}),
         "sigma": (_SAMPLES, np.sqrt(variance), {"units": "DN"}),
         "residual_over_sigma": (_SAMPLES, residual, {"units": "1"}),
+    }
+
+
+def _masked_pixels(mask: NDArray) -> dict[str, int]:
+    """Number of pixels that a (band, y, x) mask leaves out in any band, by reason."""
+    return {
+        reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum())
+        for reason in Mask
+        if reason.name and reason.is_defect
     }
 
 
@@ -400,16 +417,6 @@ def compare(
     excess = max(chi2_edges.excess, 0.0), max(chi2_interiors.excess, 0.0)
     images = photograph, model, variance
     colours = pixel_colours(images, used, on_surface, inner, weights, lamp_xyz, cell)
-    by_band = {
-        band: _band(
-            residuals.chi_square(np.arange(len(bands))[:, None, None] == i),
-            photograph[i],
-            model[i],
-            variance[i],
-            used[i] & on_surface,
-        )
-        for i, band in enumerate(bands)
-    }
     by_surface = {
         name: _surface(
             residuals.chi_square(surface == i),
@@ -423,27 +430,27 @@ def compare(
         )
         for i, name in enumerate(surface_names)
     }
-    maps = xr.Dataset(
-        {
-            **_sample_maps(photograph, model, variance, residual),
-            "mask": (_SAMPLES, mask, measured.mask.attrs),
-            **colours.variables,
-            "surface": (_PIXELS, surface.astype(np.int16)),
-            "edge_distance_px": (_PIXELS, distance, {"units": "px"}),
-        },
-        coords={"band": list(bands), "xyz": ["X", "Y", "Z"]},
-        attrs={"surface_names": list(surface_names)},
-    )
+    variables = {
+        **_sample_maps(photograph, model, variance, residual),
+        "mask": (_SAMPLES, mask, measured.mask.attrs),
+        **colours.variables,
+        "surface": (_PIXELS, surface.astype(np.int16)),
+        "edge_distance_px": (_PIXELS, distance, {"units": "px"}),
+    }
     return Comparison(
         bands=bands,
-        maps=maps,
+        maps=xr.Dataset(
+            variables,
+            coords={"band": list(bands), "xyz": ["X", "Y", "Z"]},
+            attrs={"surface_names": list(surface_names)},
+        ),
         xyz_per_dn=weights,
         white=colours.white,
         chi2=residuals.chi_square(np.array(True)),
         chi2_edges=chi2_edges,
         chi2_interiors=chi2_interiors,
         share_of_excess_at_edges=excess[0] / sum(excess) if sum(excess) > 0 else float("nan"),
-        by_band=by_band,
+        by_band={band: _band(residuals, i, *images, on_surface) for i, band in enumerate(bands)},
         by_surface=by_surface,
         colour={name: statistics(values[colours.single]) for name, values in colours.maps.items()},
         colour_noise=colours.noise,
@@ -452,10 +459,6 @@ def compare(
         ),
         render_sigma_over_sensor_sigma=float(np.median(sigma_ratio)) if sigma_ratio.size else float("nan"),
         pixels_used=int((colours.complete if cell is None else used.any(axis=0)).sum()),
-        masked={
-            reason.name.lower(): int(((mask & reason.value) > 0).any(axis=0).sum())
-            for reason in Mask
-            if reason.name and reason.is_defect
-        },
+        masked=_masked_pixels(mask),
         cell=cell,
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from cboxlab.calibration.capture import Capture
 from cboxlab.calibration.colour import FilterWeights
-from cboxlab.calibration.geometry import CameraFit, SurveyedPoints, capture_points, parameter_jacobian
+from cboxlab.calibration.geometry import CameraFit, parameter_jacobian
 from cboxlab.calibration.instrument import BandResponse
 from cboxlab.calibration.quality import distance_to_surface
 from cboxlab.calibration.result import Calibration, calibrate_capture
@@ -332,10 +332,9 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
             + (' Without gain and lens data state scale = "free".' if manifest_is_absolute else ""),
         )
     scene = model.scene.with_lamp(capture.light(lamp.radiance))
-    points = capture_points(capture)
     return CalibratedCapture(
         calibration,
-        camera_fit if points is None else with_placed_blocks(camera_fit, points, scene),
+        with_placed_blocks(camera_fit, scene),
         responses,
         weights,
         scene.lambertian,
@@ -345,7 +344,7 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     )
 
 
-def with_placed_blocks(fit: CameraFit, points: SurveyedPoints, scene: Scene) -> CameraFit:
+def with_placed_blocks(fit: CameraFit, scene: Scene) -> CameraFit:
     """A survey's camera with the tolerance of blocks' places in its covariance.
 
     All points on a block move with it, so that their number does not average this error.
@@ -353,9 +352,7 @@ def with_placed_blocks(fit: CameraFit, points: SurveyedPoints, scene: Scene) -> 
     Parameters
     ----------
     fit
-        Camera fitted to the points.
-    points
-        The points.
+        Camera fitted to surveyed points, or by boards.
     scene
         Scene with its blocks.
 
@@ -364,9 +361,10 @@ def with_placed_blocks(fit: CameraFit, points: SurveyedPoints, scene: Scene) -> 
     CameraFit
         With a larger covariance where points lie on blocks.
     """
-    camera, position = fit.camera, points.points_mm[fit.in_use]
-    if camera.covariance is None:
+    camera = fit.camera
+    if camera.covariance is None or fit.points is None:
         return fit
+    position = fit.points.points_mm[fit.in_use]
     covariance = np.array(camera.covariance)
     by_image = camera.covariance @ parameter_jacobian(camera, position).T / fit.point_sigma_px**2
     for block, moved in _misplaced_blocks(scene):

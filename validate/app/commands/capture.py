@@ -125,13 +125,18 @@ def capture(
     number_printed = "" if hide else f", seed {number}"
     say(f"Capture: {out} ({true_camera.width_px} x {true_camera.height_px} px{number_printed})")
     if hide:
-        say(f"The seal has hash {digest}. Keep it: it proves that the answer is unchanged.")
-        say(f"To open the answer: cbox reveal {out} --hash {digest}")
-        if truncated is not None:
-            say(f"To diagnose the capture with its model: cbox diagnose {out} --model {out / 'model.toml'}")
+        _say_sealed(out, digest, truncated is not None)
     elif truth.effects:
         say(f"Effects: {', '.join(effect.id for effect in truth.effects)}")
     _note_error_of_rendering(excess, error, len(settings.filters) * true_camera.width_px * true_camera.height_px)
+
+
+def _say_sealed(out: Path, digest: str, has_model: bool) -> None:
+    """Print the hash of a sealed answer and the commands that follow."""
+    say(f"The seal has hash {digest}. Keep it: it proves that the answer is unchanged.")
+    say(f"To open the answer: cbox reveal {out} --hash {digest}")
+    if has_model:
+        say(f"To diagnose the capture with its model: cbox diagnose {out} --model {out / 'model.toml'}")
 
 
 def _note_error_of_rendering(excess: float, error: float, samples: int) -> None:
