@@ -154,7 +154,7 @@ def _strip(
 
     def body(spectral: tuple, path: tuple) -> tuple[tuple, tuple]:
         """One path segment: the update for the vertex before, then the vertex at its end."""
-        spectra, counts = tables.after_vertex(*spectral), spectral[-1]
+        spectra, counts = tables.after_vertex(spectral), spectral[-1]
         index, depth, origin, direction, emitted, weight = path
         hit = intersect(tracer, mi.Ray3f(origin, direction))
         material, shaded = hit.material, hit.reflecting & (depth < max_depth)
@@ -206,7 +206,7 @@ def _strip(
         dr.zeros(mi.Float, count),
     )
     spectral, (*_, emitted, _) = dr.while_loop((spectral, path), lambda _, path: path[0] < total, body)
-    _, sums, counted_sums = tables.after_vertex(*spectral)
+    _, sums, counted_sums = tables.after_vertex(spectral)
     return [*emitted, *sums, *(s for row in counted_sums for s in row)]
 
 
@@ -219,21 +219,13 @@ class _Spectra:
     #: (lamps, w) each lamp's radiance over the lamps' mean.
     lamp_shares: list[list[mi.Float]]
 
-    def after_vertex(
-        self,
-        throughput: list[mi.Float],
-        sums: list[mi.Float],
-        counted_sums: list[list[mi.Float]],
-        begun: mi.Bool,
-        material: mi.UInt32,
-        lights: list[mi.Float],
-        counts: list[mi.Float],
-    ) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
-        """Throughputs and sums of all wavelengths after a vertex.
+    def after_vertex(self, spectral: tuple) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
+        """Throughputs, sums and counted sums of all wavelengths after a vertex.
 
-        The vertex is given by its material and the direct light of each lamp. `begun` marks first vertices of paths, at
-        which the throughput is reset. `counts` are the factors of `counted_sums`.
+        `spectral` holds these three before it. Then follow whether the vertex is the first of its path, at which the
+        throughput is reset, its material, the direct light of each lamp, and the factors of the counted sums.
         """
+        throughput, sums, counted_sums, begun, material, lights, counts = spectral
         reflectances = self.reflectance_of(material)
         throughput = [dr.select(begun, r, t * r) for t, r in zip(throughput, reflectances, strict=True)]
         if len(lights) == 1:  # of share 1 at every wavelength

@@ -100,9 +100,7 @@ def capture(
         names = tuple(effects.split(",")) if effects else ()
         with options(effects="--effects", strength="--strength"):
             hidden = _random_effects(truth, names, strength, generator, true_camera, settings, number)
-        if hidden.stage == "settings":
-            bounces = int(generator.integers(1, 4))
-            truncated = replace(truth, render=replace(truth.render, max_bounces=bounces), name="truncated")
+        truncated = _truncated(truth, generator) if hidden.stage == "settings" else None
         truth = truth.with_effect(hidden)
     with replacing_folder(out) as temporary:
         with bar("rendering") as report:
@@ -129,6 +127,12 @@ def capture(
     elif truth.effects:
         say(f"Effects: {', '.join(effect.id for effect in truth.effects)}")
     _note_error_of_rendering(excess, error, len(settings.filters) * true_camera.width_px * true_camera.height_px)
+
+
+def _truncated(model: Model, generator: np.random.Generator) -> Model:
+    """The model with one to three reflections, to which the hidden effect adds the others."""
+    render = replace(model.render, max_bounces=int(generator.integers(1, 4)))
+    return replace(model, render=render, name="truncated")
 
 
 def _say_sealed(out: Path, digest: str, has_model: bool) -> None:
