@@ -63,10 +63,12 @@ def _apply(light: PatchLight, extinction_per_m: float, albedo: float) -> PatchLi
     surround = np.outer(air.escape, light.surround)
     between = air.between_cells(sigma)
     source = np.zeros((len(air.volume), len(light.surround)))
+    exchanged = light
     for _ in range(_ROUNDS):
         arriving = onto_patches @ source.astype(np.float32)
-        exchanged = changed.change(patch_emission=light.patch_emission + light.patch_reflectance * arriving)
-        smooth = surround + from_patches @ exchanged.patch_radiance().astype(np.float32) + between @ source
+        emission = light.patch_emission + light.patch_reflectance * arriving
+        near, exchanged = exchanged, changed.change(patch_emission=emission)
+        smooth = surround + from_patches @ exchanged.patch_radiance(near).astype(np.float32) + between @ source
         before, source = source, sigma * albedo * (from_lamps + smooth)
         if np.abs(source - before).max() <= _SETTLED * source.max():
             break

@@ -101,8 +101,13 @@ class PatchLight:
         """(w, y, x) radiance of the lamps that the pixels see."""
         return np.einsum("jw,jyx->wyx", self.lamp_shares, self.transport.lamp_radiance)
 
-    def patch_radiance(self) -> NDArray[np.float64]:
+    def patch_radiance(self, near: PatchLight | None = None) -> NDArray[np.float64]:
         """Outgoing radiance of the patches: b = rho (e + F b), plus what they emit.
+
+        Parameters
+        ----------
+        near
+            Nearly the same light of the same patches, from whose solution this one begins. None begins at darkness.
 
         Returns
         -------
@@ -116,9 +121,10 @@ class PatchLight:
         if cut is not None and cut < 1:
             return self.patch_emission
         arriving = first + emitted
+        start = None if near is None else near.patch_radiance() - near.patch_emission
         return self.patch_emission + self.transport.cached(
             ("solution", cut, self.patch_reflectance, arriving),
-            lambda: solve_exchange(exchange, self.patch_reflectance, arriving, cut),
+            lambda: solve_exchange(exchange, self.patch_reflectance, arriving, cut, start),
         )
 
     def picture(self) -> NDArray[np.float64]:

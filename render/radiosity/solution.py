@@ -240,6 +240,7 @@ def solve_exchange(
     reflectance: NDArray,
     source: NDArray | None = None,
     max_reflections: int | None = None,
+    near: NDArray | None = None,
 ) -> NDArray[np.float64]:
     """Outgoing radiance b of every patch.
 
@@ -255,6 +256,8 @@ def solve_exchange(
         (p, w) or (p, 1) direct irradiance over pi; None for that of all lamps, each of radiance 1.
     max_reflections
         Number of reflections in the sum; None for all, to a relative residual of 1e-6.
+    near
+        (p, w) radiance of nearly the same light, which shortens the way to all reflections.
 
     Returns
     -------
@@ -274,17 +277,19 @@ def solve_exchange(
             bounce = reflected(bounce)
             total = total + bounce
         return total
-    return _converged(start, reflected)
+    return _converged(start, reflected, near)
 
 
-def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray]) -> NDArray[np.float64]:
-    """Solution of b = source + reflected(b), for every column (p, w) separately.
+def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray], near: NDArray | None) -> NDArray[np.float64]:
+    """Solution of b = source + reflected(b), for every column (p, w) separately, beginning at ``near``.
 
     Generalised conjugate residuals, to a relative residual of _ACCURACY: each step takes the residual as a direction
     and makes its image orthogonal to those of all directions before (Eisenstat, Elman and Schultz 1983). It takes a
     third of the matrix products of a sum over reflections.
     """
     total, residual = np.zeros_like(source), source
+    if near is not None:
+        total, residual = near, source + reflected(near) - near
     directions: list[tuple[NDArray, NDArray, NDArray]] = []
     enough = _ACCURACY**2 * np.sum(source**2, axis=0)
     for _ in range(_MOST_STEPS):

@@ -236,12 +236,14 @@ def test_reciprocity():
 def test_white_furnace():
     """A closed cube whose walls emit 1 and reflect r glows with 1 / (1 - r) everywhere, to 0.01%.
 
-    ``solve`` takes what arrives first, so walls that emit 1 by themselves are walls onto which 1 / r falls.
+    So it does from any start: darkness, or light that differs from wall to wall. ``solve`` takes what arrives first, so walls that emit 1 by themselves are walls onto which 1 / r falls.
     """
     _, patches, exchange = exchange_of(closed_cube(), 250.0, 256, seed=3)
     reflectance = np.broadcast_to([0.1, 0.5, 0.9], (len(patches), 3))
-    radiance = solve_exchange(exchange, reflectance, source=1.0 / reflectance)
-    assert radiance == pytest.approx(1.0 / (1.0 - reflectance), rel=1e-4)
+    uneven = 1.0 + patches.surface[:, None] * [0.1, 0.2, 0.3]
+    for near in (None, uneven):
+        radiance = solve_exchange(exchange, reflectance, source=1.0 / reflectance, near=near)
+        assert radiance == pytest.approx(1.0 / (1.0 - reflectance), rel=1e-4)
 
 
 def test_black_walls_pass_nothing_on():
