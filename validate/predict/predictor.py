@@ -63,6 +63,10 @@ _SCREENING_SAMPLES = 64
 #: Rays of each pixel for a draft where geometry has moved: three times as fast, twice the noise.
 _DRAFT_SAMPLES = 64
 
+#: Rays from each patch for a draft where geometry has moved. A block moved by 1 to 14 mm, or a lamp by 5 to 27 mm: the
+#: root mean square error of the picture grows by 0 to 2 %, by 7 % at most, since rays of pixels make most of it.
+_DRAFT_PATCH_SAMPLES = 128
+
 #: Pixels above which screening traces its own rays, ``_DRAFT_SAMPLES`` a pixel: a larger picture has as many in all.
 _SMALL_PICTURE = 2**15
 
@@ -153,6 +157,8 @@ class Predictor:
     samples: int = 256
     #: Rays per pixel of patch transport where geometry has moved.
     gather_samples: int = _SAMPLES
+    #: Rays from each patch where geometry has moved.
+    patch_samples: int = _PATCH_SAMPLES
     #: (band, y, x) change of the base picture by another camera, DN; see ``with_camera``.
     moved: NDArray[np.float64] | float = 0.0
     #: Factor on the lamp's stated power at which effects act: stray light and offsets do not grow with the lamp.
@@ -188,7 +194,7 @@ class Predictor:
         """
         if self.camera.width_px * self.camera.height_px <= _SMALL_PICTURE:
             return self.rough()
-        drafted = self.draft()
+        drafted = replace(self.draft(), patch_samples=self.patch_samples)
         object.__setattr__(drafted, "_traced", self._traced.drafted)
         return drafted
 
@@ -202,7 +208,12 @@ class Predictor:
         Predictor
             It traces its own rays.
         """
-        return replace(self, samples=_SCREENING_SAMPLES, gather_samples=_DRAFT_SAMPLES)
+        return replace(
+            self,
+            samples=_SCREENING_SAMPLES,
+            gather_samples=_DRAFT_SAMPLES,
+            patch_samples=_DRAFT_PATCH_SAMPLES,
+        )
 
     def needs_tracing(self, effects: Sequence[AppliedEffect]) -> bool:
         """Whether effects move surfaces, or change the directions in which lamps emit.
@@ -459,7 +470,7 @@ class Predictor:
             *(s.material for s in scene.surfaces),
             *_meshes(scene),
         )
-        arguments = (scene, self.camera, self.settings.seed, self.gather_samples)
+        arguments = (scene, self.camera, self.settings.seed, self.gather_samples, self.patch_samples)
         return self._traced.transports.get(key, lambda: coarse_transport(*arguments))
 
 
@@ -576,7 +587,9 @@ def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
     return result
 
 
-def coarse_transport(scene: Scene, camera: Camera, seed: int, samples: int = _SAMPLES) -> PatchTransport:
+def coarse_transport(
+    scene: Scene, camera: Camera, seed: int, samples: int = _SAMPLES, patch_samples: int = _PATCH_SAMPLES
+) -> PatchTransport:
     """Exchange of light in coarse patches, for changes of the picture.
 
     Parameters
@@ -589,6 +602,8 @@ def coarse_transport(scene: Scene, camera: Camera, seed: int, samples: int = _SA
         Seed of the rays.
     samples
         Rays of each pixel.
+    patch_samples
+        Rays from each patch.
 
     Returns
     -------
@@ -596,7 +611,7 @@ def coarse_transport(scene: Scene, camera: Camera, seed: int, samples: int = _SA
         The exchange between patches, lamps and pixels.
     """
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
-    return build_patch_transport(build_patched_scene(scene, edge, _PATCH_SAMPLES, seed), camera, samples, seed)
+    return build_patch_transport(build_patched_scene(scene, edge, patch_samples, seed), camera, samples, seed)
 
 
 def build_predictor(
