@@ -236,7 +236,8 @@ def test_reciprocity():
 def test_white_furnace():
     """A closed cube whose walls emit 1 and reflect r glows with 1 / (1 - r) everywhere, to 0.01%.
 
-    So it does from any start: darkness, or light that differs from wall to wall. ``solve`` takes what arrives first, so walls that emit 1 by themselves are walls onto which 1 / r falls.
+    So it does from any start: darkness, or light that differs from wall to wall. ``solve`` takes what arrives first, so
+    walls that emit 1 by themselves are walls onto which 1 / r falls.
     """
     _, patches, exchange = exchange_of(closed_cube(), 250.0, 256, seed=3)
     reflectance = np.broadcast_to([0.1, 0.5, 0.9], (len(patches), 3))
