@@ -222,8 +222,8 @@ class _Spectra:
     def after_vertex(self, spectral: tuple) -> tuple[list[mi.Float], list[mi.Float], list[list[mi.Float]]]:
         """Throughputs, sums and counted sums of all wavelengths after a vertex.
 
-        `spectral` holds these three before it. Then follow whether the vertex is the first of its path, at which the
-        throughput is reset, its material, the direct light of each lamp, and the factors of the counted sums.
+        `spectral` begins with the three before it. Next is whether the vertex is the first of its path, which resets
+        the throughput. Its material, the direct light of each lamp and the factors of the counted sums follow.
         """
         throughput, sums, counted_sums, begun, material, lights, counts = spectral
         reflectances = self.reflectance_of(material)

@@ -281,11 +281,11 @@ def solve_exchange(
 
 
 def _converged(source: NDArray, reflected: Callable[[NDArray], NDArray], near: NDArray | None) -> NDArray[np.float64]:
-    """Solution of b = source + reflected(b), for every column (p, w) separately, beginning at ``near``.
+    """Solution of b = source + reflected(b), for every column (p, w) separately.
 
-    Generalised conjugate residuals, to a relative residual of _ACCURACY: each step takes the residual as a direction
-    and makes its image orthogonal to those of all directions before (Eisenstat, Elman and Schultz 1983). It takes a
-    third of the matrix products of a sum over reflections.
+    It begins at ``near``, or at darkness. Generalised conjugate residuals, to a relative residual of _ACCURACY: each
+    step takes the residual as a direction and makes its image orthogonal to those of all directions before (Eisenstat,
+    Elman and Schultz 1983). It takes a third of the matrix products of a sum over reflections.
     """
     total, residual = np.zeros_like(source), source
     if near is not None:
