@@ -70,14 +70,22 @@ def decision_constants(root: Path = ROOT) -> list[DecisionConstant]:
     return [constant for path in paths for constant in _of_module(path, path.relative_to(root).as_posix())]
 
 
+def _text_of(lines: list[str], node: ast.expr) -> str:
+    """Source of an expression on one line; `ast.get_source_segment` reads the whole source every time."""
+    # columns are counted in bytes
+    parts = [line.encode() for line in lines[node.lineno - 1 : node.end_lineno]]
+    parts[-1] = parts[-1][: node.end_col_offset]
+    parts[0] = parts[0][node.col_offset :]
+    return " ".join(b" ".join(parts).decode().split())
+
+
 def _of_module(path: Path, name: str) -> Iterator[DecisionConstant]:
     source = path.read_text(encoding="utf-8")
     lines = source.splitlines()
     for node in ast.parse(source).body:
         for constant, value in assigned(node):
             if constant.isupper() and _holds_number(value):
-                text = " ".join((ast.get_source_segment(source, value) or "").split())
-                yield DecisionConstant(name, node.lineno, constant, text, _reason(lines, node.lineno))
+                yield DecisionConstant(name, node.lineno, constant, _text_of(lines, value), _reason(lines, node.lineno))
 
 
 def assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:

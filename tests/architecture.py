@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from html import escape
 from pathlib import Path
@@ -64,6 +65,7 @@ def package_in(name: str, packages: set[str]) -> str:
     return next((prefix for prefix in prefixes if prefix in packages), parts[0])
 
 
+@cache
 def imports_of(path: Path) -> set[str]:
     """What a module imports from cboxlab."""
     return imported(path.read_text(encoding="utf-8"), package_of(path))

@@ -12,27 +12,31 @@ decision_constants = importlib.import_module("decision_constants")
 FOLDER = "validate/diagnose"
 
 
-def test_every_constant_has_a_reason():
-    constants = decision_constants.decision_constants()
+@pytest.fixture(scope="module")
+def constants():
+    return decision_constants.decision_constants()
+
+
+def test_every_constant_has_a_reason(constants):
     assert len(constants) > 300
     assert [c.key for c in constants if not c.reason] == []
 
 
-def test_every_constant_has_the_value_of_its_module():
+def test_every_constant_has_the_value_of_its_module(constants):
     """The page reads syntax; here the imported modules are asked."""
-    for constant in decision_constants.decision_constants():
+    for constant in constants:
         module = importlib.import_module(constant.module)
         value = getattr(module, constant.name)
         assert repr(eval(constant.value, vars(module))) == repr(value) or "lambda" in constant.value
 
 
-def test_the_page_holds_all_constants():
+def test_the_page_holds_all_constants(constants):
     page = decision_constants.table()
     sections = dict(part.split("`\n", 1) for part in page.replace("\n## `", "\n### `").split("### `")[1:])
-    for constant in decision_constants.decision_constants():
+    for constant in constants:
         assert f"| `{constant.name}` |" in sections[constant.path], constant.key
     rows = [line for line in page.splitlines() if line.startswith("| `")]
-    assert len(rows) == len(decision_constants.decision_constants())
+    assert len(rows) == len(constants)
     assert all(line.replace("\\|", "").count("|") == 4 for line in rows)
 
 

@@ -35,8 +35,9 @@ def speaks_of_the_command_line(text):
 
 @pytest.mark.parametrize("path", LIBRARY, ids=relative)
 def test_only_commands_speak_of_options_and_commands(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    results = [(node.lineno, node.value) for node in sentences(tree) if speaks_of_the_command_line(node.value)]
+    source = path.read_text(encoding="utf-8")
+    strings = sentences(ast.parse(source)) if re.search("--[a-z]|`cbox ", source) else []
+    results = [(node.lineno, node.value) for node in strings if speaks_of_the_command_line(node.value)]
     assert results == []
 
 
