@@ -278,6 +278,22 @@ def test_a_small_object_that_moved_is_seen_in_its_place(by):
         assert result.size == pytest.approx(by, rel=0.4)
 
 
+@pytest.mark.parametrize(("others", "is_clear"), [(0.1, False), (0.6, True)], ids=["the steepest edge", "steeper ones"])
+def test_behind_a_filter_only_edges_that_are_steeper_and_stay_show_a_motion(others, is_clear):
+    rng, (y, x) = np.random.default_rng(9), np.indices((SIZE, SIZE))
+    inside = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
+
+    def picture(middle):
+        values = LIGHT[..., 0] * (1 + 0.02 * rng.standard_normal((SIZE, SIZE)))
+        for row, column, contrast in ((14, middle, 0.3), *((34, at, others) for at in (9, 30, 41))):
+            values *= 1 - contrast * gaussian_filter(np.clip(4.5 - np.hypot(y - row, x - column), 0, 1), 0.5)
+        return values
+
+    first, second = picture(30.0), picture(30.7)
+    difference = Difference(first, second - first, None, inside, {}, clustering=1.2)
+    assert (moved_part(difference, first, second).probability < 1e-2) == is_clear
+
+
 def test_negative_lobes_cut_off_on_one_side_alone_are_seen():
     rng = np.random.default_rng(10)
     lobes = np.where(rng.random((SIZE, SIZE)) < 0.2, -0.05, 1.0)
