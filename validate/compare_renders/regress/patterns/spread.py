@@ -90,9 +90,9 @@ def scatter_of_blocks(
     Parameters
     ----------
     difference, level
-        (n,) difference and radiance of the pixels.
+        (n,) difference and radiance of pixels or cells.
     block
-        (n,) number of each pixel's block.
+        (n,) number of each one's block.
     alike
         Number of neighbouring blocks that correlation makes one.
 
