@@ -42,6 +42,8 @@ _FASTEST = 16.0
 _CUT = 5.0
 #: Pixels a side of the window that gives the local level.
 _LEVEL_PX = 5
+#: Least light of a pixel over the median one: filters spread the noise of bright parts over dark ones.
+_LEAST_LEVEL = 0.1
 #: Light of a pixel over the local level, above which it counts less: the lamp's edge would rule the picture.
 _MOST_LIGHT = 2.0
 #: Pixels a side of the window that gives the local scatter.
@@ -152,7 +154,7 @@ def _cells(
     """
     half = np.maximum(difference.level + 0.5 * difference.total, 0.0)
     local = median_filter(half, _LEVEL_PX, mode="nearest")
-    local = np.maximum(local, 1e-3 * max(float(local.mean()), 1e-300))
+    local = np.maximum(local, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
     common = float(np.median((difference.total / local)[used]))
     most = _MOST_LIGHT * local
     share = np.divide(most, half, out=np.ones_like(half), where=half > most)
