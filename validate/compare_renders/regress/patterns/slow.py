@@ -3,7 +3,7 @@
 Means of small blocks know little of them, and noise that a filter or a denoiser spreads over pixels hides them there.
 Polynomials of the second order over the picture collect the difference instead. Their power is compared with that of
 waves of two to sixteen half periods, so that no variance has to be known. Noise of a wide denoiser grows towards slow
-waves. Its growth among the waves is taken to continue. Noise of a pixel filter does not grow, and small blocks are then
+waves. Its growth among the waves is taken to continue. Independent noise does not grow, and small blocks are then
 independent. The scatter of a polynomial's parts from block to block is the test.
 """
 
@@ -32,7 +32,7 @@ _GROWN = 5.0
 _LEVEL = 8.0
 #: Blocks along each side of the picture, between which noise is independent.
 _BLOCKS = 8
-#: The same for noise of a pixel filter, which reaches over few pixels.
+#: The same for noise that is not correlated between pixels.
 _SMALL_BLOCKS = 16
 #: Fewest pixels a side of such a block.
 _LEAST_BLOCK_PX = 4
@@ -93,7 +93,7 @@ def slow_change(difference: Difference) -> Finding | None:
     sizes = shapes.T @ goal[bright]
     rest = goal[bright] - shapes @ sizes
     terms, norms = shapes * (rest[:, None] + shapes * sizes), shapes**2
-    if difference.of_pixel_filter:
+    if difference.of_pixel_filter and difference.clustering == 1:
         shortest = min(used.shape)
         numbers = {min(_SMALL_BLOCKS, shortest // _LEAST_BLOCK_PX), _BLOCKS}
         probability = max(
