@@ -85,9 +85,9 @@ class Noise:
     estimated: bool
 
     @property
-    def reaches_far(self) -> bool:
-        """Whether the noise is estimated and may reach further than that of a pixel filter."""
-        return self.estimated and self.clustering >= _WIDEST_FILTER
+    def filtered(self) -> bool:
+        """Whether the noise is estimated and correlated between pixels."""
+        return self.estimated and self.clustering > 1
 
     def over(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Variance of a weighted sum over wavelengths.

@@ -259,7 +259,7 @@ def _pool_of(
     noise_sum = float(quiet.sum())
     variance = max(noise_sum, _scatter(pooling, sums, kind, mask, difference / level)) * noise.clustering
     by_blocks, blocks = 0.0, np.inf
-    if kind in _WIDE_POOLS and noise.reaches_far:
+    if kind in _WIDE_POOLS and noise.filtered:
         block, alike = pooling.strata.block, 1 + noise.clustering * BLOCKS**2 / mask.size
         by_blocks, blocks = scatter_of_blocks(sums.difference[mask], sums.level[mask], block[mask], alike)
     # light set aside as outliers may belong to the picture: up to each pixel's own radiance it counts as uncertain
@@ -308,7 +308,7 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     for number, mask in enumerate((strata.edges, strata.border, *strata.surfaces.values()), start=1):
         part[mask] = number
     body = strata.body
-    _, cell, pixels = np.unique((part * BLOCKS**2 + strata.block)[body], return_inverse=True, return_counts=True)
+    kinds, cell, pixels = np.unique((part * BLOCKS**2 + strata.block)[body], return_inverse=True, return_counts=True)
     outlier, each = trimmed.outlier[body], noise.total[body]
     quiet = np.where(outlier, np.median(each), each)
     bound = pooling.level[body]
@@ -332,12 +332,13 @@ def _even(pooling: Pooling) -> list[PooledMean]:
     norm_ = float(weight @ level)
     allowed = float(np.hypot(pooling.systematic, np.mean(pooling.interpolation)))
     squares, degrees = float(weight**2 @ variance), min(float(level.size), independent) - 1.0
-    if noise.estimated and noise.clustering > 1:
+    if noise.filtered:
         # the scatter inside a cell does not show noise that its pixels share, and few quiet cells may rule the mean
-        alike = 1 + noise.clustering * level.size / float(pixels[used].sum())
-        _, by_cells, count, _ = common_size(weight * difference, np.maximum(weight * level, 0.0), alike)
-        if np.isfinite(by_cells) and (by_cells * norm_) ** 2 > squares:
-            squares, degrees = (by_cells * norm_) ** 2, min(degrees, count)
+        alike = 1 + noise.clustering * BLOCKS**2 / float(pixels[used].sum())
+        block = kinds[used] % BLOCKS**2
+        by_blocks, count = scatter_of_blocks(weight * difference, weight * level, block, alike)
+        if by_blocks > squares:
+            squares, degrees = by_blocks, min(degrees, count)
     sigma = np.sqrt(squares + float(weight @ excess) ** 2 + float(weight @ common) ** 2) / norm_
     return [
         _row(
@@ -484,7 +485,7 @@ def _by_blocks(
     It is 0 where pixels are independent, and infinite for few blocks. Filters and denoisers move an edge as a whole, so
     that its pixels agree by chance.
     """
-    if not pooling.noise.estimated or pooling.noise.clustering == 1:
+    if not pooling.noise.filtered:
         return 0.0, np.inf
     pictures = np.zeros((2, *used.shape))
     pictures[:, used] = terms, norms

@@ -18,6 +18,7 @@ from scipy.ndimage import median_filter, uniform_filter
 from scipy.special import bdtrc
 
 from .difference import Finding, self_normalised, sigma_of
+from .fine_light import BLOCK_PX, block_sums
 
 __all__ = ["mirror_order", "moved_texture"]
 
@@ -40,8 +41,6 @@ _WAYS: dict[str, Callable[[NDArray], NDArray]] = {
 _WINDOW_PX = 5
 #: Scatters at which single pixels are cut: fireflies would rule the product.
 _CUT = 3.0
-#: Pixels a side of the blocks whose sums are independent: wider than a pixel filter.
-_BLOCK_PX = 4
 #: Fewest blocks of a test.
 _LEAST_BLOCKS = 36
 
@@ -102,7 +101,7 @@ def moved_texture(baseline: NDArray[np.float64], candidate: NDArray[np.float64])
         small pictures.
     """
     height, width = baseline.shape
-    if (height // _BLOCK_PX) * (width // _BLOCK_PX) < _LEAST_BLOCKS:
+    if (height // BLOCK_PX) * (width // BLOCK_PX) < _LEAST_BLOCKS:
         return None
     first, second = _fine(baseline), _fine(candidate)
     if not (first.any() and second.any()):
@@ -116,7 +115,7 @@ def moved_texture(baseline: NDArray[np.float64], candidate: NDArray[np.float64])
             continue
         moved = np.roll(other, (-down, -right), (0, 1))
         terms = first * (moved - second)
-        statistic, share = self_normalised(_block_sums(terms))
+        statistic, share = self_normalised(block_sums(terms))
         looks = len(_WAYS) * baseline.size
         probability = min(1.0, looks * share) if statistic > 0 else 1.0
         size = float(terms.mean() / np.mean(first**2))
@@ -134,10 +133,3 @@ def _fine(picture: NDArray[np.float64]) -> NDArray[np.float64]:
     fine = relative - uniform_filter(relative, _WINDOW_PX, mode="wrap")
     scale = robust_sigma(fine)
     return np.clip(fine / scale, -_CUT, _CUT) if scale > 0 else np.zeros_like(fine)
-
-
-def _block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) sums of square blocks."""
-    height, width = (size // _BLOCK_PX for size in terms.shape)
-    inner = terms[: height * _BLOCK_PX, : width * _BLOCK_PX]
-    return np.asarray(inner.reshape(height, _BLOCK_PX, width, _BLOCK_PX).sum(axis=(1, 3)).ravel())

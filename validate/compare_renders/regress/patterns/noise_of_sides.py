@@ -98,7 +98,12 @@ def reused_numbers(difference: Difference) -> Finding | None:
     tested = (np.hypot(down[:, None], right[None]) >= _LEAST_PX) & (overlap >= _COMMON)
     tested[:, repeated.shape[1] // 2 :] = False  # each distance once
     tested[repeated.shape[0] // 2 :, 0] = False
-    tiles = range(_LEAST_PX, min(height, width) // 2 + 1)
+    others = sides.both, sides.apart_alike
+    edges = range(_LEAST_PX, min(height, width) // 2 + 1)
+    tiles = {px: [_of_tiles(sides.apart, other, px) for other in others] for px in edges}
+    # a filter that depends on the picture correlates products further than its noise: tiles of most sizes show how far
+    squares = [float(terms.sum()) ** 2 / max(variance, 1e-300) for (terms, variance), _ in tiles.values()]
+    neighbours_of_tiles = max(_FINE_ALIKE, difference.clustering / 2, float(np.median(squares)) / _MEDIAN**2)
     repeats: dict[str, tuple[int, int] | int] = {f"in tiles of {px} px": px for px in tiles}
     for products in (repeated, of_difference):
         clear = np.where(tested, np.abs(products) / np.sqrt(np.maximum(overlap, _COMMON)), 0.0)
@@ -108,12 +113,10 @@ def reused_numbers(difference: Difference) -> Finding | None:
             repeats[f"{column} px right, {row} px down"] = (row, column)
     variances = [float(np.sum(sides.apart * (sides.apart_alike + sign * sides.both))) for sign in (-1, 1)]
     looks, findings = int(tested.sum()) + len(tiles), []
-    others = sides.both, sides.apart_alike
     for where, by in repeats.items():
         if isinstance(by, int):
-            (terms, variance), (alike, _) = (_of_tiles(sides.apart, other, by) for other in others)
-            # products of noise are correlated over half the area of the noise
-            pairs, neighbours = (height // by) * (width // by) - 1, max(_FINE_ALIKE, difference.clustering / 2)
+            (terms, variance), (alike, _) = tiles[by]
+            pairs, neighbours = (height // by) * (width // by) - 1, neighbours_of_tiles
             sigmas = abs(float(terms.sum())) / max(float(np.sqrt(variance * neighbours)), 1e-300)
             share = float(2 * student_tail(sigmas, max(terms.size / neighbours - 1, 1.0)))
             # a change of the scene's structure may repeat, in few pixels of a tile

@@ -178,7 +178,8 @@ def _most_odd(tests: Sequence[_Parts], label: Callable[[str, int], str]) -> Find
         if number < _MIN_PARTS:
             continue
         looks += number
-        sigmas = np.abs(off[used]) / np.sqrt(allowed[used])
+        # a part that a filter left flat does not show its noise
+        sigmas = np.abs(off[used]) / np.sqrt(np.maximum(allowed[used], np.median(allowed[used])))
         # each part against all others, at least as noisy as its pixels are
         square = sigmas**2
         others = np.maximum((square.sum() - square) / (number - 1), 1.0)

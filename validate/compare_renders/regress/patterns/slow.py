@@ -3,7 +3,7 @@
 Means of small blocks know little of them, and noise that a filter or a denoiser spreads over pixels hides them there.
 Polynomials of the second order over the picture collect the difference instead. Their power is compared with that of
 waves of two to sixteen half periods, so that no variance has to be known. Noise of a wide denoiser grows towards slow
-waves. Its growth among the waves is taken to continue. Noise of a pixel filter does not grow, and small blocks are then
+waves. Its growth among the waves is taken to continue. Independent noise does not grow, and small blocks are then
 independent. The scatter of a polynomial's parts from block to block is the test.
 """
 
@@ -32,7 +32,7 @@ _GROWN = 5.0
 _LEVEL = 8.0
 #: Blocks along each side of the picture, between which noise is independent.
 _BLOCKS = 8
-#: The same for noise of a pixel filter, which reaches over few pixels.
+#: The same for noise that is not correlated between pixels.
 _SMALL_BLOCKS = 16
 #: Fewest pixels a side of such a block.
 _LEAST_BLOCK_PX = 4
@@ -42,6 +42,8 @@ _FASTEST = 16.0
 _CUT = 5.0
 #: Pixels a side of the window that gives the local level.
 _LEVEL_PX = 5
+#: Least light of a pixel over the median one: filters spread the noise of bright parts over dark ones.
+_LEAST_LEVEL = 0.1
 #: Light of a pixel over the local level, above which it counts less: the lamp's edge would rule the picture.
 _MOST_LIGHT = 2.0
 #: Pixels a side of the window that gives the local scatter.
@@ -91,7 +93,7 @@ def slow_change(difference: Difference) -> Finding | None:
     sizes = shapes.T @ goal[bright]
     rest = goal[bright] - shapes @ sizes
     terms, norms = shapes * (rest[:, None] + shapes * sizes), shapes**2
-    if difference.of_pixel_filter:
+    if difference.of_pixel_filter and difference.clustering == 1:
         shortest = min(used.shape)
         numbers = {min(_SMALL_BLOCKS, shortest // _LEAST_BLOCK_PX), _BLOCKS}
         probability = max(
@@ -152,7 +154,7 @@ def _cells(
     """
     half = np.maximum(difference.level + 0.5 * difference.total, 0.0)
     local = median_filter(half, _LEVEL_PX, mode="nearest")
-    local = np.maximum(local, 1e-3 * max(float(local.mean()), 1e-300))
+    local = np.maximum(local, _LEAST_LEVEL * float(np.median(half[used])) + 1e-300)
     common = float(np.median((difference.total / local)[used]))
     most = _MOST_LIGHT * local
     share = np.divide(most, half, out=np.ones_like(half), where=half > most)

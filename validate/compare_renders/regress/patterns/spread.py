@@ -90,9 +90,9 @@ def scatter_of_blocks(
     Parameters
     ----------
     difference, level
-        (n,) difference and radiance of the pixels.
+        (n,) difference and radiance of pixels or cells.
     block
-        (n,) number of each pixel's block.
+        (n,) number of each one's block.
     alike
         Number of neighbouring blocks that correlation makes one.
 
@@ -218,9 +218,11 @@ def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]
         unlike noise.
     """
     count, (height, width) = len(baseline), baseline.shape[1:]
-    if min(count, len(candidate)) < _FEWEST_RANKED or min(height, width) < _MIN_BLOCKS * min(_RANKED_PX):
+    fewest = min(count, len(candidate))
+    if fewest < _FEWEST_RANKED or min(height, width) < _MIN_BLOCKS * min(_RANKED_PX):
         return None
-    variances = [np.maximum(side.var(axis=0, ddof=1), 1e-300) for side in (baseline, candidate)]
+    # medians of variances of skewed noise depend on the number of cubes
+    variances = [np.maximum(side[:fewest].var(axis=0, ddof=1), 1e-300) for side in (baseline, candidate)]
     if np.abs(np.median(np.log(variances[1] / variances[0]))) > np.log(_UNLIKE):
         return None
     cubes = np.concatenate([baseline, candidate])

@@ -1,0 +1,61 @@
+"""Noise of single pictures that a filter makes alike, flat or stronger in dark parts."""
+
+import numpy as np
+import pytest
+from cboxlab.validation.compare_renders.regress.patterns import (
+    Difference,
+    moved_part,
+    odd_tiles,
+    reused_numbers,
+    slow_change,
+)
+from scipy.ndimage import gaussian_filter
+
+SIZE = 48
+Y, X = np.meshgrid(*2 * [np.linspace(-1, 1, SIZE)], indexing="ij")
+LIGHT = 0.7 * (1 + 0.4 * X + 0.3 * Y**2)
+INSIDE = np.pad(np.ones((SIZE - 2, SIZE - 2), bool), 1)
+
+
+@pytest.mark.parametrize("seed", [4, 15, 18])
+def test_noise_of_a_filter_along_rows_does_not_repeat_in_tiles(seed):
+    """Neighbours that are alike make the sums of most tiles larger."""
+    rng, light = np.random.default_rng(seed), LIGHT
+    noise = [gaussian_filter(rng.standard_normal(light.shape), (0.3, 1.2)) for _ in range(2)]
+    first, second = (light * (1 + 0.4 * part) for part in noise)
+    assert reused_numbers(Difference(first, second - first, None, INSIDE, {})).probability > 2e-2
+
+
+@pytest.mark.parametrize(("others", "is_clear"), [(0.1, False), (0.6, True)], ids=["the steepest edge", "steeper ones"])
+def test_behind_a_filter_only_edges_that_are_steeper_and_stay_show_a_motion(others, is_clear):
+    rng, (y, x) = np.random.default_rng(9), np.indices((SIZE, SIZE))
+
+    def picture(middle):
+        values = LIGHT * (1 + 0.02 * rng.standard_normal((SIZE, SIZE)))
+        for row, column, contrast in ((14, middle, 0.3), *((34, at, others) for at in (9, 30, 41))):
+            values *= 1 - contrast * gaussian_filter(np.clip(4.5 - np.hypot(y - row, x - column), 0, 1), 0.5)
+        return values
+
+    first, second = picture(30.0), picture(30.7)
+    difference = Difference(first, second - first, None, INSIDE, {}, clustering=1.2)
+    assert (moved_part(difference, first, second).probability < 1e-2) == is_clear
+
+
+def test_noise_of_bright_parts_in_dark_ones_is_no_slow_change():
+    """A denoiser of another strength brightens a dark part by 30 %, by far less than the noise of bright parts."""
+    rng, is_dark = np.random.default_rng(4), Y < -0.4
+    light = np.where(is_dark, 0.01, 1.0) * LIGHT
+    first, second = (light * (1 + 0.1 * rng.standard_normal(light.shape)) for _ in range(2))
+    total = np.where(is_dark, 1.3, 1.0) * second - first
+    assert slow_change(Difference(first, total, None, INSIDE, {})).probability > 1e-3
+
+
+def test_tiles_that_a_filter_left_flat_are_not_odd():
+    """Nine flat tiles off by what the noise of their pixels allows."""
+    rng, light = np.random.default_rng(5), LIGHT
+    total = 0.1 * light * rng.standard_normal(light.shape)
+    flat = np.kron(0.025 * rng.standard_normal((3, 3)), np.ones((4, 4)))
+    total[12:24, 20:32] = light[12:24, 20:32] * (flat + 1e-4 * rng.standard_normal((12, 12)))
+    assert odd_tiles(Difference(light, total, None, INSIDE, {})).probability > 1e-3
+    total[12:16, 20:24] += 0.3
+    assert odd_tiles(Difference(light, total, None, INSIDE, {})).probability < 1e-4
