@@ -17,6 +17,9 @@ from .effect import Effect, Parameter
 
 __all__ = ["EFFECT"]
 
+#: Largest part of the corner's light that a fall-off takes: darker pixels of a flat are left out of all results.
+_LARGEST_LOSS = 0.9
+
 
 def _apply(light: Light, edge_loss: float) -> Light:
     """Light with the fall-off; r runs to the pixels' centres and is 1 at that of a corner pixel."""
@@ -33,7 +36,8 @@ EFFECT = Effect(
     in_words="the image's corner loses {edge_loss:.2%} of its light",
     summary="Frames of the scene fall off by 1 - edge_loss r^2, r = 1 in the image's corner. The flat field does not "
     "show it: it was taken at another aperture or focus, or without the hood.",
-    parameters=(Parameter("edge_loss", "1", null=0.0, low=-0.5, high=0.9, step=5e-3),),
+    # such a fall-off that flats and camera both correct leaves the inverse factor
+    parameters=(Parameter("edge_loss", "1", null=0.0, low=1 - 1 / (1 - _LARGEST_LOSS), high=_LARGEST_LOSS, step=5e-3),),
     apply=_apply,
     confirm="Take the flat field again with the aperture, focus and hood of the scene's frames. A loss below 0 means "
     "that the camera or a program had corrected them before: switch that off, or leave the flats out.",

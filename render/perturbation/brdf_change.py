@@ -13,6 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from cboxlab.scenes.camera import Camera
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..device import SobolPoints, device_array, dr, lane_ranges, mi
 from ..radiosity import LampSampler, PatchedScene, lamp_point, lamp_seen, patch_of
@@ -32,6 +33,9 @@ _DIMENSIONS_BEFORE_LAST = 14
 #: Indices of the random numbers that place the camera ray in its pixel, across and down.
 _PIXEL_U = 4
 _PIXEL_V = 5
+
+#: Seed of the random numbers: changes of one scene share their rays.
+_SEED = 0
 
 #: Smallest cosine to the normal of a sampled direction above the surface.
 _MIN_COSINE = 1e-6
@@ -300,7 +304,7 @@ def changed_reflection(
     material: int,
     seen_in: NDArray[np.int64],
     samples: tuple[int, int] = (256, 256),
-    seed: int = 0,
+    spread: csr_array | None = None,
 ) -> NDArray[np.float64]:
     """Change of a picture for a changed reflection of one material.
 
@@ -327,8 +331,8 @@ def changed_reflection(
         (n,) pixels that see the material, counted along the rows.
     samples
         Rays of each of these pixels, and of every pixel for the reflection before, which the last one spreads.
-    seed
-        Seed of the random numbers.
+    spread
+        (pixel, pixel) weights by which traced pixels stand for all, see ``spreading``; None traces all.
 
     Returns
     -------
@@ -337,14 +341,18 @@ def changed_reflection(
     """
     bands, count = radiance.shape[1], camera.width_px * camera.height_px
     change = _reflection_change(light, radiance, reflectances, lamp_shares, reflection, material)
-    picture = np.zeros((bands, count))
-    if len(seen_in):
-        picture[:, seen_in] = _means(
-            change.at_surface, camera, seen_in, samples[0], _DIMENSIONS_AT_SURFACE, bands, seed
-        )
+
+    def picture_of(sample: Sample, pixels: NDArray, rays: int, dimensions: int) -> NDArray[np.float64]:
+        picture = np.zeros((bands, count))
+        traced = pixels if spread is None else pixels[spread.diagonal()[pixels] > 0]
+        if len(traced):
+            picture[:, traced] = _means(sample, camera, traced, rays, dimensions, bands, _SEED)
+        return picture if spread is None else np.asarray((spread @ picture.T).T)
+
+    picture = picture_of(change.at_surface, seen_in, samples[0], _DIMENSIONS_AT_SURFACE)
     if reflection.albedo is not None:
         sample = change.before_last(_for_diffuse_light(reflection.albedo))
-        picture += _means(sample, camera, np.arange(count), samples[1], _DIMENSIONS_BEFORE_LAST, bands, seed)
+        picture += picture_of(sample, np.arange(count), samples[1], _DIMENSIONS_BEFORE_LAST)
     return picture.reshape(bands, camera.height_px, camera.width_px)
 
 
@@ -380,7 +388,6 @@ def coat_light(
     material: int,
     seen_in: NDArray[np.int64],
     samples: int = 256,
-    seed: int = 0,
 ) -> NDArray[np.float64]:
     """Light that the coat of one material reflects at the surfaces seen.
 
@@ -406,8 +413,6 @@ def coat_light(
         (n,) pixels that see the material, counted along the rows.
     samples
         Rays of each of these pixels.
-    seed
-        Seed of the random numbers.
 
     Returns
     -------
@@ -419,7 +424,7 @@ def coat_light(
     if len(seen_in) and reflection.coat is not None:
         change = _reflection_change(light, radiance, reflectances, lamp_shares, reflection, material)
         picture[:, seen_in] = _means(
-            change.coat_at_surface, camera, seen_in, samples, _DIMENSIONS_AT_SURFACE, bands, seed
+            change.coat_at_surface, camera, seen_in, samples, _DIMENSIONS_AT_SURFACE, bands, _SEED
         )
     return picture.reshape(bands, camera.height_px, camera.width_px)
 
@@ -453,7 +458,9 @@ def with_reflection(
     seen_in = transport.pixels_of(material)
     added = transport.cached(
         (*of, material, *samples, radiance, reflectances, light.lamp_shares),
-        lambda: changed_reflection(*inputs, material=material, seen_in=seen_in, samples=samples),
+        lambda: changed_reflection(
+            *inputs, material=material, seen_in=seen_in, samples=samples, spread=transport.spread
+        ),
     )
     changed = light.change(added=light.added + added)
     if light.specular is None:

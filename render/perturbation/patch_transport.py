@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -25,6 +26,7 @@ from scipy.sparse import csr_array, vstack
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, lanes_per_call, mi
 from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
+from .spreading import spreading
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
@@ -88,6 +90,19 @@ class PatchTransport:
         if len(self._results) > _MAX_RESULTS:
             del self._results[next(iter(self._results))]
         return result
+
+    @property
+    def face_alone(self) -> NDArray[np.int64]:
+        """(y, x) index of the only flat face that a pixel sees, -1 for several."""
+        face = np.full(self.covered.shape, -1)
+        alone = self.coverage == 1
+        face.flat[self.pixel[alone]] = self.face[alone]
+        return face
+
+    @cached_property
+    def spread(self) -> csr_array | None:
+        """Weights by which traced pixels stand for all, see ``spreading``; None for a small picture."""
+        return spreading(self.face_alone)
 
     @property
     def _triangle(self) -> NDArray[np.int64]:

@@ -9,8 +9,8 @@ from cboxlab.utils.errors import InputError
 from ._delimited import numeric_rows
 from ._spectrum_reader import InstrumentFile, InstrumentText, SpectrumReader, measured_spectrum
 
-#: First words of a file.
-_MARK = re.compile(r"PE \w+ +SUBTECH +SPECTRUM +ASCII")
+#: First words of a file; earlier spectrometers leave the technique out.
+_MARK = re.compile(r"PE \w+ +(SUBTECH +)?SPECTRUM +ASCII")
 #: Quantities by the unit of the ordinate; all are in per cent.
 _QUANTITIES = {"%R": "reflectance", "%T": "transmittance"}
 

@@ -243,7 +243,7 @@ def compare_stacks(first: ImageStack, second: ImageStack) -> StackComparison:
 def _same_quantity(first: ImageStack, second: ImageStack) -> tuple[ImageStack, ImageStack, list[str], bool]:
     """Both stacks in one quantity, notes of cubes, and whether either has coarse steps."""
     if first.side is None or second.side is None:
-        return first, second, [], False
+        return first, second, [*first.notes, *second.notes], False
     sides = in_common_quantity(first.side, second.side)
     first, second = (
         stack if side is stack.side else stack_of_side(stack, side)

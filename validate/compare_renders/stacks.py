@@ -10,13 +10,16 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import (
     AS_STATED,
+    NOTES,
     RADIANCE_UNIT,
     READABLE,
     Declared,
     Window,
     camera_of_attribute,
     common_pixels,
+    declared_for,
     read_picture,
+    stated_in,
     window_in_file,
     window_of,
 )
@@ -53,22 +56,18 @@ class ImageStack:
     instrument: Instrument = field(default_factory=lambda: Instrument(None, {}))
     #: Place of the pixels in a larger picture; None for a complete picture.
     window: Window | None = None
+    #: Notes of the file's reader.
+    notes: tuple[str, ...] = ()
+    #: Fields that the user declared and that were used.
+    declared: tuple[str, ...] = ()
+    #: Statements of the file by field, where they overrule the user's.
+    file_statements: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def pixels(self) -> Window:
         """Window of the pixels; the whole picture where ``window`` is None."""
         height, width = self.values.shape[1:]
         return self.window or Window(0, 0, width, height, (0, 0, width, height))
-
-    @property
-    def declared(self) -> tuple[str, ...]:
-        """Fields that the user declared and that were used."""
-        return () if self.side is None else self.side.declared
-
-    @property
-    def file_statements(self) -> Mapping[str, str]:
-        """Statements of the file by field, where they overrule the user's."""
-        return {} if self.side is None else self.side.file_statements
 
     def with_planes(self, names: Sequence[str]) -> ImageStack:
         """Planes with these names, in this order.
@@ -127,7 +126,7 @@ def read_stack(path: Path, declared: Declared = AS_STATED) -> ImageStack:
     picture = read_picture(path, declared)
     if "xyz" in picture:
         side = side_of([picture], [str(path)])
-        return stack_of_side(ImageStack(path, (), np.zeros(0), None, "", window=side.window), side)
+        return stack_of_side(_as_read(ImageStack(path, (), np.zeros(0), None, "", window=side.window), picture), side)
     return _cube_stack(path, picture)
 
 
@@ -148,7 +147,14 @@ def _cube_stack(path: Path, cube: xr.Dataset) -> ImageStack:
         values = np.moveaxis(side.radiance, -1, 0)
     else:
         values = cube["radiance"].transpose(*order).values.astype(np.float64)
-    return ImageStack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument, window_of(cube))
+    stack = ImageStack(path, names, values, variance, RADIANCE_UNIT, batches, side, instrument, window_of(cube))
+    return _as_read(stack, cube)
+
+
+def _as_read(stack: ImageStack, picture: xr.Dataset) -> ImageStack:
+    """The stack with what reading its picture left to say."""
+    notes = tuple(f"{stack.source}: {note}" for note in str(picture.attrs.get(NOTES, "")).split("\n") if note)
+    return replace(stack, notes=notes, declared=declared_for(picture), file_statements=stated_in(picture))
 
 
 def _capture_stack(folder: Path) -> ImageStack:

@@ -29,6 +29,7 @@ from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.model import with_further_distortion
 from cboxlab.rendering.perturbation import (
+    SMALL_PICTURE_PX,
     PatchLight,
     PatchTransport,
     Warp,
@@ -66,9 +67,6 @@ _DRAFT_SAMPLES = 64
 #: Rays from each patch for a draft where geometry has moved. A block moved by 1 to 14 mm, or a lamp by 5 to 27 mm: the
 #: root mean square error of the picture grows by 0 to 2 %, by 7 % at most, since rays of pixels make most of it.
 _DRAFT_PATCH_SAMPLES = 128
-
-#: Pixels above which screening traces its own rays, ``_DRAFT_SAMPLES`` a pixel: a larger picture has as many in all.
-_SMALL_PICTURE = 2**15
 
 #: Standard deviation, px, of the smoothing of changes where geometry moves. 1.0 reduces the mean square error for a
 #: block moved by 1 mm to a sixth; 2.0 would blur the edges of shadows.
@@ -192,7 +190,7 @@ class Predictor:
             As of `rough`. In a large picture its transports have fewer rays, too: all such predictors of this one share
             them.
         """
-        if self.camera.width_px * self.camera.height_px <= _SMALL_PICTURE:
+        if self.camera.width_px * self.camera.height_px <= SMALL_PICTURE_PX:
             return self.rough()
         drafted = replace(self.draft(), patch_samples=self.patch_samples)
         object.__setattr__(drafted, "_traced", self._traced.drafted)
@@ -409,11 +407,7 @@ class Predictor:
         scene = after_stage(self.scene, effects, "scene")
 
         def face_map() -> NDArray[np.int64]:
-            transport = self._transport(_with_pattern(scene, 1.0, 0.0))
-            face = np.full(transport.covered.shape, -1)
-            alone = transport.coverage == 1
-            face.flat[transport.pixel[alone]] = transport.face[alone]
-            return face
+            return self._transport(_with_pattern(scene, 1.0, 0.0)).face_alone
 
         return self._traced.faces.get(_meshes(scene), face_map)
 

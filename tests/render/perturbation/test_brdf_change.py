@@ -210,7 +210,6 @@ def test_half_the_reflection_in_an_evenly_bright_room(bright_box):
         material=0,
         seen_in=everywhere(camera),
         samples=(256, 256),
-        seed=3,
     )
     walls = gather(light, camera, 4, 1).coverage[..., -1] == 0
     for band, expected in zip(change, -0.5 * rho, strict=True):
@@ -238,7 +237,6 @@ def test_a_coat_in_an_evenly_bright_room(bright_box, alpha):
         material=0,
         seen_in=everywhere(camera),
         samples=(256, 256),
-        seed=4,
     )
     assert np.array_equal(change[0], change[1])
     image = gather(light, camera, 4, 1)
@@ -284,7 +282,6 @@ def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
             material=0,
             seen_in=everywhere(camera),
             samples=(1024, 1024),
-            seed=5,
         )[0]
         for means in (albedo, None)
     )
@@ -309,4 +306,5 @@ def test_the_reflection_before_has_its_directions_in_an_evenly_bright_room():
     change = (with_it - without)[used]
     assert np.std(expected) > 0.01
     assert np.std(change - expected) < 0.2 * np.std(expected)
-    assert abs(np.mean(change - expected)) < 0.05 * np.std(expected)
+    # independent errors of a fifth in a hundred pixels have a mean of 0.02: four standard deviations
+    assert abs(np.mean(change - expected)) < 0.08 * np.std(expected)

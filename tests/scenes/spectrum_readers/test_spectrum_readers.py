@@ -244,6 +244,7 @@ def test_other_files_are_refused(tmp_path, text, fault):
     [
         ('"tile.spc - RawData"\n"Wavelength nm.","R%"\n400.00,12.5\n401.00,12.6\n', "R%", [0.125, 0.126]),
         ("nm,%R\n401.0,85.2\n400.0,85.1\n", "%R", [0.851, 0.852]),
+        ("PE UV   SPECTRUM    ASCII\n#GR\nnm\n%R\n#DATA\n401\t85.2\n400\t85.1\n", "reflectance", [0.851, 0.852]),
         ("TITLE\tx\nXUNITS\tNANOMETERS\nYUNITS\t%T\nNPOINTS\t2\nXYDATA\n401\t85.2\n400\t85.1\n", "%T", [0.851, 0.852]),
         ("Wavelength (nm) %T\n400 85.1\n401 85.2\n", "%T", [0.851, 0.852]),
         ("lambda (Angstrom), flux\n4000, 1\n4010, 2\n", "flux", [1, 2]),

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from cboxlab.rendering.files import RADIANCE_UNIT, Declared
 from cboxlab.validation.compare_renders import ImageStack, compare_stacks, read_stack, stacks
 
 SHAPE = (3, 100, 100)
@@ -71,3 +72,23 @@ def test_exposures_are_divided_out_of_a_captures_signal_and_of_its_variance_twic
     np.testing.assert_allclose(content.values, optics * np.array([[[100, 200]], [[100, np.nan]]]))
     np.testing.assert_allclose(content.variance, optics**2 * np.array([[[100, 200]], [[25, 50]]]))
     assert content.unit == ("DN s^-1 mm^2" if with_variance else "DN s^-1")
+
+
+def test_a_cube_with_missing_pixels_says_what_its_reader_did(tmp_path):
+    """The factor of a header and a declared unit are stated for 34 of 35 pixels as for all of them."""
+    header = (
+        "ENVI\nsamples = 7\nlines = 5\nbands = 1\ndata type = 4\ninterleave = bsq\nbyte order = 0\n"
+        "reflectance scale factor = 100\nwavelength units = nm\nwavelength = {550}\ndata ignore value = -9999\n"
+    )
+    values = np.full(35, 300.0, np.float32)
+    for name, ignored in (("complete", 300.0), ("with-a-gap", -9999.0)):
+        values[17] = ignored
+        (tmp_path / f"{name}.hdr").write_text(header)
+        (tmp_path / f"{name}.img").write_bytes(values.tobytes())
+    complete, partial = (
+        read_stack(tmp_path / f"{name}.hdr", Declared(units=RADIANCE_UNIT)) for name in ("complete", "with-a-gap")
+    )
+    assert complete.declared == partial.declared == ("units",)
+    notes = compare_stacks(partial, complete).notes
+    for name in ("complete", "with-a-gap"):
+        assert any(f"{name}.hdr" in note and "reflectance scale factor" in note for note in notes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -32,8 +33,11 @@ _COAT_SAMPLES = 64
 _PLACES = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 
+@lru_cache(maxsize=1)
 def light_exchange(predictor: Predictor) -> Transport:
     """Light transport of a picture on patches, for the families that act on surfaces.
+
+    That of the last picture is kept: all of its residuals share it.
 
     Parameters
     ----------
@@ -164,6 +168,7 @@ def _coated(
             material=int(material),
             seen_in=traced.pixels_of(material),
             samples=(_COAT_SAMPLES, 0),
+            spread=traced.spread,
         )
         for material in materials
     ]
