@@ -18,7 +18,7 @@ CANDIDATE = SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id
     ("kinds", "imitated"), [((), False), (("pixels",), False), (("pixels", "creases"), True), (("field",), True)]
 )
 def test_effects_imitate_every_flaw_but_single_pixels(kinds, imitated):
-    flaws = BaseFlaws(tuple(Flaw(kind, 0.1, 1.0, 0.8) for kind in kinds), True, np.zeros(3))
+    flaws = BaseFlaws(tuple(Flaw(kind, 0.1, 1.0, 0.8) for kind in kinds), True, np.zeros(3), np.zeros(3))
     assert flaws.imitated is imitated
 
 
