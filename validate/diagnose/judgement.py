@@ -19,7 +19,7 @@ from .alternatives import (
     with_better_alternatives,
 )
 from .base_flaws import CORNER_PX, FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
-from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relieves, square
+from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relief_of, relieves, square
 from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import (
@@ -307,8 +307,8 @@ def verdict_of(
     name, model = candidate.hypothesis.effect.id, flaws.model
     gain = (square(without) - square(residual)) / model.model.count
     if candidate.by_priors:
-        relief = square(without) - square(residual)
-        return Verdict(name, gain, relief, np.inf, 1.0, relieves(relief, candidate))
+        relief = relief_of(without, residual)
+        return Verdict(name, gain, relief, np.inf, 1.0, gain > 0 and relieves(relief, candidate))
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
