@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from cboxlab.rendering.chain import after_stage
+from cboxlab.rendering.effects import AppliedEffect, catalogue
 from numpy.typing import NDArray
 
 from ..compare import Validation
@@ -17,8 +18,8 @@ from .alternatives import (
     with_alternatives,
     with_better_alternatives,
 )
-from .base_flaws import FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
-from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relieves, square
+from .base_flaws import CORNER_PX, FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
+from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relief_of, relieves, square
 from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
 from .linearised_fit import (
@@ -159,7 +160,7 @@ class FlawsWithEffects:
     @property
     def base_flaws(self) -> BaseFlaws:
         """The flaws without their columns."""
-        return BaseFlaws(self.reported, self.small, self.change_dn)
+        return BaseFlaws(self.reported, self.small, self.change_dn, self.model.shapes_dn(self.fitted))
 
     @property
     def reported(self) -> tuple[Flaw, ...]:
@@ -179,6 +180,8 @@ class BaseFlaws:
     small: bool
     #: (n,) change of the used samples by all flaws, DN.
     change_dn: NDArray[np.float64]
+    #: (n,) the same without single pixels.
+    shapes_dn: NDArray[np.float64]
 
     @property
     def imitated(self) -> bool:
@@ -208,6 +211,8 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     reflectance = transport.pixels(of_fragments) / np.maximum(transport.covered, 1e-9)
     once = predictor.with_settings(replace(predictor.settings, max_bounces=1))
     direct, total = (each.patch_picture(included) for each in (once, predictor))
+    blur = AppliedEffect(catalogue()["defocus"], {"sigma_px": CORNER_PX})
+    softer = predictor.signal((*linearised.model_effects, blur))
     columns = flaw_columns(
         signal,
         linearised.rendered.image.coverage,
@@ -217,6 +222,7 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
         indirect=_arriving_indirectly(signal, reflectance, direct / np.maximum(total, 1e-30)),
         reflectance=reflectance,
         light=predictor.patch_light_of(scene, included),
+        blurred=linearised.scale * (softer - linearised.base),
     )
     return build_flaw_model(linearised.model, columns, signal, residual)
 
@@ -301,8 +307,8 @@ def verdict_of(
     name, model = candidate.hypothesis.effect.id, flaws.model
     gain = (square(without) - square(residual)) / model.model.count
     if candidate.by_priors:
-        relief = square(without) - square(residual)
-        return Verdict(name, gain, relief, np.inf, 1.0, relieves(relief, candidate))
+        relief = relief_of(without, residual)
+        return Verdict(name, gain, relief, np.inf, 1.0, gain > 0 and relieves(relief, candidate))
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]

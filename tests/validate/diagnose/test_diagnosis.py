@@ -372,8 +372,13 @@ class _Reached(Exception):
 
 @pytest.mark.parametrize(
     ("remains", "next_to_flaws", "single_pixels", "taken_off"),
-    [(True, False, False, [True]), (True, True, False, [False]), (False, True, True, [False, True])],
-    ids=["flaws explain it", "more remains", "single pixels are flaws"],
+    [
+        (True, False, False, [True]),
+        (True, True, False, [False]),
+        (False, True, True, [False, True]),
+        (False, True, False, [False]),
+    ],
+    ids=["flaws explain it", "more remains", "single pixels are flaws", "nothing remains"],
 )
 def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
     monkeypatch, remains, next_to_flaws, single_pixels, taken_off
@@ -400,7 +405,9 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
         return next_to_flaws
 
     def to_report(several, model, rest, by_effects, any_remains):
-        np.testing.assert_allclose(rest, without if taken_off[-1] else residual)
+        shapes = 0.25 * change if not (remains or taken_off[-1]) else 0.0
+        np.testing.assert_allclose(rest, without if taken_off[-1] else residual - shapes)
+        rest = rest + shapes
         start = np.array([7.0, 4.0]) - (change if taken_off[-1] else 0)
         assert by_effects == pytest.approx(start @ start - rest @ rest)
         assert any_remains == (remains and not taken_off[-1])
@@ -416,7 +423,9 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
     monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: explained.append(excess) or best)
     start = Start(np.array([7.0, 4.0]))
     answer = SimpleNamespace(linearised=SimpleNamespace(model=start), residual=residual, effects=[])
-    judged = SimpleNamespace(flaws=SimpleNamespace(small=True, change_dn=2 * change), unlisted=0.0)
+    judged = SimpleNamespace(
+        flaws=SimpleNamespace(small=True, change_dn=2 * change, shapes_dn=0.5 * change), unlisted=0.0
+    )
     with pytest.raises(_Reached):
         diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)
     np.testing.assert_allclose(explained, [without if is_taken_off else residual for is_taken_off in taken_off])

@@ -18,7 +18,7 @@ CANDIDATE = SimpleNamespace(hypothesis=SimpleNamespace(effect=SimpleNamespace(id
     ("kinds", "imitated"), [((), False), (("pixels",), False), (("pixels", "creases"), True), (("field",), True)]
 )
 def test_effects_imitate_every_flaw_but_single_pixels(kinds, imitated):
-    flaws = BaseFlaws(tuple(Flaw(kind, 0.1, 1.0, 0.8) for kind in kinds), True, np.zeros(3))
+    flaws = BaseFlaws(tuple(Flaw(kind, 0.1, 1.0, 0.8) for kind in kinds), True, np.zeros(3), np.zeros(3))
     assert flaws.imitated is imitated
 
 
@@ -54,8 +54,13 @@ def test_an_effect_that_priors_judge_holds_if_it_relieves_them_by_more_than_chan
     hypothesis = SimpleNamespace(effect=SimpleNamespace(id="lamp-power"), free=range(free))
     candidate = SimpleNamespace(hypothesis=hypothesis, by_priors=True)
     rest = np.ones(COUNT)
-    without = rest * np.sqrt(1 + relief / COUNT)
-    assert judgement.verdict_of(candidate, without, rest, sound_base(rest)).holds is holds
+    in_priors, in_picture, strained = rest.copy(), rest.copy(), rest.copy()
+    in_priors[-11:] *= np.sqrt(1 + relief / 11)
+    in_picture[:-11] *= np.sqrt(1 + relief / (COUNT - 11))
+    strained[:-11] *= 2
+    assert judgement.verdict_of(candidate, in_priors, rest, sound_base(rest)).holds is holds
+    assert not judgement.verdict_of(candidate, in_picture, rest, sound_base(rest)).holds
+    assert not judgement.verdict_of(candidate, in_priors, strained, sound_base(strained)).holds
 
 
 def test_flaws_next_to_an_explanation_are_those_of_what_it_leaves(monkeypatch):

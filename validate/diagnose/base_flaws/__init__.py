@@ -2,6 +2,16 @@
 
 from .columns import FlawColumns, flaw_columns
 from .fitted_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model
+from .lens import CORNER_PX
 from .parts import PartAmplitudes
 
-__all__ = ["FittedFlaws", "Flaw", "FlawColumns", "FlawModel", "PartAmplitudes", "build_flaw_model", "flaw_columns"]
+__all__ = [
+    "CORNER_PX",
+    "FittedFlaws",
+    "Flaw",
+    "FlawColumns",
+    "FlawModel",
+    "PartAmplitudes",
+    "build_flaw_model",
+    "flaw_columns",
+]

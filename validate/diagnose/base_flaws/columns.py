@@ -17,6 +17,7 @@ from cboxlab.rendering.perturbation import PatchLight, PatchTransport, Warp
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from .lens import soft_corners
 from .paints import paints
 from .parts import places_of
 from .slopes import MIN_FACE_PX, slopes
@@ -71,10 +72,14 @@ class _Picture:
     indirect: NDArray[np.float64]
     reflectance: NDArray[np.float64]
 
+    def level_over(self, warp: Warp) -> float:
+        """Signal over that of a warp, DN."""
+        return float(self.signal.sum() / max(warp.base.sum(), 1e-30))
 
-#: Standard deviation of each kind's columns: creases over the blur, edges in px, shading and field over the signal;
-#: those of slopes and paints are in it already.
-_TOLERANCE = {"creases": 1.0, "edges": 0.05, "shading": 0.002, "field": 0.002, "slopes": 1.0, "paints": 1.0}
+
+#: Standard deviation of the columns of some kinds: edges in px, shading and field over the signal; those of all others
+#: are in them already.
+_TOLERANCE = {"edges": 0.05, "shading": 0.002, "field": 0.002}
 
 
 def flaw_columns(
@@ -87,6 +92,7 @@ def flaw_columns(
     indirect: NDArray[np.float64],
     reflectance: NDArray[np.float64],
     light: PatchLight,
+    blurred: NDArray[np.float64],
 ) -> FlawColumns:
     """Columns of the flaws that a picture may show.
 
@@ -108,11 +114,13 @@ def flaw_columns(
         (band, y, x) reflectance of what the pixels see, 0 to 1.
     light
         Light of the picture by patch transport.
+    blurred
+        (band, y, x) change of the signal by a blur of ``CORNER_PX`` everywhere, DN.
 
     Returns
     -------
     FlawColumns
-        Columns of the kinds creases, edges, shading, slopes, paints and field.
+        Columns of the kinds creases, edges, shading, slopes, paints, lens and field.
     """
     face = np.where(coverage.any(axis=-1), coverage.argmax(axis=-1), -1)
     picture = _Picture(signal, used, face, indirect, reflectance)
@@ -125,10 +133,11 @@ def flaw_columns(
         *(_shading(picture, face) for face in np.unique(picture.face[picture.face >= 0])),
         slopes(signal, signal - indirect * reflectance, used, face, transport),
         paints(signal, used, light),
+        soft_corners(blurred, used, warp, picture.level_over(warp)),
         _field(picture),
     ):
         kinds.append(kind)
-        columns.append((_TOLERANCE[kind.partition(":")[0]] * change).astype(np.float32))
+        columns.append((_TOLERANCE.get(kind.partition(":")[0], 1.0) * change).astype(np.float32))
     sample_place = np.broadcast_to(places_of(picture.face, pairs, touching), used.shape)[used]
     return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns), sample_place)
 
@@ -218,7 +227,7 @@ def _edge(picture: _Picture, warp: Warp, first: int, second: int) -> Iterator[tu
     position = np.zeros(on_border.shape)
     position[rows, columns] = along / max(np.abs(along).max(), 1e-9)
     step = np.moveaxis(warp.layers[index[first]] - warp.layers[index[second]], -1, 0) * on_border
-    level = picture.signal.sum() / max(warp.base.sum(), 1e-30)
+    level = picture.level_over(warp)
     for part, shape in (("shift", np.ones_like(position)), ("turn", position)):
         yield f"edges:{part}", (level * shape * step)[picture.used]
 

@@ -81,7 +81,7 @@ W = TypeVar("W", bound=Whitening)
 class Flaw:
     """A kind of flaw that a residual shows."""
 
-    #: Kind: creases, edges, shading, slopes, paints, field or pixels.
+    #: Kind: creases, edges, shading, slopes, paints, lens, field or pixels.
     kind: str
     #: Chi2 per sample that it makes.
     chi2_per_dof: float
@@ -308,6 +308,28 @@ class FlawModel(Generic[W]):
         """(k,) columns of a kind, in all its forms."""
         return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
+    def shapes_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
+        """Change of the used samples by all fitted flaws but single pixels.
+
+        Parameters
+        ----------
+        fitted
+            Fitted widths and amounts.
+
+        Returns
+        -------
+        NDArray
+            (n,) DN.
+        """
+        return self._sum_dn(fitted, self.kind != _SHARED)
+
+    def _sum_dn(self, fitted: FittedFlaws, members: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """(n,) change by some of the columns, DN."""
+        change = np.zeros(self.model.count)
+        for index in np.flatnonzero(members):
+            change += fitted.amount[index] * self.change[index]
+        return change
+
     def change_dn(self, plain: W, fitted: FittedFlaws, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the used samples by all fitted flaws, single pixels included.
 
@@ -325,13 +347,12 @@ class FlawModel(Generic[W]):
         NDArray
             (n,) DN.
         """
-        flaws, shared = np.zeros(self.model.count), np.zeros(self.model.count)
-        for kind, amount, change in zip(self.kind, fitted.amount, self.change, strict=True):
-            (shared if kind == _SHARED else flaws)[:] += amount * change
-        if self.model.errors is not None:
-            rest = residual[: self.model.count] - (flaws + shared) / plain.sigma
-            flaws += plain.sigma * self.model.errors.of_cells(rest)
-        return flaws
+        flaws = self.shapes_dn(fitted)
+        if self.model.errors is None:
+            return flaws
+        shared = self._sum_dn(fitted, self.kind == _SHARED)
+        rest = residual[: self.model.count] - (flaws + shared) / plain.sigma
+        return flaws + plain.sigma * self.model.errors.of_cells(rest)
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model with the flaws in its covariance.
