@@ -21,7 +21,7 @@ def test_a_small_picture_is_screened_with_the_rays_of_the_complete_prediction(co
 
 def test_a_large_picture_is_screened_with_fewer_rays_that_are_traced_once(complete, monkeypatch):
     """Light by both agrees on average, and a second predictor traces no new rays."""
-    monkeypatch.setattr(module, "_SMALL_PICTURE", 24 * 24 - 1)
+    monkeypatch.setattr(module, "SMALL_PICTURE_PX", 24 * 24 - 1)
     screening = complete.screening()
     assert screening.gather_samples < complete.gather_samples
     assert screening.transport is not complete.transport
