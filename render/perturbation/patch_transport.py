@@ -12,7 +12,7 @@ strips of pixels.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -65,7 +65,9 @@ class PatchTransport:
     escape: NDArray[np.float32]
     #: (y, x) share of each pixel that any face covers.
     covered: NDArray[np.float64]
-    #: (lamps, y, x) share of a pixel covered by a lamp, times the radiance there over the lamp's mean along its normal.
+    #: (lamps, y, x) share of a pixel covered by a lamp.
+    lamp_coverage: NDArray[np.float32]
+    #: (lamps, y, x) the same times the radiance there over the lamp's mean along its normal.
     lamp_radiance: NDArray[np.float64]
     _results: dict[tuple[Any, ...], NDArray[Any]] = field(default_factory=dict, init=False, repr=False)
 
@@ -159,7 +161,9 @@ class PatchTransport:
         return np.array(flat, float).reshape(-1, height, width)
 
 
-def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 256, seed: int = 0) -> PatchTransport:
+def build_patch_transport(
+    light: PatchedScene, camera: Camera, samples: int = 256, seed: int = 0, alike: PatchTransport | None = None
+) -> PatchTransport:
     """Exchange of a scene, traced with one camera ray and one gathering ray per sample.
 
     Parameters
@@ -172,12 +176,17 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
         Camera rays per pixel.
     seed
         Seed of the random numbers.
+    alike
+        Exchange by the same rays of the same surfaces, under lamps of other patterns; None for none. Then only the
+        lamps' light is traced, with the same result.
 
     Returns
     -------
     PatchTransport
         The exchange.
     """
+    if alike is not None:
+        return _relit(alike, light, samples, seed)
     tracer = light.tracer
     everything = facet_coverage(tracer, camera, _COVERAGE_SAMPLES, seed)
     lamps = len(light.lamps)  # each has one face; they are the last
@@ -190,7 +199,7 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
         for first, last in _strips(pixel, len(coverage), len(light.patches), samples)
     ]
     dr.flush_malloc_cache()  # the strips' matrices
-    direct, escape, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
+    direct, glow, escape = (np.concatenate([strip[i] for strip in strips]) for i in range(3))
     lamp_coverage = np.moveaxis(everything[..., -lamps:], -1, 0)
     return PatchTransport(
         light,
@@ -203,8 +212,21 @@ def build_patch_transport(light: PatchedScene, camera: Camera, samples: int = 25
         gather=csr_array(vstack([strip[3] for strip in strips])),
         escape=escape,
         covered=everything.sum(axis=-1).astype(float),
+        lamp_coverage=lamp_coverage,
         lamp_radiance=lamp_coverage * glow.T.reshape(lamp_coverage.shape),
     )
+
+
+def _relit(alike: PatchTransport, light: PatchedScene, samples: int, seed: int) -> PatchTransport:
+    """Exchange of the same surfaces under lamps of other patterns, whose light alone is traced."""
+    pixel, face, camera = alike.pixel, alike.face, alike.camera
+    strips = [
+        _traced(light, camera, (first, last), pixel, face, samples, seed, with_exchange=False)
+        for first, last in _strips(pixel, alike.covered.size, 1, samples)  # no matrix
+    ]
+    direct, glow = (np.concatenate([strip[i] for strip in strips]) for i in range(2))
+    radiance = alike.lamp_coverage * glow.T.reshape(alike.lamp_coverage.shape)
+    return replace(alike, light=light, direct=direct, lamp_radiance=radiance)
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
@@ -219,11 +241,20 @@ def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -
 
 
 def _traced(
-    light: PatchedScene, camera: Camera, pixels: tuple[int, int], pixel: NDArray, face: NDArray, samples: int, seed: int
+    light: PatchedScene,
+    camera: Camera,
+    pixels: tuple[int, int],
+    pixel: NDArray,
+    face: NDArray,
+    samples: int,
+    seed: int,
+    *,
+    with_exchange: bool = True,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], csr_array]:
     """Exchange of a strip of pixels.
 
-    Returns direct light and escape of its fragments, the lamps' patterns of its pixels, and G of its fragments.
+    Returns direct light of its fragments, the lamps' patterns of its pixels, and escape and G of its fragments, empty
+    without the exchange.
     """
     checkpoint()
     tracer, patches = light.tracer, light.patches
@@ -237,7 +268,7 @@ def _traced(
     strip_pixel = lane + dr.opaque(mi.UInt32, pixels[0])
     rays = pixel_rays(camera, strip_pixel)
     points = SobolPoints(6, samples, strip_pixel, seed)
-    matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches))
+    matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches) if with_exchange else 1)
     patch_count = dr.opaque(mi.UInt32, len(patches))
     escaped, ray_count = (dr.zeros(mi.Float, fragments + 1) for _ in range(2))
     direct = [dr.zeros(mi.Float, fragments + 1) for _ in light.lamps]
@@ -256,32 +287,29 @@ def _traced(
             u, v = points.point(i, 4), points.point(i, 5)
             arriving = direct_light(tracer, lamp, hit.position, hit.normal, u, v, shaded)
             dr.scatter_add(direct[k], arriving, fragment, shaded, mode=dr.ReduceMode.Direct)
-        direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
-        far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
-        on_patch = far.reflecting
-        patch = patch_of(patches, far.triangle, far.uv, on_patch)
         dr.scatter_add(ray_count, mi.Float(1), fragment, shaded, mode=dr.ReduceMode.Direct)
-        dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid, mode=dr.ReduceMode.Direct)
-        dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch, mode=dr.ReduceMode.Direct)
+        if with_exchange:
+            direction = cosine_hemisphere(hit.normal, points.point(i, 0), points.point(i, 1))
+            far = intersect(tracer, mi.Ray3f(hit.position + hit.normal * RAY_OFFSET_MM, direction), shaded)
+            on_patch = far.reflecting
+            patch = patch_of(patches, far.triangle, far.uv, on_patch)
+            dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid, mode=dr.ReduceMode.Direct)
+            dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch, mode=dr.ReduceMode.Direct)
         return (i + 1,)
 
     total = dr.opaque(mi.UInt32, samples)
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
     dr.eval(direct, escaped, ray_count, glow, on_lamp, matrix)
     scale = (1 / np.maximum(np.array(ray_count), 1))[:-1].astype(np.float32)
+    shining = [np.array(g) / np.maximum(np.array(n), 1) for g, n in zip(glow, on_lamp, strict=True)]
+    arriving = np.stack([np.array(lamp_sum)[:-1] * scale for lamp_sum in direct], axis=1)
     counts = matrix.numpy()[: fragments * len(patches)]  # not a copy
     met = np.flatnonzero(counts != 0)  # of booleans, in less than half the time
     row, column = np.divmod(met, len(patches))
     # indices of 32 bits suffice for a picture's strips together, and take half the memory of SciPy's own choice
     ends = np.searchsorted(row, np.arange(fragments + 1)).astype(np.int32)
     gather = csr_array((counts[met] * scale[row], column.astype(np.int32), ends), shape=(fragments, len(patches)))
-    shining = [np.array(g) / np.maximum(np.array(n), 1) for g, n in zip(glow, on_lamp, strict=True)]
-    return (
-        np.stack([np.array(lamp_sum)[:-1] * scale for lamp_sum in direct], axis=1),
-        np.array(escaped)[:-1] * scale,
-        np.stack(shining, axis=1),
-        gather,
-    )
+    return arriving, np.stack(shining, axis=1), np.array(escaped)[:-1] * scale, gather
 
 
 def _positions(tracer: Tracer, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:

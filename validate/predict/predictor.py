@@ -458,14 +458,17 @@ class Predictor:
         return after_stage(light, effects, "transport")
 
     def _transport(self, scene: Scene) -> PatchTransport:
-        """Exchange of light of a scene, stored by lamps' patterns, materials and meshes."""
-        key = (
-            *((lamp.edge_ratio, lamp.exponent, lamp.reflects) for lamp in scene.lamps),
+        """Exchange of light of a scene, stored by lamps' patterns, and by materials and meshes."""
+        patterns = tuple((lamp.edge_ratio, lamp.exponent) for lamp in scene.lamps)
+        surfaces = (
+            *(lamp.reflects for lamp in scene.lamps),
             *(s.material for s in scene.surfaces),
             *_meshes(scene),
         )
-        arguments = (scene, self.camera, self.settings.seed, self.gather_samples, self.patch_samples)
-        return self._traced.transports.get(key, lambda: coarse_transport(*arguments))
+        transports = self._traced.transports
+        alike = next((each for (_, other), each in transports.results.items() if other == surfaces), None)
+        arguments = (scene, self.camera, self.settings.seed, self.gather_samples, self.patch_samples, alike)
+        return transports.get((patterns, surfaces), lambda: coarse_transport(*arguments))
 
 
 def effects_key(effects: Sequence[AppliedEffect]) -> tuple:
@@ -582,7 +585,12 @@ def averaged_on_faces(ratio: NDArray, face: NDArray) -> NDArray[np.float64]:
 
 
 def coarse_transport(
-    scene: Scene, camera: Camera, seed: int, samples: int = _SAMPLES, patch_samples: int = _PATCH_SAMPLES
+    scene: Scene,
+    camera: Camera,
+    seed: int,
+    samples: int = _SAMPLES,
+    patch_samples: int = _PATCH_SAMPLES,
+    alike: PatchTransport | None = None,
 ) -> PatchTransport:
     """Exchange of light in coarse patches, for changes of the picture.
 
@@ -598,6 +606,8 @@ def coarse_transport(
         Rays of each pixel.
     patch_samples
         Rays from each patch.
+    alike
+        Exchange of the same surfaces by these rays, under lamps of other patterns, see ``build_patch_transport``.
 
     Returns
     -------
@@ -605,7 +615,7 @@ def coarse_transport(
         The exchange between patches, lamps and pixels.
     """
     edge = float(np.linalg.norm(np.ptp(scene.corners_mm, axis=0))) / _PATCHES_PER_DIAGONAL
-    return build_patch_transport(build_patched_scene(scene, edge, patch_samples, seed), camera, samples, seed)
+    return build_patch_transport(build_patched_scene(scene, edge, patch_samples, seed), camera, samples, seed, alike)
 
 
 def build_predictor(

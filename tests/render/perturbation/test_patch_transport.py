@@ -11,6 +11,7 @@ import pytest
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.perturbation.patch_light import patch_light
 from cboxlab.rendering.perturbation.patch_transport import build_patch_transport
+from cboxlab.rendering.radiosity import build_patched_scene
 from cboxlab.rendering.radiosity.final_gather import gather, solve_light
 from cboxlab.rendering.visibility.primary import facet_coverage
 from cboxlab.rendering.visibility.tracer import build_tracer
@@ -120,6 +121,20 @@ def test_the_lamps_own_pixels_follow_its_pattern():
     assert lamp.sum() > 10
     assert np.ptp(image_px) > 0.2
     assert picture[:, lamp].T == pytest.approx(image_px, rel=0.01, abs=0.005)
+
+
+def test_only_the_lamps_light_is_traced_again_for_another_pattern():
+    """The same numbers as from a complete trace, and other light than the first pattern's."""
+    even, camera = cornell_box(), cornell_camera(12)
+    dim_at_edges = even.with_lamps(lambda lamp: replace(lamp, edge_ratio=0.0, exponent=1.6))
+    patched = [build_patched_scene(scene, 200.0, 16, 1) for scene in (even, dim_at_edges)]
+    alike, complete = (build_patch_transport(light, camera, 16, 1) for light in patched)
+    relit = build_patch_transport(patched[1], camera, 16, 1, alike)
+    for name in ("direct", "lamp_radiance", "escape", "covered", "position"):
+        assert np.array_equal(getattr(relit, name), getattr(complete, name)), name
+    assert (relit.gather != complete.gather).nnz == 0 and relit.light is patched[1]
+    assert not np.allclose(relit.direct, alike.direct, rtol=0.1)
+    assert not np.allclose(relit.lamp_radiance, alike.lamp_radiance, rtol=0.1)
 
 
 def outside():
