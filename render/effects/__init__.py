@@ -16,10 +16,11 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.faults import suggestion
 from cboxlab.utils.other_packages import loaders_of, records_in, with_others
 
+from .blur import blurred
 from .checked import checked_effect
 from .effect import AppliedEffect, Effect, Kind, Parameter
 
-__all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "catalogue", "names_in"]
+__all__ = ["AppliedEffect", "Effect", "Kind", "Parameter", "apply_checked", "blurred", "catalogue", "names_in"]
 
 #: Entry points of this group are effects of other packages.
 _GROUP = "cboxlab.effects"

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from cboxlab.rendering.chain import after_stage
-from cboxlab.rendering.effects import AppliedEffect, catalogue
+from cboxlab.rendering.chain import after_stage, expected_signal
+from cboxlab.rendering.effects import blurred
 from numpy.typing import NDArray
 
 from ..compare import Validation
@@ -211,8 +211,9 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
     reflectance = transport.pixels(of_fragments) / np.maximum(transport.covered, 1e-9)
     once = predictor.with_settings(replace(predictor.settings, max_bounces=1))
     direct, total = (each.patch_picture(included) for each in (once, predictor))
-    blur = AppliedEffect(catalogue()["defocus"], {"sigma_px": CORNER_PX})
-    softer = predictor.signal((*linearised.model_effects, blur))
+    effects = linearised.model_effects
+    light = blurred(predictor.before_optics(effects), np.full(len(signal), CORNER_PX))
+    softer = expected_signal(light, predictor.sensing, effects, predictor.camera) / predictor.lamp_scale
     columns = flaw_columns(
         signal,
         linearised.rendered.image.coverage,
