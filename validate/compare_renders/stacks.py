@@ -24,6 +24,7 @@ from cboxlab.rendering.files import (
     window_of,
 )
 from cboxlab.utils.errors import InputError
+from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.input_files import require_regular_file
 from numpy.typing import NDArray
 
@@ -35,7 +36,7 @@ __all__ = ["ImageStack", "on_common_pixels", "read_stack", "stack_of_side"]
 
 
 @dataclass(frozen=True, eq=False)
-class ImageStack:
+class ImageStack(FrozenMappings):
     """Planes of one picture."""
 
     #: File or folder.
