@@ -75,6 +75,7 @@ def fake_patch_light(max_bounces: int | None = None) -> PatchLight:
         gather=csr_array(random.uniform(0.0, 0.4, (5, 3)).astype(np.float32)),
         escape=random.uniform(0.0, 0.2, 5).astype(np.float32),
         covered=np.array([1.0, 0.5, 1.0, 0.9, 0.7, 0.0]).reshape(camera.height_px, camera.width_px),
+        lamp_coverage=np.zeros((1, camera.height_px, camera.width_px), np.float32),
         lamp_radiance=np.array([0.0, 0.0, 0.0, 0.0, 0.7, 0.0]).reshape(1, camera.height_px, camera.width_px),
     )
     at_each = (GRID == NM[:, None]).astype(float)

@@ -349,11 +349,9 @@ def test_a_blur_gains_nothing_by_averaging_the_pictures_own_noise(outcome):
     scatter = np.sqrt(2 * np.sum((variance[model.used] / model.sigma**2) ** 2))
     problem = linearised.problem(())
     gain = problem.noise_averaging_gain(apply_checked("defocus", {"sigma_px": 0.4}, "test"))
-    assert abs(gain - expected) < 4 * scatter
-    assert expected > 20 * scatter
-    assert (
-        problem.noise_averaging_gain(apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")) == 0
-    )
+    assert abs(gain - expected) < 4 * scatter < 0.2 * expected
+    brighter = apply_checked("wall-reflectance", {"material": "red", "scale": 1.1}, "test")
+    assert problem.noise_averaging_gain(brighter) == 0
 
 
 def test_every_effect_is_tried_and_truncation_only_where_light_was_cut():
@@ -406,10 +404,10 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
 
     def to_report(several, model, rest, by_effects, any_remains):
         shapes = 0.25 * change if not (remains or taken_off[-1]) else 0.0
-        np.testing.assert_allclose(rest, without if taken_off[-1] else residual - shapes)
-        rest = rest + shapes
+        left = without if taken_off[-1] else residual
+        np.testing.assert_allclose(rest, left - shapes)
         start = np.array([7.0, 4.0]) - (change if taken_off[-1] else 0)
-        assert by_effects == pytest.approx(start @ start - rest @ rest)
+        assert by_effects == pytest.approx(start @ start - left @ left)
         assert any_remains == (remains and not taken_off[-1])
         raise _Reached
 
@@ -423,9 +421,8 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
     monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: explained.append(excess) or best)
     start = Start(np.array([7.0, 4.0]))
     answer = SimpleNamespace(linearised=SimpleNamespace(model=start), residual=residual, effects=[])
-    judged = SimpleNamespace(
-        flaws=SimpleNamespace(small=True, change_dn=2 * change, shapes_dn=0.5 * change), unlisted=0.0
-    )
+    flaws = SimpleNamespace(small=True, change_dn=2 * change, shapes_dn=0.5 * change)
+    judged = SimpleNamespace(flaws=flaws, unlisted=0.0)
     with pytest.raises(_Reached):
         diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)
     np.testing.assert_allclose(explained, [without if is_taken_off else residual for is_taken_off in taken_off])

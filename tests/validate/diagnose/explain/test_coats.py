@@ -1,7 +1,6 @@
 """The light exchange of an excess: what coats mirror; angles and direct light."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,13 +35,8 @@ def test_a_mirror_like_floor_shows_fresnels_part_of_an_evenly_bright_box():
 def _exchange(scene):
     """Patch transport of a scene, and its light exchange in two bands."""
     traced = build_patch_transport(build_patched_scene(scene, 80.0, 64, 0), cornell_camera(24), 16, 0)
-    predictor = SimpleNamespace(
-        transport=traced,
-        effective_nm=np.array([500.0, 600.0]),
-        scene=scene,
-        included=(),
-        lamp_shares=np.ones((1, 2)),
-    )
+    numbers = {"effective_nm": np.array([500.0, 600.0]), "included": (), "lamp_shares": np.ones((1, 2))}
+    predictor = type("Picture", (), {"transport": traced, "scene": scene, **numbers})()
     return traced, light_exchange(predictor)
 
 
