@@ -281,9 +281,9 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
         remains, residual = False, residual - change
         start = replace(start, residual=start.residual - start.whiten_used(flaws.change_dn))
     several, by_effects = (best, *explain_masked_families(excess)), start.chi2 - square(residual)
-    beyond = residual  # small flaws that are no remainder are no pattern either
+    beyond = residual  # soft corners that are no remainder are no pattern either
     if flaws.small and not (remains or by_flaws):
-        beyond = residual - model.whiten_used(flaws.shapes_dn)
+        beyond = residual - model.whiten_used(flaws.by_lens_dn)
     explanation = unexplained.explanation_to_report(several, model, beyond, by_effects, remains or unlisted > 0)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]

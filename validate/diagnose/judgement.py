@@ -18,7 +18,16 @@ from .alternatives import (
     with_alternatives,
     with_better_alternatives,
 )
-from .base_flaws import CORNER_PX, FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
+from .base_flaws import (
+    CORNER_PX,
+    LENS,
+    FittedFlaws,
+    Flaw,
+    FlawModel,
+    PartAmplitudes,
+    build_flaw_model,
+    flaw_columns,
+)
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relief_of, relieves, square
 from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
@@ -160,7 +169,7 @@ class FlawsWithEffects:
     @property
     def base_flaws(self) -> BaseFlaws:
         """The flaws without their columns."""
-        return BaseFlaws(self.reported, self.small, self.change_dn, self.model.shapes_dn(self.fitted))
+        return BaseFlaws(self.reported, self.small, self.change_dn, self.model.kind_dn(self.fitted, LENS))
 
     @property
     def reported(self) -> tuple[Flaw, ...]:
@@ -180,8 +189,8 @@ class BaseFlaws:
     small: bool
     #: (n,) change of the used samples by all flaws, DN.
     change_dn: NDArray[np.float64]
-    #: (n,) the same without single pixels.
-    shapes_dn: NDArray[np.float64]
+    #: (n,) change by the blur of the lens alone, DN.
+    by_lens_dn: NDArray[np.float64]
 
     @property
     def imitated(self) -> bool:

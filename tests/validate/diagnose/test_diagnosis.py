@@ -421,7 +421,7 @@ def test_what_small_flaws_explain_is_taken_off_before_a_family_explains_it(
     monkeypatch.setattr(diagnosis_module, "explain", lambda excess, progress: explained.append(excess) or best)
     start = Start(np.array([7.0, 4.0]))
     answer = SimpleNamespace(linearised=SimpleNamespace(model=start), residual=residual, effects=[])
-    flaws = SimpleNamespace(small=True, change_dn=2 * change, shapes_dn=0.5 * change)
+    flaws = SimpleNamespace(small=True, change_dn=2 * change, by_lens_dn=0.5 * change)
     judged = SimpleNamespace(flaws=flaws, unlisted=0.0)
     with pytest.raises(_Reached):
         diagnosis_module._explained(SimpleNamespace(model=start), answer, judged, None, NO_PROGRESS)

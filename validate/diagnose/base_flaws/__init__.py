@@ -2,11 +2,12 @@
 
 from .columns import FlawColumns, flaw_columns
 from .fitted_flaws import FittedFlaws, Flaw, FlawModel, build_flaw_model
-from .lens import CORNER_PX
+from .lens import CORNER_PX, LENS
 from .parts import PartAmplitudes
 
 __all__ = [
     "CORNER_PX",
+    "LENS",
     "FittedFlaws",
     "Flaw",
     "FlawColumns",

@@ -308,20 +308,22 @@ class FlawModel(Generic[W]):
         """(k,) columns of a kind, in all its forms."""
         return np.array([str(each).partition(":")[0] == kind for each in self.kind])
 
-    def shapes_dn(self, fitted: FittedFlaws) -> NDArray[np.float64]:
-        """Change of the used samples by all fitted flaws but single pixels.
+    def kind_dn(self, fitted: FittedFlaws, kind: str) -> NDArray[np.float64]:
+        """Change of the used samples by the flaws of one kind, in all its forms.
 
         Parameters
         ----------
         fitted
             Fitted widths and amounts.
+        kind
+            The kind, as of `Flaw`.
 
         Returns
         -------
         NDArray
             (n,) DN.
         """
-        return self._sum_dn(fitted, self.kind != _SHARED)
+        return self._sum_dn(fitted, self._of_kind(kind))
 
     def _sum_dn(self, fitted: FittedFlaws, members: NDArray[np.bool_]) -> NDArray[np.float64]:
         """(n,) change by some of the columns, DN."""
@@ -347,7 +349,7 @@ class FlawModel(Generic[W]):
         NDArray
             (n,) DN.
         """
-        flaws = self.shapes_dn(fitted)
+        flaws = self._sum_dn(fitted, self.kind != _SHARED)
         if self.model.errors is None:
             return flaws
         shared = self._sum_dn(fitted, self.kind == _SHARED)

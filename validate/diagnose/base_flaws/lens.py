@@ -15,7 +15,10 @@ import numpy as np
 from cboxlab.rendering.perturbation import Warp, warp_change
 from numpy.typing import NDArray
 
-__all__ = ["CORNER_PX", "soft_corners"]
+__all__ = ["CORNER_PX", "LENS", "soft_corners"]
+
+#: Kind of these flaws.
+LENS = "lens"
 
 #: Standard deviation of the blur in the farthest corner, px: sound lenses lose a part of a pixel there. Corners of 0.2
 #: to 0.4 px in sound captures by an outside simulator are fitted with 0.4 to 1.2 of the tolerance.
@@ -58,9 +61,9 @@ def soft_corners(
     away_px = np.hypot(columns - camera.principal_point_px[0], rows - camera.principal_point_px[1])
     distance, step = away_px / away_px.max(), _STEP_PX / away_px.max()
     for power in _ROUND_POWERS:
-        yield "lens:round", (distance ** (2 * power) * blurred)[used]
+        yield f"{LENS}:round", (distance ** (2 * power) * blurred)[used]
     # a line is two pictures, one larger and one smaller: each point moves in proportion to its distance
     sizes = (replace(camera, focal_length_px=camera.focal_length_px / (1 + sign * step)) for sign in (1, -1))
     line = level * (CORNER_PX / _STEP_PX) ** 2 * np.mean([warp_change(warp, size) for size in sizes], axis=0)
     for power in _FURTHER_RADIAL_POWERS:
-        yield "lens:radial", (distance ** (2 * power) * line)[used]
+        yield f"{LENS}:radial", (distance ** (2 * power) * line)[used]
