@@ -18,16 +18,7 @@ from .alternatives import (
     with_alternatives,
     with_better_alternatives,
 )
-from .base_flaws import (
-    CORNER_PX,
-    LENS,
-    FittedFlaws,
-    Flaw,
-    FlawModel,
-    PartAmplitudes,
-    build_flaw_model,
-    flaw_columns,
-)
+from .base_flaws import CORNER_PX, LENS, FittedFlaws, Flaw, FlawModel, PartAmplitudes, build_flaw_model, flaw_columns
 from .evidence import beyond_tolerance, gain_of_shape_errors, least_gain_of, price_of, relief_of, relieves, square
 from .hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel
