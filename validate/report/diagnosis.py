@@ -55,7 +55,7 @@ _FLAWS = {
     "shading": "Faces that are lit or painted unevenly",
     "slopes": "Walls that lean or bulge, and so receive more or less light,",
     "paints": "Paints that differ from their tables by about a spectrophotometer's error",
-    "lens": "A lens that blurs towards the corners of the picture, as by a curved field,",
+    "lens": "Corners of the picture that the lens blurs, as by a curved field,",
     "field": "Slow changes over the picture, alike in all bands,",
     "pixels": "Single pixels, alike in all bands, as with old flats or a photograph simulated from a noisy rendering,",
 }
