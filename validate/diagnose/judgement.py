@@ -232,7 +232,7 @@ def _arriving_indirectly(signal: NDArray, reflectance: NDArray, direct_share: ND
 
 
 def confirmed_with_flaws(
-    linearised: LinearisedFit, selected: Sequence[Candidate]
+    linearised: LinearisedFit, selected: Sequence[Candidate], flaws: FlawsWithEffects | None = None
 ) -> tuple[list[Candidate], FlawsWithEffects, tuple[Verdict, ...]]:
     """Effects that hold next to the flaws of the base.
 
@@ -244,6 +244,8 @@ def confirmed_with_flaws(
         The capture's linearised fit, without errors in its covariance.
     selected
         Effects fitted together.
+    flaws
+        Flaws of the base next to them; None computes them.
 
     Returns
     -------
@@ -257,12 +259,12 @@ def confirmed_with_flaws(
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
         residual = residual_with(linearised, confirmed)
-        flaws = flaws_of(linearised, residual)
+        flaws = flaws or flaws_of(linearised, residual)
         verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
-        del flaws  # the next one is as large
+        flaws = None  # the next one is as large
         worst = min(failing, key=lambda index: verdicts[index].evidence)
         rejected.append(verdicts[worst])
         del confirmed[worst]
@@ -336,7 +338,11 @@ class SelectionWithFlaws:
 
 
 def selected_with_flaws(
-    validation: Validation, linearised: LinearisedFit, confirmed: Sequence[Candidate], signatures: Sequence[Signature]
+    validation: Validation,
+    linearised: LinearisedFit,
+    confirmed: Sequence[Candidate],
+    signatures: Sequence[Signature],
+    flaws: FlawsWithEffects | None,
 ) -> SelectionWithFlaws:
     """Add effects to those that hold, as long as the evidence grows.
 
@@ -350,13 +356,16 @@ def selected_with_flaws(
         Effects that hold already.
     signatures
         Signatures of the hypotheses.
+    flaws
+        Flaws of the base next to those effects; None computes them. They are freed once another effect enters, if no
+        caller keeps them.
 
     Returns
     -------
     SelectionWithFlaws
         The effects that hold in the end.
     """
-    selected, flaws = list(confirmed), flaws_of(linearised, residual_with(linearised, confirmed))
+    selected, flaws = list(confirmed), flaws or flaws_of(linearised, residual_with(linearised, confirmed))
     while len(selected) < MAX_EFFECTS:
         present = _names(selected)
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
@@ -367,11 +376,14 @@ def selected_with_flaws(
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
-        selected = refitted_together(_judged(linearised, flaws), [*selected, best])
+        judged = _judged(linearised, flaws)
         del flaws  # the next one is as large
+        selected = refitted_together(judged, [*selected, best])
+        del judged
         flaws = flaws_of(linearised, residual_with(linearised, selected))
+    last = [flaws]
     del flaws
-    return settled_with_flaws(linearised, *confirmed_with_flaws(linearised, selected), signatures)
+    return settled_with_flaws(linearised, *confirmed_with_flaws(linearised, selected, last.pop()), signatures)
 
 
 def settled_with_flaws(
