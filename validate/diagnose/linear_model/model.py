@@ -200,9 +200,12 @@ class LinearModel:
         """
         if not columns:
             return self
-        more = np.zeros((len(self.residual), len(columns)), np.float32)
-        more[: self.count] = np.array(columns, np.float32).T
-        return replace(self, shared_errors=np.hstack([self.shared_errors, more]))
+        present = self.shared_errors.shape[1]
+        errors = np.zeros((len(self.residual), present + len(columns)), np.float32)
+        errors[:, :present] = self.shared_errors
+        for index, column in enumerate(columns, present):  # one by one: together they are as large as many pictures
+            errors[: self.count, index] = column
+        return replace(self, shared_errors=errors)
 
     def marginalised_over(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
         """The model with further nuisances: the changes that other effects' numbers make.
