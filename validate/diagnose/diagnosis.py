@@ -373,15 +373,17 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     progress.stage("choosing among effects")
     by_size = search = selection(validation, first, signatures, progress)
     effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
-    flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors_in(search.linearised)
+    flaws = fitted_flaws.base_flaws
     residual, rendered = (f(search.linearised, search.selected) for f in (residual_with, residual_with_rendered))
     doubtful = flaws.imitated and not all(verdict.holds for verdict in verdicts)
     doubtful |= something_remains(search.linearised.model, residual, rendered)
     if doubtful or (effects and flaws.imitated):
         # effects alone are no answer: all numbers, rivals, and further ones with the base's flaws in the covariance
         if doubtful:
+            linearised = search.linearised if effects else first
+            last = [fitted_flaws if linearised is search.linearised else None]
             del fitted_flaws  # the next one is as large
-            again = selected_with_flaws(validation, search.linearised if effects else first, effects, signatures)
+            again = selected_with_flaws(validation, linearised, effects, signatures, last.pop())
         else:
             again = settled_with_flaws(search.linearised, effects, fitted_flaws, verdicts, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
@@ -392,6 +394,8 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         judged = _Judged(by_size, search, again.selected, again.assessed, flaws, verdicts, cost, imitated)
         del again  # its columns take much of the memory
         return _likelier_than_imitations(judged, errors, signatures, validation.prepared.calibration.capture)
+    errors = fitted_flaws.errors_in(search.linearised)
+    del fitted_flaws
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
         # nothing large: small effects that are sharp or coloured still differ from rendering errors

@@ -196,7 +196,7 @@ def _hypotheses_of(validation: Validation, effect: Effect, choices: Mapping[str,
 def _best_fit(problem: FitProblem, signatures: Iterable[Signature | None], residual: np.ndarray) -> Candidate:
     """The best full fit, from the starts that are best to first order."""
     residual = problem.model.project(residual)
-    screened = sorted((screen(problem, s, residual) for s in signatures if s is not None), key=lambda c: c.chi2)
+    screened = sorted(screen(problem, [s for s in signatures if s is not None], residual), key=lambda c: c.chi2)
     return min((fit(problem, c, residual) for c in screened[:_MAX_FITTED]), key=lambda c: c.chi2)
 
 

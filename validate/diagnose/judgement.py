@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from .linearised_fit import (
     residual_with_exact,
     residual_with_rendered,
 )
-from .search import Candidate, Problem, Signature, columns_of, screen
+from .search import Candidate, Problem, Signature, by_signature, column_batches, screen
 from .stepwise import MAX_EFFECTS, refitted
 
 __all__ = [
@@ -62,9 +62,6 @@ _MIN_FLAW = 0.01
 
 #: Number of effects with which the widths of flaws are fitted again, best ones at the widths before.
 _MAX_REFITTED = 4
-
-#: Rounds of the fit of amplitude and widths in turn.
-_ROUNDS = 2
 
 #: Number of hypotheses that stand for all where the cost in power is computed.
 _NUM_SAMPLED = 25
@@ -235,7 +232,7 @@ def _arriving_indirectly(signal: NDArray, reflectance: NDArray, direct_share: ND
 
 
 def confirmed_with_flaws(
-    linearised: LinearisedFit, selected: Sequence[Candidate]
+    linearised: LinearisedFit, selected: Sequence[Candidate], flaws: FlawsWithEffects | None = None
 ) -> tuple[list[Candidate], FlawsWithEffects, tuple[Verdict, ...]]:
     """Effects that hold next to the flaws of the base.
 
@@ -247,6 +244,8 @@ def confirmed_with_flaws(
         The capture's linearised fit, without errors in its covariance.
     selected
         Effects fitted together.
+    flaws
+        Flaws of the base next to them; None computes them.
 
     Returns
     -------
@@ -260,12 +259,12 @@ def confirmed_with_flaws(
     confirmed, rejected = list(selected), list[Verdict]()
     while True:
         residual = residual_with(linearised, confirmed)
-        flaws = flaws_of(linearised, residual)
+        flaws = flaws or flaws_of(linearised, residual)
         verdicts = [_verdict(linearised, confirmed, index, flaws, residual) for index in range(len(confirmed))]
         failing = [index for index, verdict in enumerate(verdicts) if not verdict.holds]
         if not failing:
             return confirmed, flaws, (*verdicts, *rejected)
-        del flaws  # the next one is as large
+        flaws = None  # the next one is as large
         worst = min(failing, key=lambda index: verdicts[index].evidence)
         rejected.append(verdicts[worst])
         del confirmed[worst]
@@ -313,7 +312,7 @@ def verdict_of(
     whitened = model.whitened(without)
     alone = model.fit(whitened)
     shape = (whitened - flaws.residual)[:, None]
-    (amplitude,), fitted = _amount_with_flaws(model, shape, whitened, np.ones(1))
+    (amplitude,), fitted = model.fit_with(shape, whitened, np.ones(1))
     information = float(np.sum(model.weighted(fitted, shape) * shape))
     evidence = alone.score - fitted.score - price_of(len(candidate.numbers))
     certainty = amplitude * np.sqrt(max(information, 0.0))
@@ -339,7 +338,11 @@ class SelectionWithFlaws:
 
 
 def selected_with_flaws(
-    validation: Validation, linearised: LinearisedFit, confirmed: Sequence[Candidate], signatures: Sequence[Signature]
+    validation: Validation,
+    linearised: LinearisedFit,
+    confirmed: Sequence[Candidate],
+    signatures: Sequence[Signature],
+    flaws: FlawsWithEffects | None,
 ) -> SelectionWithFlaws:
     """Add effects to those that hold, as long as the evidence grows.
 
@@ -353,13 +356,16 @@ def selected_with_flaws(
         Effects that hold already.
     signatures
         Signatures of the hypotheses.
+    flaws
+        Flaws of the base next to those effects; None computes them. They are freed once another effect enters, if no
+        caller keeps them.
 
     Returns
     -------
     SelectionWithFlaws
         The effects that hold in the end.
     """
-    selected, flaws = list(confirmed), flaws_of(linearised, residual_with(linearised, confirmed))
+    selected, flaws = list(confirmed), flaws or flaws_of(linearised, residual_with(linearised, confirmed))
     while len(selected) < MAX_EFFECTS:
         present = _names(selected)
         rest = [s for s in signatures if s.hypothesis.effect.id not in present and not s.by_priors]
@@ -370,11 +376,14 @@ def selected_with_flaws(
         if best is None:
             break
         linearised = refitted(validation, linearised, [*selected, best])
-        selected = refitted_together(_judged(linearised, flaws), [*selected, best])
+        judged = _judged(linearised, flaws)
         del flaws  # the next one is as large
+        selected = refitted_together(judged, [*selected, best])
+        del judged
         flaws = flaws_of(linearised, residual_with(linearised, selected))
+    last = [flaws]
     del flaws
-    return settled_with_flaws(linearised, *confirmed_with_flaws(linearised, selected), signatures)
+    return settled_with_flaws(linearised, *confirmed_with_flaws(linearised, selected, last.pop()), signatures)
 
 
 def settled_with_flaws(
@@ -534,20 +543,21 @@ def best_with_flaws(
     """
     model, whitened = flaws.model, flaws.model.whitened(residual)
     gains = []
-    for signature in signatures:
-        columns = _whitened_columns(model, problem, signature)
-        for weighted in (columns, model.weighted(flaws.fitted, columns)):
-            amount = _amount(weighted, columns, whitened)
+    for signature, columns, next_to_flaws in _columns_next_to_flaws(problem, signatures, flaws):
+        for weighted in (columns, next_to_flaws):
+            amount = model.amounts(weighted, columns, whitened)
             gains.append((float(weighted.T @ whitened @ amount) - price_of(len(amount)), signature, amount))
     first = sorted(gains[::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     second = sorted(gains[1::2], key=lambda gain: -gain[0])[:_MAX_REFITTED]
     best: tuple[float, Candidate | None] = (CERTAIN_SIGMA**2, None)
     for _, signature, start in (*first, *second):
-        columns = _whitened_columns(model, problem, signature)
-        amount, fitted = _amount_with_flaws(model, columns, whitened, start)
+        ((_, plain),) = column_batches(problem, [signature])
+        columns = model.whitened(plain).T
+        amount, fitted = model.fit_with(columns, whitened, start)
         evidence = flaws.score - fitted.score - price_of(len(amount))
-        candidate = _started(screen(problem, signature, residual), signature, amount)
-        change = columns_of(problem, signature) @ amount
+        (screened,) = screen(problem, [signature], residual)
+        candidate = _started(screened, signature, amount)
+        change = amount @ plain
         large = square(change) > max(least, least_gain_of(change, problem.model))
         if evidence > best[0] and large and beyond_tolerance(candidate):
             best = evidence, candidate
@@ -571,34 +581,23 @@ def cost_in_power(problem: Problem, signatures: Sequence[Signature], flaws: Flaw
     float
         Median over effects of standard deviations with flaws free over those without, at least 1.
     """
-    model, ratios = flaws.model, [1.0]
+    ratios = [1.0]
     usable = [signature for signature in signatures if not signature.by_priors]
-    for signature in usable[:: max(len(usable) // _NUM_SAMPLED, 1)]:
-        columns = _whitened_columns(model, problem, signature)
-        plain, with_flaws = (float(np.sum(each * columns)) for each in (columns, model.weighted(flaws.fitted, columns)))
+    sampled = usable[:: max(len(usable) // _NUM_SAMPLED, 1)]
+    for _, columns, weighted in _columns_next_to_flaws(problem, sampled, flaws):
+        plain, with_flaws = (float(np.sum(each * columns)) for each in (columns, weighted))
         ratios.append(float(np.sqrt(plain / max(with_flaws, 1e-12 * plain))) if plain > 0 else 1.0)
     return max(float(np.median(ratios)), 1.0)
 
 
-def _whitened_columns(model: FlawModel[LinearModel], problem: Problem, signature: Signature) -> NDArray[np.float64]:
-    """(n + 11, p) changes by an effect's numbers, whitened next to the flaws."""
-    return np.array([model.whitened(column) for column in columns_of(problem, signature).T]).T
-
-
-def _amount(weighted: NDArray, columns: NDArray, whitened: NDArray) -> NDArray[np.float64]:
-    """Multiples of columns in a whitened residual, by generalised least squares."""
-    return np.asarray(np.linalg.lstsq(weighted.T @ columns, weighted.T @ whitened, rcond=1e-9)[0])
-
-
-def _amount_with_flaws(
-    model: FlawModel[LinearModel], columns: NDArray, whitened: NDArray[np.float64], start: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], FittedFlaws]:
-    """Multiples of an effect's columns and widths of the flaws, fitted in turn."""
-    amount, fitted = start, model.fit(whitened - columns @ start)
-    for _ in range(_ROUNDS):
-        amount = _amount(model.weighted(fitted, columns), columns, whitened)
-        fitted = model.fit(whitened - columns @ amount)
-    return amount, fitted
+def _columns_next_to_flaws(
+    problem: Problem, signatures: Sequence[Signature], flaws: FlawsWithEffects
+) -> Iterator[tuple[Signature, NDArray[np.float64], NDArray[np.float64]]]:
+    """Each signature with its columns (n + 11, p), whitened, and weighted by noise and flaws."""
+    for some, columns in column_batches(problem, signatures):
+        whitened = flaws.model.whitened(columns)
+        weighted = flaws.model.weighted(flaws.fitted, whitened.T).T
+        yield from zip(some, by_signature(some, whitened), by_signature(some, weighted), strict=True)
 
 
 def _started(candidate: Candidate, signature: Signature, amount: NDArray[np.float64]) -> Candidate:

@@ -5,9 +5,10 @@ Vectors (n + 11,) hold the n used samples over sigma, then the rows of the prior
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 from typing import Protocol
 
 import numpy as np
@@ -32,7 +33,8 @@ __all__ = [
     "Problem",
     "Signature",
     "build_problem",
-    "columns_of",
+    "by_signature",
+    "column_batches",
     "judged_by_priors",
     "least_squares",
     "screen",
@@ -49,6 +51,11 @@ _MIN_LEFT_SHARE = 0.01
 
 #: Largest change of the picture that counts as rounding, relative to the largest signal used.
 _ROUNDING = 1e-9
+
+
+#: Signatures whose columns are whitened at once: one by one each column takes four times as long, since the bases are
+#: read for each; more of them do not fit the cache.
+_SIGNATURES_AT_ONCE = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,31 +384,61 @@ def signature(
     return replace(without_changes, changes=np.array(changes, np.float32))
 
 
-def columns_of(problem: FitProblem, unscaled: Signature) -> NDArray[np.float64]:
-    """Projected changes by the steps of a signature.
+def column_batches(
+    problem: FitProblem, signatures: Sequence[Signature]
+) -> Iterator[tuple[list[Signature], NDArray[np.float64]]]:
+    """A few signatures at a time, and the projected changes by their steps.
 
     Parameters
     ----------
     problem
         One capture, or several.
-    unscaled
-        Signature, its changes at the lamp's stated power.
+    signatures
+        Signatures, their changes at the lamp's stated power.
+
+    Yields
+    ------
+    list of Signature
+        Some of the signatures, in order.
+    NDArray
+        (column, n + 11) over sigma, one row for each of their steps; one for a signature without a free number.
+    """
+    for by_priors, alike in groupby(signatures, lambda each: each.changes is None):
+        members = list(alike)
+        for start in range(0, len(members), _SIGNATURES_AT_ONCE):
+            some = members[start : start + _SIGNATURES_AT_ONCE]
+            effects = [effect for each in some for effect in each.stepped]
+            if by_priors:
+                yield some, np.array([problem.change(effect) for effect in effects])
+                continue
+            unscaled = np.concatenate([each.changes for each in some])
+            columns = problem.model.whiten_used(problem.scale * unscaled)
+            for column, effect in zip(columns, effects, strict=True):
+                column += problem.camera_change(effect)
+            yield some, columns
+
+
+def by_signature(signatures: Sequence[Signature], columns: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """The columns of each of several signatures.
+
+    Parameters
+    ----------
+    signatures
+        The signatures.
+    columns
+        (column, n + 11) as of `column_batches`.
 
     Returns
     -------
-    NDArray
-        (n + 11, parameter) over sigma; one column where no number is free.
+    list of NDArray
+        (n + 11, parameter) for each signature.
     """
-    if unscaled.changes is None:
-        return np.array([problem.change(effect) for effect in unscaled.stepped]).T
-    pairs = zip(unscaled.changes, unscaled.stepped, strict=True)
-    return np.array(
-        [problem.model.whiten_used(problem.scale * c) + problem.camera_change(effect) for c, effect in pairs]
-    ).T
+    ends = np.cumsum([len(each.steps) for each in signatures])[:-1]
+    return [rows.T for rows in np.split(columns, ends)]
 
 
-def screen(problem: FitProblem, steps: Signature, residual: NDArray[np.float64]) -> Candidate:
-    """Fit a hypothesis to a projected residual, to first order.
+def screen(problem: FitProblem, signatures: Sequence[Signature], residual: NDArray[np.float64]) -> Iterator[Candidate]:
+    """Fit hypotheses to a projected residual, each alone, to first order.
 
     A single number is clipped to its bounds; several are not.
 
@@ -409,18 +446,27 @@ def screen(problem: FitProblem, steps: Signature, residual: NDArray[np.float64])
     ----------
     problem
         One capture, or several.
-    steps
-        Signature of the hypothesis.
+    signatures
+        Signatures of the hypotheses.
     residual
         (n + 11,) projected, over sigma.
 
-    Returns
-    -------
+    Yields
+    ------
     Candidate
         With numbers, standard deviations by noise alone, and chi2 to first order.
     """
+    for some, columns in column_batches(problem, signatures):
+        for steps, of_one in zip(some, by_signature(some, columns), strict=True):
+            yield _screened(problem, steps, of_one, residual)
+
+
+def _screened(problem: FitProblem, steps: Signature, columns: NDArray, residual: NDArray[np.float64]) -> Candidate:
+    """Fit of one hypothesis, see `screen`.
+
+    columns : (n + 11, parameter) those of its signature.
+    """
     hypothesis = steps.hypothesis
-    columns = columns_of(problem, steps)
     smoothed = np.array([problem.noise_averaging_gain(effect) for effect in steps.stepped])
     amplitude, covariance = least_squares(columns, residual, smoothed)
     if not hypothesis.free:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .evidence import beyond_tolerance, largest_gain_of_errors, least_gain, penalised, price_of, square
 from .fitting import fit
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
-from .search import Candidate, Problem, Signature, columns_of, screen
+from .search import Candidate, Problem, Signature, column_batches, screen
 
 __all__ = ["NUM_FITTED", "NormalEquations", "backward_elimination", "best_set", "best_singles", "pairs_replaced"]
 
@@ -75,8 +75,7 @@ def best_singles(
     """
     best_by_effect: dict[str, Candidate] = {}
     residual = problem.model.project(residual)
-    for index, signature in enumerate(signatures, 1):
-        candidate = screen(problem, signature, residual)
+    for index, candidate in enumerate(screen(problem, signatures, residual), 1):
         progress.part(0.5 * index / len(signatures))
         rival = best_by_effect.setdefault(candidate.hypothesis.effect.id, candidate)
         if penalised(candidate) < penalised(rival):
@@ -135,11 +134,12 @@ class NormalEquations:
         owner = np.repeat(np.arange(len(signatures)), [len(signature.steps) for signature in signatures])
         columns, size, aim = np.empty((len(residual), len(owner)), np.float32), *np.empty((2, len(owner)))
         projected = problem.model.project(residual)
-        for index, signature in enumerate(signatures):
-            columns_of_one, changes = owner == index, columns_of(problem, signature)
-            size[columns_of_one] = np.maximum(np.linalg.norm(changes, axis=0), 1e-30)
-            changes /= size[columns_of_one]
-            aim[columns_of_one], columns[:, columns_of_one] = projected @ changes, changes
+        start = 0
+        for _, changes in column_batches(problem, signatures):
+            some = slice(start, start := start + len(changes))
+            size[some] = np.maximum(np.linalg.norm(changes, axis=1), 1e-30)
+            changes /= size[some, None]
+            aim[some], columns[:, some] = changes @ projected, changes.T
         slope = [problem.noise_averaging_gain(effect) for signature in signatures for effect in signature.stepped]
         low, high = size * np.concatenate([signature.bounds for signature in signatures]).T
         return cls(

@@ -73,7 +73,7 @@ class _JointModel:
     def joined(self, vectors: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
         """One vector from those of the captures."""
         pairs = list(zip(vectors, self.parts, strict=True))
-        return np.concatenate([*(v[: p.count] for v, p in pairs), *(v[p.count :] for v, p in pairs)])
+        return np.concatenate([*(v[..., : p.count] for v, p in pairs), *(v[..., p.count :] for v, p in pairs)], axis=-1)
 
     def split(self, vector: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """The captures' vectors from a joined one."""
@@ -87,8 +87,8 @@ class _JointModel:
         return self.joined([p.project(v) for p, v in zip(self.parts, self.split(vector), strict=True)])
 
     def whiten_used(self, change: NDArray) -> NDArray[np.float64]:
-        """A change (n,) at the used samples of all captures over sigma, projected."""
-        each = np.split(change, np.cumsum([part.count for part in self.parts])[:-1])
+        """Changes (..., n) at the used samples of all captures over sigma, projected."""
+        each = np.split(change, np.cumsum([part.count for part in self.parts])[:-1], axis=-1)
         return self.joined([p.whiten_used(c) for p, c in zip(self.parts, each, strict=True)])
 
 

@@ -11,7 +11,6 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.effects import catalogue
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from ..predict import charge_exchange
 from .evidence import (
@@ -33,7 +32,7 @@ from .explain import (
 from .field_fit import ChargeExchange, ResidualData, light_exchange
 from .hypotheses import INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .judgement import Verdict
-from .linear_model import LinearModel
+from .linear_model import LinearModel, NuisanceColumns, nuisance_columns
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
 
@@ -152,11 +151,11 @@ def leads_of_forms(
     dict
         By effect, the lead of the form; none for effects that priors judge.
     """
-    counting = replace(linearised, model=linearised.model.with_shared_errors(errors))
     together = residual_with(linearised, selected)
+    nuisances = nuisance_columns(linearised.model.with_shared_errors(errors))
 
     def over(some: Sequence[Candidate], others: Sequence[Candidate]) -> Lead:
-        data = residual_data_of(counting, residual_with(linearised, others), capture)
+        data = residual_data_of(linearised, residual_with(linearised, others), capture, nuisances)
         averaging = linearised.problem(others).noise_averaging_gain(*(c.applied for c in some))
         price = price_of(sum(len(c.numbers) for c in some))
         shape_error = max(shape_error_of(c.hypothesis.effect.stage) for c in some)
@@ -386,7 +385,12 @@ def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.flo
     return 2 * float(change @ residual) - square(change)
 
 
-def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], capture: Capture) -> ResidualData:
+def residual_data_of(
+    linearised: LinearisedFit,
+    residual: NDArray[np.float64],
+    capture: Capture,
+    nuisances: NuisanceColumns | None = None,
+) -> ResidualData:
     """Data of a residual for the explanation families.
 
     Parameters
@@ -397,6 +401,8 @@ def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], c
         (n + 11,) projected residual, over sigma.
     capture
         The capture, for exposures and repeated frames.
+    nuisances
+        Columns of the nuisances; None: those of the linearised fit.
 
     Returns
     -------
@@ -404,20 +410,20 @@ def residual_data_of(linearised: LinearisedFit, residual: NDArray[np.float64], c
         Residual, signals, nuisances, frames and light transport.
     """
     model, predictor, rendered = linearised.model, linearised.predictor, linearised.rendered
-    nuisances, marginalised = _nuisance_columns(model, residual)
+    nuisances = nuisances or nuisance_columns(model)
     used, image = model.used, rendered.image
     first = PARAMETER_NAMES.index("principal_u_px")
     levels, sigma = _repeats(capture)
     draw = np.random.default_rng(predictor.settings.seed).standard_normal(used.shape)
     return ResidualData(
         residual=_filled(residual[: model.count], used).astype(np.float32),
-        marginal_residual=_filled(marginalised, used),
+        marginal_residual=_filled(nuisances.marginalised(model, residual), used),
         used=used,
         sigma=_filled(model.sigma, used),
         signal=linearised.scale * rendered.signal,
         noise=linearised.scale * np.sqrt(rendered.variance) * draw,
-        nuisances=nuisances,
-        num_free_nuisances=model.basis.shape[1],
+        nuisances=nuisances.picture,
+        num_free_nuisances=nuisances.num_free,
         moved=(linearised.scale * linearised.derivative[first : first + 2]).astype(np.float32),
         flat=predictor.sensing.flat,
         surface=np.where(image.surface < 0, -1, image.surface),
@@ -446,25 +452,6 @@ def _flat_exposure(capture: Capture, band: str) -> float:
     """Exposure of a band's flat, s; infinite without one, which then brings no shutter error."""
     flats = capture.flats(band)
     return flats[0].exposure_s if flats else np.inf
-
-
-def _nuisance_columns(
-    model: LinearModel, residual: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Columns W (band, y, x, m) of the nuisances, and the residual (n,) without shared errors.
-
-    Camera and lamp are projected out already. Errors shared by bands or faces have unit variance; the Woodbury identity
-    marginalises over them.
-    """
-    shared = model.projected_shared_errors()
-    factor = np.linalg.cholesky(np.eye(shared.shape[1]) + shared.T @ shared)
-    shared = solve_triangular(factor, shared.T, lower=True, overwrite_b=True).T
-    marginalised = residual - shared @ (shared.T @ residual)
-    rank = model.basis.shape[1]
-    columns = np.zeros((*model.used.shape, rank + shared.shape[1]), np.float32)
-    columns[model.used, :rank] = model.basis[: model.count]
-    columns[model.used, rank:] = shared[: model.count]
-    return columns, marginalised[: model.count]
 
 
 def _repeats(capture: Capture) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

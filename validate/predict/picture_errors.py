@@ -63,19 +63,19 @@ class PictureErrors:
         Parameters
         ----------
         pixels
-            (n,) values over sigma.
+            (..., n) values over sigma.
 
         Returns
         -------
         NDArray
-            (n,) whitened values.
+            (..., n) whitened values.
         """
-        apart = self._by_cells(pixels)
-        blocks = _blocks(len(apart))
-        parts = (self.common[some].T @ apart[some].astype(np.float32) for some in blocks)
+        apart = np.apply_along_axis(self._by_cells, -1, pixels)
+        blocks = _blocks(len(self.cell))
+        parts = (apart[..., some].astype(np.float32) @ self.common[some] for some in blocks)
         along = (self.part * sum(parts, np.zeros(len(self.part)))).astype(np.float32)
         for some in blocks:
-            apart[some] -= self.common[some] @ along
+            apart[..., some] -= along @ self.common[some].T
         return apart
 
     def of_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:

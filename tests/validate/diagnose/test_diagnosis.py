@@ -306,7 +306,7 @@ def test_a_capped_frame_separates_an_offset_from_glare(outcome):
     fitted = {
         name: fit(
             problem,
-            screen(problem, signature(linearised.predictor, (), linearised.model.used, h), residual),
+            next(screen(problem, [signature(linearised.predictor, (), linearised.model.used, h)], residual)),
             residual,
         )
         for name, h in hypotheses_by_id.items()

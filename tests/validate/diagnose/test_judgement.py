@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from cboxlab.validation.diagnose import judgement
-from cboxlab.validation.diagnose.base_flaws import Flaw, PartAmplitudes
+from cboxlab.validation.diagnose.base_flaws import Flaw, FlawModel, PartAmplitudes
 from cboxlab.validation.diagnose.judgement import BaseFlaws
 
 COUNT = 400
@@ -30,7 +31,9 @@ def sound_base(residual):
         fit=lambda vector: SimpleNamespace(score=float(vector @ vector)),
         weighted=lambda _, columns: columns,
         amplitudes_by_part=lambda *_: PartAmplitudes(),
+        amounts=FlawModel.amounts,
     )
+    model.fit_with = partial(FlawModel.fit_with, model)
     return SimpleNamespace(model=model, residual=residual)
 
 

@@ -1,5 +1,7 @@
 """The linear model of a residual: what nuisances can imitate is gone, what they cannot stays, noise stays noise."""
 
+import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,8 +10,9 @@ from cboxlab.rendering.effects import AppliedEffect, catalogue
 from cboxlab.scenes.camera import REFERENCE_ROTATION, Camera
 from cboxlab.validation.compare.nuisances import NuisanceFit
 from cboxlab.validation.diagnose.evidence import something_remains
-from cboxlab.validation.diagnose.linear_model import BandErrors, build_linear_model, smooth_excess
+from cboxlab.validation.diagnose.linear_model import BandErrors, build_linear_model, nuisance_columns, smooth_excess
 from cboxlab.validation.diagnose.search import build_problem
+from cboxlab.validation.predict import picture_errors
 
 SHAPE = (3, 48, 48)
 
@@ -208,6 +211,38 @@ def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):
     noise_only = smooth_excess(quiet, quiet.residual)
     assert abs(remainders[1] - noise_only) < 0.1 * (remainders[0] - noise_only)
     assert remainders[0] > noise_only + 0.05
+
+
+def test_columns_of_nuisances_do_what_their_covariance_does(parts, monkeypatch):
+    """Information on 5 patterns and their products with the residual, by the inverse of a covariance with free
+    nuisances and shared errors; some samples are not used, and they come in several blocks."""
+    monkeypatch.setattr(sys.modules[nuisance_columns.__module__], "_SAMPLES_PER_BLOCK", 31)
+    generator, base, derivative, camera = parts
+    square = model_of(base + 5 * generator.standard_normal(SHAPE), base, derivative, camera)
+    used = np.zeros(SHAPE, bool)
+    used[:, 5:9, 3:20:2] = True
+    count = int(used.sum())
+    basis = np.linalg.qr(generator.standard_normal((count + 11, 12)))[0]
+    shared = generator.standard_normal((count + 11, 7)).astype(np.float32)
+    model = replace(square, used=used, sigma=np.full(count, 5.0), basis=basis, shared_errors=shared)
+    residual = model.project(generator.standard_normal(count + 11))
+    patterns = np.vstack([generator.standard_normal((count, 5)), np.zeros((11, 5))])
+    weighted = np.linalg.solve(np.eye(count + 11) + 1e8 * basis @ basis.T + shared @ shared.T, patterns)
+    nuisances = nuisance_columns(model)
+    assert nuisances.num_free == 12 and not nuisances.picture[~used].any()
+    along = nuisances.picture[used].T @ patterns[:count]
+    assert np.allclose(patterns.T @ patterns - along.T @ along, weighted.T @ patterns, atol=1e-4)
+    marginalised = nuisances.marginalised(model, residual)
+    assert np.allclose(patterns[:count].T @ marginalised, weighted.T @ residual, atol=1e-4)
+
+
+def test_several_changes_are_whitened_as_each_alone(parts):
+    _, base, derivative, camera = parts
+    model = model_of(base, base, derivative, camera)
+    changes = np.random.default_rng(3).standard_normal((4, base.size))
+    for counted in (model, model.counting(picture_errors(base, np.ones((*SHAPE[1:], 1)), model.used, model.sigma, []))):
+        each = [counted.whiten_used(change) for change in changes]
+        assert np.allclose(counted.whiten_used(changes), each, atol=1e-6)
 
 
 def test_the_patches_of_residuals_are_eighths_of_the_picture(parts):

@@ -201,7 +201,7 @@ def test_screening_leaves_out_what_averaging_noise_would_gain():
         noise_averaging_gain=lambda effect: 100.0,
         camera_change=lambda effect: 0.0,
     )
-    screened = screen(problem, Signature(by_id["defocus"], (0.15,), column[None]), residual)
+    (screened,) = screen(problem, [Signature(by_id["defocus"], (0.15,), column[None])], residual)
     amplitude = (column @ residual - 50.0) / (column @ column)
     assert screened.numbers["sigma_px"] == pytest.approx(0.15 * amplitude)
     remainder = residual - amplitude * column

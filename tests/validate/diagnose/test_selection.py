@@ -68,7 +68,7 @@ def test_what_promises_much_less_than_any_effect_must_gain_is_not_fitted_in_full
         return fit(problem, candidate, *others)
 
     monkeypatch.setattr(selection, "fit", spy)
-    gain = float(residual @ residual) - selection.screen(problem, by_name["one"], residual).chi2
+    gain = float(residual @ residual) - next(selection.screen(problem, [by_name["one"]], residual)).chi2
     least = gain / of_least if of_least else 0.0
     ranked = best_singles(problem, [*by_name.values()], residual, 1, least=least)
     assert len(done) == fitted

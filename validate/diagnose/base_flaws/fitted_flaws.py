@@ -47,8 +47,14 @@ _MIN_ERROR_CHI2 = 0.1
 #: Rounds of the widths' fit.
 _ROUNDS = 12
 
+#: Rounds of the fit of an effect's numbers and the widths in turn.
+_ROUNDS_WITH_EFFECT = 2
+
 #: Samples whose products are computed at once, to bound the memory.
 _SAMPLES_PER_BLOCK = 2**15
+
+#: Columns that are projected at once, to bound the memory.
+_COLUMNS_PER_BLOCK = 8
 
 #: Side of the blocks of pixels that are held out in turn, px.
 _HELDOUT_BLOCK_PX = 8
@@ -142,18 +148,18 @@ class FlawModel(Generic[W]):
         Parameters
         ----------
         residual
-            (n + 11,) residual of the plain model.
+            (..., n + 11) residual of the plain model.
 
         Returns
         -------
         NDArray
-            (n + 11,) whitened and projected.
+            (..., n + 11) whitened and projected.
         """
         count = self.model.count
         if self.model.errors is None:
             return residual
-        pixels = self.model.errors.whitened(residual[:count])
-        return self.model.project(np.append(pixels, residual[count:]))
+        pixels = self.model.errors.whitened(residual[..., :count])
+        return self.model.project(np.concatenate([pixels, residual[..., count:]], axis=-1))
 
     @property
     def beyond_flaws(self) -> bool:
@@ -188,6 +194,53 @@ class FlawModel(Generic[W]):
                 width[kind] = float(np.clip(fitted, _MIN_WIDTH, _MAX_WIDTH))
         amount, covariance = self._posterior(width, aim)
         return FittedFlaws(width, self._score(width, aim, square), amount, covariance)
+
+    @staticmethod
+    def amounts(weighted: NDArray, columns: NDArray, residual: NDArray) -> NDArray[np.float64]:
+        """Multiples of columns in a residual, by generalised least squares.
+
+        Parameters
+        ----------
+        weighted
+            (n + 11, p) columns times the inverse covariance.
+        columns
+            (n + 11, p) changes by a unit of each amount.
+        residual
+            (n + 11,) residual.
+
+        Returns
+        -------
+        NDArray
+            (p,) multiples.
+        """
+        return np.asarray(np.linalg.lstsq(weighted.T @ columns, weighted.T @ residual, rcond=1e-9)[0])
+
+    def fit_with(
+        self, columns: NDArray[np.float64], residual: NDArray[np.float64], start: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], FittedFlaws]:
+        """Multiples of an effect's columns and widths of the flaws, fitted in turn.
+
+        Parameters
+        ----------
+        columns
+            (n + 11, p) whitened changes by the effect's numbers.
+        residual
+            (n + 11,) residual of the whitened model, without the effect.
+        start
+            (p,) multiples from which the widths are fitted first.
+
+        Returns
+        -------
+        NDArray
+            (p,) multiples.
+        FittedFlaws
+            Widths, and the amounts of all flaws.
+        """
+        amount, fitted = start, self.fit(residual - columns @ start)
+        for _ in range(_ROUNDS_WITH_EFFECT):
+            amount = self.amounts(self.weighted(fitted, columns), columns, residual)
+            fitted = self.fit(residual - columns @ amount)
+        return amount, fitted
 
     def without(self, fitted: FittedFlaws) -> FittedFlaws:
         """The same with all flaws but shared errors as small as possible.
@@ -299,7 +352,7 @@ class FlawModel(Generic[W]):
         for names, part in ((PLACES, self.sample_place), (LEVELS, level)):
             columns = np.zeros((len(shape), len(names)))
             columns[np.arange(model.count), part] = pixels
-            columns = np.array([model.project(column) for column in columns.T]).T
+            columns = model.project(columns.T).T
             weigh = partial(self.weighted, fitted)
             ways.append(amplitudes_by_part(names, columns, part, model.patch, weigh, residual, flaws))
         return max(ways, key=lambda way: way.lead)
@@ -488,8 +541,9 @@ def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: ND
     shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
     changes = (*flaws.change, *shared)
     columns = np.empty((len(changes), len(plain.shared_errors)), np.float32)
-    for column, change in zip(columns, changes, strict=True):
-        column[:] = model.whiten_used(change.astype(float))
+    for start in range(0, len(changes), _COLUMNS_PER_BLOCK):
+        some = slice(start, start + _COLUMNS_PER_BLOCK)
+        columns[some] = model.whiten_used(np.array(changes[some], float))
     kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
     return FlawModel(model, error, 0.0, kind, columns.T, changes, signal, flaws.sample_place)
 
