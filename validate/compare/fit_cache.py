@@ -39,6 +39,7 @@ def cached_fit(
     calibrated: Camera,
     lamp_sigma: float | None,
     settled: bool = False,
+    draft: bool = False,
 ) -> NuisanceFit:
     """Fit of ``fit_nuisances`` for the same arguments, from the cache if it holds one.
 
@@ -64,6 +65,8 @@ def cached_fit(
         Relative standard deviation of the lamp's power; None if not stated.
     settled
         Whether the warp's camera was fitted before.
+    draft
+        Whether the fit only gives the camera of the next rendering.
 
     Returns
     -------
@@ -72,15 +75,15 @@ def cached_fit(
     """
     arguments = (measured, variance, used, signal, warp, calibrated, lamp_sigma)
     if folder is None:
-        return fit_nuisances(*arguments, settled=settled)
+        return fit_nuisances(*arguments, settled=settled, draft=draft)
     code = Path(__file__).with_name("nuisances.py").read_bytes()
     warp_values = [getattr(warp, field.name) for field in fields(warp) if field.name != "tracer"]
-    priors = (calibrated, lamp_sigma, settled)
+    priors = (calibrated, lamp_sigma, settled, draft)
     key = digest_of(code, measured, variance, used, signal, warp.tracer.scene, warp_values, *priors)
     path = folder / f"{key}.fit"
     fit = _read(path, key, warp.camera)
     if fit is None:
-        fit = fit_nuisances(*arguments, settled=settled)
+        fit = fit_nuisances(*arguments, settled=settled, draft=draft)
         _store(path, key, fit)
     else:
         _log.info("fit of camera and lamp taken from the cache: %s", path)

@@ -205,11 +205,13 @@ def fit_nuisances(
     lamp_sigma: float | None,
     *,
     settled: bool = False,
+    draft: bool = False,
 ) -> NuisanceFit:
     """Fit the ten camera parameters and the lamp's scale.
 
     Damped Gauss-Newton steps minimise a Huber loss plus the priors, first in smoothed pictures. Their minimum is
-    about 0.02 px from that of the pictures. A camera that a draft has settled is nearer, and starts without them.
+    about 0.02 px from that of the pictures. A camera that a draft has settled is nearer, and starts without them. The
+    search in a draft ends after the first step in the pictures: that of the next picture continues it.
 
     Parameters
     ----------
@@ -229,6 +231,8 @@ def fit_nuisances(
         Prior of the lamp's scale; None for no prior.
     settled
         Whether ``warp.camera`` was fitted to another rendering with the same effects, and hardly moved.
+    draft
+        Whether the fit only gives the camera of the next rendering.
 
     Returns
     -------
@@ -255,8 +259,9 @@ def fit_nuisances(
             _SMOOTHED_STEPS_PX,
             (),
         )
+    steps, further = (_STEPS_PX[:1], ()) if draft else (_STEPS_PX, _FURTHER_STEPS_PX)
     camera, scale, information = _search(
-        problem, camera, scale, lambda maps: maps[used], 1 / variance[used], _STEPS_PX, _FURTHER_STEPS_PX
+        problem, camera, scale, lambda maps: maps[used], 1 / variance[used], steps, further
     )
     # No covariance is stated: that from noise (below 0.001 px) is much smaller than the error by flaws of the picture.
     sigma = float(np.sqrt(np.linalg.inv(information)[of_lamp, of_lamp]))

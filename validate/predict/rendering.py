@@ -27,8 +27,9 @@ BATCHES = 8
 #: Samples per batch of the pilot, and the fewest of any rendering.
 PILOT_SAMPLES = 64
 
-#: Largest pilot that is completed by further batches, bytes: both together need twice the memory of the picture.
-_MAX_COMPLETED_BYTES = 300e6
+#: Most pixels of a picture that is completed by further batches: both together need twice the memory of the picture,
+#: half a GB with three materials.
+_MAX_COMPLETED_PIXELS = 2**16
 
 #: Most samples per batch: bounds the time where the noise cannot be reached.
 _MAX_SAMPLES = 8192
@@ -84,8 +85,9 @@ def render_to_noise(
 ) -> tuple[RenderedImage, xr.Dataset, float]:
     """Render until the ratio of the rendering's noise to the sensor's is ``noise``.
 
-    The ratio is the median over samples. A pilot with few samples per batch determines their number. The time is
-    bounded: the ratio stays larger where the sensor has very little noise.
+    The ratio is the median over samples. A pilot with few samples per batch determines their number, and the ratio that
+    the first batches reach the number of batches. The time is bounded: the ratio stays larger where the sensor has very
+    little noise.
 
     Parameters
     ----------
@@ -109,40 +111,50 @@ def render_to_noise(
     Returns
     -------
     RenderedImage
-        The picture. The pilot's if that is good enough, and completed by further batches if its samples suffice.
+        The picture; the pilot's if that is good enough.
     Dataset
         Its band images.
     float
         Ratio that the pilot reached.
     """
 
-    first = None
+    def ratio_of(bands: xr.Dataset) -> float:
+        return noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
+
+    image = None
     if pilot is None:
         image = picture(PILOT_SAMPLES, 0, BATCHES, share(progress, 0.0, 0.0))
         checkpoint()
         bands = render_bands(image, responses)
-        pilot = noise_ratio(bands, sensor_variance(bands.signal.values), usable & (bands.mask.values == 0))
+        pilot = ratio_of(bands)
         if pilot <= noise:
             _log.info("pilot of %d samples is enough: %.3g of the sensor's noise", PILOT_SAMPLES, pilot)
             return image, bands, pilot
-        first = image if image.coefficients.nbytes <= _MAX_COMPLETED_BYTES else None
-        del image, bands  # the next picture has as many batches
+    pixels = usable[0].size
     required = PILOT_SAMPLES * (pilot / noise) ** (1 / convergence)
-    most = _MOST_RAYS / usable[0].size * (_USUAL_NOISE / noise) ** (1 / convergence)
+    most = _MOST_RAYS / pixels * (_USUAL_NOISE / noise) ** (1 / convergence)
     if BATCHES * required > most:
         most *= _SHARE_OUT_OF_REACH
     largest = max(PILOT_SAMPLES, min(_MAX_SAMPLES, most / BATCHES))
     samples = int(2 ** np.floor(np.log2(np.clip(required, PILOT_SAMPLES, largest))))
-    expected = pilot * (PILOT_SAMPLES / samples) ** convergence
-    batches = int(min(np.ceil(BATCHES * max(1.0, expected / noise) ** 2), max(BATCHES, most // samples)))
-    reached = expected * float(np.sqrt(BATCHES / batches))
-    _log.info("%d x %d samples per pixel, for %.3g of the sensor's noise", batches, samples, max(noise, reached))
-    if first is not None and samples == PILOT_SAMPLES and batches > BATCHES:
-        image = _completed(first, picture(samples, BATCHES, batches - BATCHES, progress))
+
+    def batches_for(ratio: float) -> int:
+        return int(min(np.ceil(BATCHES * max(1.0, ratio / noise) ** 2), max(BATCHES, most // samples)))
+
+    batches = batches_for(pilot * (PILOT_SAMPLES / samples) ** convergence)
+    is_small = pixels <= _MAX_COMPLETED_PIXELS
+    first = BATCHES if is_small else batches
+    if image is None or (samples, first) != (PILOT_SAMPLES, BATCHES):
+        image = None  # the next picture has as many batches
+        image = picture(samples, 0, first, share(progress, 0.0, first / batches))
         checkpoint()
-    else:
-        image = picture(samples, 0, batches, progress)
-    return image, render_bands(image, responses), pilot
+        bands = render_bands(image, responses)
+    if is_small and (batches := batches_for(ratio_of(bands))) > BATCHES:
+        image = _completed(image, picture(samples, BATCHES, batches - BATCHES, share(progress, BATCHES / batches, 1.0)))
+        checkpoint()
+        bands = render_bands(image, responses)
+    _log.info("%d x %d samples per pixel, for %.3g of the sensor's noise", batches, samples, noise)
+    return image, bands, pilot
 
 
 def _completed(image: RenderedImage, further: RenderedImage) -> RenderedImage:

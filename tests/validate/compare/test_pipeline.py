@@ -61,7 +61,7 @@ def test_a_refitted_picture_is_moved_to_its_camera_before_the_lamp_is_fitted(mon
         }
     )
     camera = cornell_camera(8)
-    monkeypatch.setattr(pipeline, "refitted", lambda *_: NuisanceFit(camera, 1.0, 0.1))
+    monkeypatch.setattr(pipeline, "refitted", lambda *_, settled: NuisanceFit(camera, 1.0, 0.1))
     monkeypatch.setattr(pipeline, "warp_change", lambda warp, new_camera: change if new_camera is camera else None)
     measured = 1.1 * (signal + change)
     prepared = SimpleNamespace(

@@ -31,11 +31,14 @@ def test_a_known_pilot_leads_to_the_same_samples_without_another(monkeypatch):
     monkeypatch.setattr(rendering, "render_bands", bands)
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
     _, picture_again, pilot = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, progress=NO_PROGRESS)
-    assert pilot == 3.0 and len(calls) == 2 and calls[0] == (64, 8)
+    assert pilot == 3.0 and calls == [(64, 8), (512, 8), (512, 3)]
     assert np.sqrt(picture_again.variance.values).max() <= 0.6
     _, again, same = rendering.render_to_noise(*common, noise=0.6, convergence=0.7, pilot=pilot, progress=NO_PROGRESS)
-    assert same == pilot and calls[2:] == calls[1:2]
+    assert same == pilot and calls[3:] == calls[1:3]
     np.testing.assert_array_equal(again.variance, picture_again.variance)
+    calls.clear()  # the noise falls faster than expected: 10 batches were, 8 suffice
+    rendering.render_to_noise(*common, noise=0.7, convergence=0.5, pilot=pilot, progress=NO_PROGRESS)
+    assert calls == [(1024, 8)]
 
 
 def test_a_photograph_of_hardly_any_noise_takes_bounded_time(monkeypatch):
@@ -51,6 +54,7 @@ def test_a_photograph_of_hardly_any_noise_takes_bounded_time(monkeypatch):
 
     monkeypatch.setattr(rendering, "render_bands", lambda image, responses: None)
     monkeypatch.setattr(rendering, "_MOST_RAYS", 4 * 2**15)
+    monkeypatch.setattr(rendering, "_MAX_COMPLETED_PIXELS", 0)
     common = (picture, (), np.ones_like, np.ones((1, 2, 2), bool))
     for noise in (0.3, 0.1):
         rendering.render_to_noise(*common, noise=noise, convergence=0.7, pilot=100.0)
