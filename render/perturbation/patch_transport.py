@@ -26,7 +26,7 @@ from scipy.sparse import csr_array, vstack
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, lanes_per_call, mi
 from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
-from .spreading import spreading
+from .spreading import SMALL_PICTURE_PX, spreading
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
@@ -104,9 +104,23 @@ class PatchTransport:
         face.flat[self.pixel[alone]] = self.face[alone]
         return face
 
+    def spread(self, small_px: int = SMALL_PICTURE_PX) -> csr_array | None:
+        """Weights by which traced pixels stand for all.
+
+        Parameters
+        ----------
+        small_px
+            Number of pixels up to which all are traced.
+
+        Returns
+        -------
+        csr_array or None
+            As of ``spreading``; None for a small picture.
+        """
+        return None if self.covered.size <= small_px else self._spread
+
     @cached_property
-    def spread(self) -> csr_array | None:
-        """Weights by which traced pixels stand for all, see ``spreading``; None for a small picture."""
+    def _spread(self) -> csr_array:
         return spreading(self.face_alone)
 
     @property
@@ -233,7 +247,10 @@ def _relit(alike: PatchTransport, light: PatchedScene, samples: int, seed: int) 
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
-    """First pixel and end of each strip of up to ``_RAYS`` rays, whose entries of G have numbers of 32 bits."""
+    """First pixel and end of each strip.
+
+    It has up to ``_RAYS`` rays, and entries of G with numbers of 32 bits.
+    """
     most = lanes_per_call(samples, max(1, _RAYS // samples))
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
@@ -310,9 +327,10 @@ def _traced(
 
 
 def _counted(entries: NDArray, fragments: int, patches: int, scale: NDArray[np.float32]) -> csr_array:
-    """G from the number of each ray's entry, rays of one pixel in a row; (f,) ``scale`` is one over a fragment's rays.
+    """G from the numbers of the rays' entries.
 
-    Pixels have their fragments in order, so that sorted rows are sorted altogether.
+    A row of ``entries`` has the rays of one pixel; (f,) ``scale`` is one over the number of a fragment's rays. Pixels
+    have their fragments in order, so that sorted rows are sorted altogether.
     """
     ordered = np.sort(entries, axis=1).ravel()
     ordered = ordered[ordered < fragments * patches]  # without rays that meet no patch, or a face that has no share
