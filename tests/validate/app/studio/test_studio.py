@@ -336,11 +336,12 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
     assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before
     # nothing can be added of a cause that is unknown
     page.run(
-        "showDiagnosis({selected: ['unknown'], sentences: [], ranking: ['unknown', 'gloss'].map("
+        "showDiagnosis({selected: ['unknown'], adequate: true, sentences: [], ranking: ['unknown', 'gloss'].map("
         "(id) => ({id, text: '', explained: null, probability: 0.0001, values: {}}))})"
     )
     labels = "[...document.querySelectorAll('#diagnosis button')].map((e) => e.getAttribute('aria-label'))"
     assert page.run(labels) == ["Add gloss"]
+    assert "a model that lacks nothing" in page.run("document.getElementById('diagnosis').innerText")
     lines = page.run("[...document.querySelectorAll('#diagnosis li')].map((e) => e.firstChild.textContent.trim())")
     assert lines == [
         "unknown: a cause that is in no list; probability below 0.1\xa0%",

@@ -303,7 +303,8 @@ function showDiagnosis(found) {
   const known = found.selected.some((id) => id !== "unknown");
   $("diagnosis").replaceChildren(make("h3", {}, "Diagnosis"),
     ...found.sentences.map((sentence) => make("p", {}, sentence)), ...(known ? [adopt] : []),
-    make("p", { class: "soft" }, "Each effect fitted alone, the most probable first. Errors of the rendering count as noise here:"), make("ol", {}, ranking));
+    make("p", { class: "soft" }, "Each effect fitted alone, the most probable first. Errors of the rendering count as noise here" +
+      (found.adequate ? ". What all probabilities lack to 100 % is that of a model that lacks nothing:" : ":")), make("ol", {}, ranking));
 }
 
 /** While a computation runs, only Cancel is enabled; nothing until the page shows its result. */
