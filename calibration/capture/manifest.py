@@ -270,7 +270,9 @@ class CameraTable(_Table):
     gain_e_per_dn: Positive | None = _key(
         "electrons per count; measured from repeats where there are any", "12.0", None
     )
-    read_noise_e: NotNegative | None = _key("rms of the read noise, electrons; as the gain", "10.0", None)
+    read_noise_e: NotNegative | None = _key(
+        "rms of the read noise, electrons; measured from repeats where there are any", "10.0", None
+    )
     binning: Count | None = _key(
         "side of the square blocks whose counts are summed; where left out, frames above 4 megapixels have about 256 "
         "sums across the surveyed points; behind a [mosaic] of c x c pixels 2 k c + 1, such as 5, 9 or 13 for c = 2",

@@ -5,8 +5,8 @@ patches of constant radiance. All radiances are relative to a lamp's. Patches: b
 L = Sum_f c_f rho_f (e_f + (G b)_f) over the fragments f of a pixel, one for each flat face that it sees. Faces of lamps
 that reflect are among them; the lamps' emission is apart. c_f is the share covered, e_f the direct irradiance over pi,
 G_fj the fraction of f's hemisphere covered by patch j. All rays are traced once; an effect then takes a few matrix
-products, without new noise. A fragment's rays meet about a twelfth of the patches, so G is sparse, and is traced by
-strips of pixels.
+products, without new noise. A fragment's rays meet about a twelfth of the patches, so G is sparse: each ray notes the
+number of its entry, and equal numbers are counted. Pixels are traced by strips.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scipy.sparse import csr_array, vstack
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, lanes_per_call, mi
 from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
-from .spreading import spreading
+from .spreading import SMALL_PICTURE_PX, spreading
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
@@ -34,8 +34,11 @@ __all__ = ["PatchTransport", "build_patch_transport"]
 #: contributes 0.04 to chi2 per sample; the motion of a block by 0.3 mm contributes 0.06 (32 x 32 pixels).
 _COVERAGE_SAMPLES = 512
 
-#: Entries of G, fragments times patches, that are traced at once: 32 MiB.
-_ENTRIES = 2**23
+#: Rays whose entries of G are noted at once: 32 MiB.
+_RAYS = 2**23
+
+#: Number of no entry of G: that of a ray that meets no patch.
+_NO_ENTRY = 2**32 - 1
 
 #: Solutions and traced changes in memory: those of one effect, while others are tried together with it.
 _MAX_RESULTS = 12
@@ -101,9 +104,23 @@ class PatchTransport:
         face.flat[self.pixel[alone]] = self.face[alone]
         return face
 
+    def spread(self, small_px: int = SMALL_PICTURE_PX) -> csr_array | None:
+        """Weights by which traced pixels stand for all.
+
+        Parameters
+        ----------
+        small_px
+            Number of pixels up to which all are traced.
+
+        Returns
+        -------
+        csr_array or None
+            As of ``spreading``; None for a small picture.
+        """
+        return None if self.covered.size <= small_px else self._spread
+
     @cached_property
-    def spread(self) -> csr_array | None:
-        """Weights by which traced pixels stand for all, see ``spreading``; None for a small picture."""
+    def _spread(self) -> csr_array:
         return spreading(self.face_alone)
 
     @property
@@ -230,12 +247,15 @@ def _relit(alike: PatchTransport, light: PatchedScene, samples: int, seed: int) 
 
 
 def _strips(pixel: NDArray[np.int64], pixels: int, patches: int, samples: int) -> list[tuple[int, int]]:
-    """First pixel and end of each strip of up to ``_ENTRIES`` fragments times patches."""
-    most = lanes_per_call(samples, pixels)
+    """First pixel and end of each strip.
+
+    It has up to ``_RAYS`` rays, and entries of G with numbers of 32 bits.
+    """
+    most = lanes_per_call(samples, max(1, _RAYS // samples))
     before = np.searchsorted(pixel, np.arange(pixels + 1))  # fragments of the pixels before
     ends = [0]
     while ends[-1] < pixels:
-        end = int(np.searchsorted(before, before[ends[-1]] + _ENTRIES // patches, "right")) - 1
+        end = int(np.searchsorted(before, before[ends[-1]] + _NO_ENTRY // patches - 1, "right")) - 1
         ends.append(min(max(end, ends[-1] + 1), ends[-1] + most))
     return list(pairwise(ends))
 
@@ -268,8 +288,8 @@ def _traced(
     strip_pixel = lane + dr.opaque(mi.UInt32, pixels[0])
     rays = pixel_rays(camera, strip_pixel)
     points = SobolPoints(6, samples, strip_pixel, seed)
-    matrix = dr.zeros(mi.Float, (fragments + 1) * len(patches) if with_exchange else 1)
-    patch_count = dr.opaque(mi.UInt32, len(patches))
+    entries = dr.full(mi.UInt32, _NO_ENTRY, count * samples if with_exchange else 1)
+    patch_count, total = (dr.opaque(mi.UInt32, number) for number in (len(patches), samples))
     escaped, ray_count = (dr.zeros(mi.Float, fragments + 1) for _ in range(2))
     direct = [dr.zeros(mi.Float, fragments + 1) for _ in light.lamps]
     glow, on_lamp = ([dr.zeros(mi.Float, count) for _ in light.lamps] for _ in range(2))
@@ -294,22 +314,32 @@ def _traced(
             on_patch = far.reflecting
             patch = patch_of(patches, far.triangle, far.uv, on_patch)
             dr.scatter_add(escaped, mi.Float(1), fragment, shaded & ~far.valid, mode=dr.ReduceMode.Direct)
-            dr.scatter_add(matrix, mi.Float(1), fragment * patch_count + patch, on_patch, mode=dr.ReduceMode.Direct)
+            dr.scatter(entries, fragment * patch_count + patch, lane * total + i, on_patch)
         return (i + 1,)
 
-    total = dr.opaque(mi.UInt32, samples)
     dr.while_loop((dr.zeros(mi.UInt32, count),), lambda i: i < total, body)
-    dr.eval(direct, escaped, ray_count, glow, on_lamp, matrix)
+    dr.eval(direct, escaped, ray_count, glow, on_lamp, entries)
     scale = (1 / np.maximum(np.array(ray_count), 1))[:-1].astype(np.float32)
     shining = [np.array(g) / np.maximum(np.array(n), 1) for g, n in zip(glow, on_lamp, strict=True)]
     arriving = np.stack([np.array(lamp_sum)[:-1] * scale for lamp_sum in direct], axis=1)
-    counts = matrix.numpy()[: fragments * len(patches)]  # not a copy
-    met = np.flatnonzero(counts != 0)  # of booleans, in less than half the time
-    row, column = np.divmod(met, len(patches))
-    # indices of 32 bits suffice for a picture's strips together, and take half the memory of SciPy's own choice
-    ends = np.searchsorted(row, np.arange(fragments + 1)).astype(np.int32)
-    gather = csr_array((counts[met] * scale[row], column.astype(np.int32), ends), shape=(fragments, len(patches)))
+    gather = _counted(entries.numpy().reshape(count if with_exchange else 1, -1), fragments, len(patches), scale)
     return arriving, np.stack(shining, axis=1), np.array(escaped)[:-1] * scale, gather
+
+
+def _counted(entries: NDArray, fragments: int, patches: int, scale: NDArray[np.float32]) -> csr_array:
+    """G from the numbers of the rays' entries.
+
+    A row of ``entries`` has the rays of one pixel; (f,) ``scale`` is one over the number of a fragment's rays. Pixels
+    have their fragments in order, so that sorted rows are sorted altogether.
+    """
+    ordered = np.sort(entries, axis=1).ravel()
+    ordered = ordered[ordered < fragments * patches]  # without rays that meet no patch, or a face that has no share
+    first = np.flatnonzero(np.diff(ordered, prepend=np.uint32(_NO_ENTRY)))
+    row, column = np.divmod(ordered[first], np.uint32(patches))
+    counts = np.diff(first, append=len(ordered)).astype(np.float32)
+    # indices of 32 bits suffice for a picture's strips together, and take half the memory of SciPy's own choice
+    ends = np.searchsorted(row, np.arange(fragments + 1, dtype=np.uint32)).astype(np.int32)
+    return csr_array((counts * scale[row], column.astype(np.int32), ends), shape=(fragments, patches))
 
 
 def _positions(tracer: Tracer, camera: Camera, pixel: NDArray, face: NDArray) -> NDArray[np.float64]:

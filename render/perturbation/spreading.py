@@ -18,7 +18,7 @@ __all__ = ["SMALL_PICTURE_PX", "spreading"]
 SMALL_PICTURE_PX = 2**15
 
 
-def spreading(face: NDArray[np.int64]) -> csr_array | None:
+def spreading(face: NDArray[np.int64]) -> csr_array:
     """Weights by which traced pixels stand for all.
 
     Parameters
@@ -28,12 +28,9 @@ def spreading(face: NDArray[np.int64]) -> csr_array | None:
 
     Returns
     -------
-    csr_array or None
-        (pixel, pixel) weights, each row's sum 1. Traced pixels have 1 on the diagonal, the others 0. None for a small
-        picture, in which all are traced.
+    csr_array
+        (pixel, pixel) weights, each row's sum 1. Traced pixels have 1 on the diagonal, the others 0.
     """
-    if face.size <= SMALL_PICTURE_PX:
-        return None
     rows, columns = np.indices(face.shape)
     on_grid = (rows % 2 == 0) & (columns % 2 == 0)
     around = np.pad(np.where(on_grid, face, -1), 1, constant_values=-1)

@@ -110,7 +110,7 @@ class ValidationResult(Result):
         )
         columns = ("surface", *(label.removesuffix(" nm") for _, label in bands), HEADLINE.label, "χ²/dof")
         folder = self.validation.prepared.calibration.capture.folder.name
-        return [Table(f"{folder}: (measured − rendered) / rendered, interiors, %; bands in nm", columns, rows)]
+        return [Table(f"{folder}: (photograph − rendering) / rendering, interiors, %; bands in nm", columns, rows)]
 
     @cached_property
     def maps(self) -> xr.Dataset:

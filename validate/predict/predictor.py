@@ -61,6 +61,11 @@ _SAMPLES = 256
 #: Rays of each pixel for screening.
 _SCREENING_SAMPLES = 64
 
+#: Number of pixels up to which a picture that moves with a slider has additional rays in all of them. With rays in
+#: every other row and column a coat takes half the time at 128 x 128. The root mean square error of four coats is 0.87
+#: to 0.96 times as large, since a pixel without rays is the mean of others; that of a rough paint 1.06 times.
+_SMALL_SKETCH_PX = 2**13
+
 #: Rays of each pixel for a draft where geometry has moved: three times as fast, twice the noise.
 _DRAFT_SAMPLES = 64
 
@@ -153,6 +158,8 @@ class Predictor:
     warp: Warp
     #: Rays per pixel for light that patches do not describe.
     samples: int = 256
+    #: Number of pixels up to which they start in all pixels.
+    small_px: int = SMALL_PICTURE_PX
     #: Rays per pixel of patch transport where geometry has moved.
     gather_samples: int = _SAMPLES
     #: Rays from each patch where geometry has moved.
@@ -196,6 +203,16 @@ class Predictor:
         object.__setattr__(drafted, "_traced", self._traced.drafted)
         return drafted
 
+    def sketch(self) -> Predictor:
+        """The same for a picture that moves with a slider, where patches do not describe the light.
+
+        Returns
+        -------
+        Predictor
+            That of `rough` with rays in every other row and column.
+        """
+        return self.rough()._sharing("_traced", small_px=_SMALL_SKETCH_PX)
+
     def draft(self) -> Predictor:
         """The same with fewer rays per pixel, for moved geometry also.
 
@@ -209,6 +226,7 @@ class Predictor:
         return replace(
             self,
             samples=_SCREENING_SAMPLES,
+            small_px=_SMALL_SKETCH_PX,
             gather_samples=_DRAFT_SAMPLES,
             patch_samples=_DRAFT_PATCH_SAMPLES,
         )
@@ -454,6 +472,7 @@ class Predictor:
             scene.lamp_radiance(WAVELENGTH_NM),
             max_bounces=settings.max_bounces,
             samples=self.samples,
+            small_px=self.small_px,
         )
         return after_stage(light, effects, "transport")
 

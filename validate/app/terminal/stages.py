@@ -101,7 +101,7 @@ class Stages:
             Time, s; None while it would be a guess.
         """
         elapsed = self._clock() - self._begun
-        if self.done < MIN_SHARE or elapsed < MIN_ELAPSED_S:
+        if not MIN_SHARE <= self.done < 1 or elapsed < MIN_ELAPSED_S:
             return None
         return elapsed * (1 - self.done) / self.done
 

@@ -259,10 +259,11 @@ def assert_same_light(
     mean = outcome.picture_mean
     size = as_percent(mean.difference, "the baseline", unit="%")
     lines = [f"{candidate} differs from {baseline}: mean light {size} ± {mean.sigma:.3%}"]
-    lines += [
-        f"  {row.kind} {row.name}: {row.difference:+.4g} ± {row.sigma:.2g}"
-        for row in outcome.deciding[:_MAX_LISTED_POOLS]
-    ]
+    for row in outcome.deciding[:_MAX_LISTED_POOLS]:
+        part = f"{row.difference:+.2%} ± {row.sigma:.2%}"
+        lines.append(
+            f"  {row.label}: {part if row.unit == '1' else f'{row.difference:+.4g} ± {row.sigma:.2g} {row.unit}'}"
+        )
     for change in outcome.changes[:_MAX_LISTED_CHANGES]:
         label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
         lines.append(f"  {label}: {change_text(change)} ({change.probability:.2f})")

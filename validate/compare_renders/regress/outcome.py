@@ -272,12 +272,12 @@ class Outcome(FrozenMappings):
         numbers = ("difference, %", "± %", "sigmas", "detectable, %")
         surfaces = tuple((row.name, *_cells(row)) for row in self.of_kind("surface"))
         decided = tuple(
-            (f"{row.kind}: {row.name}" + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
+            (row.label + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
             for row in self.deciding[:_MOST_ROWS]
         )
         tables = (
             Table("Surfaces", ("surface", *numbers), surfaces),
-            Table("What decided", ("pool", *numbers), decided),
+            Table("What decided", ("test", *numbers), decided),
         )
         return [table for table in tables if table.rows]
 
@@ -509,7 +509,7 @@ def summary(outcome: Outcome) -> str:
 def _pool_text(row: PooledMean) -> str:
     """One test in a line."""
     unit = "" if row.unit == "1" else f" {row.unit}"
-    return f"{row.kind} {row.name}: {row.difference:+.4g}{unit} +- {row.sigma:.2g}, {abs(row.statistic):.1f} sigma"
+    return f"{row.label}: {row.difference:+.4g}{unit} +- {row.sigma:.2g}, {abs(row.statistic):.1f} sigma"
 
 
 def _escaped(text: str) -> str:

@@ -197,7 +197,8 @@ def test_an_effect_is_added_moved_fitted_undone_in_the_browser(page, bench):
     page.run("document.querySelector('[data-effect] .row button').click()")
     page.until(f"Number(document.getElementById('chi2').textContent) < {at} && !page.job")
     assert page.run("page.record.effects[0].values.fraction") == pytest.approx(GLARE, abs=0.003)
-    assert "fitted 0.0" in page.run("document.querySelector('.bounds').innerText")
+    number = page.run("document.querySelector('.parameter input[type=text]').value")
+    assert page.run("document.querySelector('.bounds').innerText").startswith(f"fitted {number} ±")
     press(page, "undo")
     page.until(f"document.getElementById('chi2').textContent == '{at:g}'")
     press(page, "redo")
@@ -249,6 +250,7 @@ def test_a_second_tab_is_followed(page, bench):
     page.until("page.controls.length === 1")
     assert [effect.id for effect in bench.study.effects] == ["ghost"]
     assert page.run("document.querySelector('#moves svg').getAttribute('aria-label')").startswith("χ² over")
+    assert "noise alone" in page.run("document.getElementById('moves').innerText")
 
 
 def test_a_reload_during_a_computation_shows_the_last_state_at_work(page, bench, monkeypatch):
@@ -334,11 +336,17 @@ def test_a_diagnosis_is_watched_and_its_effect_taken(page, monkeypatch):
     assert page.run("page.record.effects[0].id") == "veiling-glare" and chi2(page) < before
     # nothing can be added of a cause that is unknown
     page.run(
-        "showDiagnosis({selected: ['unknown'], sentences: [], ranking: ['unknown', 'gloss'].map("
-        "(id) => ({id, text: '', explained: null, probability: 0.5, values: {}}))})"
+        "showDiagnosis({selected: ['unknown'], adequate: true, sentences: [], ranking: ['unknown', 'gloss'].map("
+        "(id) => ({id, text: '', explained: null, probability: 0.0001, values: {}}))})"
     )
     labels = "[...document.querySelectorAll('#diagnosis button')].map((e) => e.getAttribute('aria-label'))"
     assert page.run(labels) == ["Add gloss"]
+    assert "a model that lacks nothing" in page.run("document.getElementById('diagnosis').innerText")
+    lines = page.run("[...document.querySelectorAll('#diagnosis li')].map((e) => e.firstChild.textContent.trim())")
+    assert lines == [
+        "unknown: a cause that is in no list; probability below 0.1\xa0%",
+        "gloss: ; probability below 0.1\xa0%",
+    ]
 
 
 @pytest.mark.parametrize("width", [1280, 400])

@@ -51,6 +51,7 @@ def test_a_pattern_a_flip_and_a_curve_are_shown_and_put_away(page, bench):
     press(page, "pattern")
     page.until("document.getElementById('pattern-words').textContent.includes('veiling-glare, fraction')")
     assert page.run("page.viewer.state.b") == "pattern-fraction" and bench.study.effects == ()
+    assert "σ; red: brighter with the effect" in page.run("document.getElementById('viewer').innerText")
     add(page, "veiling-glare")
     assert page.run("page.viewer.state.b") == "rendered" and not page.run("page.viewer.picture.maps.length")
     page.run("move({which: 0, values: {fraction: 0.01}, commit: true})")

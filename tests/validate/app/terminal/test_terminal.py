@@ -54,7 +54,7 @@ def test_time_left_grows_when_more_work_turns_up():
     assert followed(reports)[0].remaining_s() == pytest.approx(90)
 
 
-@pytest.mark.parametrize("report", [(60, "rendering", 0.01), (1, "rendering", 0.5)])
+@pytest.mark.parametrize("report", [(60, "rendering", 0.01), (1, "rendering", 0.5), (60, "fitting", 1.0)])
 def test_no_time_left_is_stated_where_it_would_be_a_guess(report):
     stages, _ = followed([report])
     assert stages.remaining_s() is None and "left" not in stages.times()

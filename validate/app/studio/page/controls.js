@@ -84,8 +84,8 @@ function parameterControls(parameter, id, moved, begun, profile) {
   const drawing = make("div", { class: "profile" });
   const known = [`${printed(parameter.low)} to ${printed(parameter.high)} ${parameter.unit}`.trim()];
   if (parameter.null !== null) known.push(`no effect at ${printed(parameter.null)}`);
-  const at = (value) => {
-    number.value = numberText(value);
+  const at = (value, sigma) => {
+    number.value = sigma === undefined ? numberText(value) : withError(value, sigma).split(" ")[0].replace("−", "-");
     slider.setAttribute("aria-valuetext", `${numberText(value)} ${parameter.unit}`.trim());
   };
   slider.addEventListener("pointerdown", begun);
@@ -108,7 +108,7 @@ function parameterControls(parameter, id, moved, begun, profile) {
     moved(text === "inf" ? "inf" : text === "" || Number.isNaN(Number(text)) ? text : Number(text), true);
   });
   const show = (value, sigma) => {
-    at(value);
+    at(value, sigma);
     slider.value = positionOf(parameter, value);
     const fitted = sigma === undefined ? [] : [`fitted ${withError(value, sigma)}`];
     bounds.textContent = [...fitted, ...known].join("; ");

@@ -85,7 +85,8 @@ function listOf({ key, example }) {
 /** What a value is, in words: title, and what else is to be said. */
 function wordsOf({ key, why }) {
   const [first, ...rest] = why.split("; ");
-  return [capital(first.startsWith("of the ") ? `${key.replaceAll("_", " ")} ${first}` : first), rest];
+  const title = first.replace(/\bum\b/, "µm");
+  return [capital(first.startsWith("of the ") ? `${key.replaceAll("_", " ")} ${title}` : title), rest];
 }
 
 /** A field of a missing value; its entry is checked when it is left. `of` is the row's name, for a screen reader. */

@@ -124,7 +124,7 @@ function showParts() {
   const table = (kind, names, sums) => make("table", {}, [
     make("thead", {}, make("tr", {}, [make("th", { scope: "col" }, kind), make("th", { scope: "col" }, "χ² per sample")])),
     make("tbody", {}, names.map((name, i) => make("tr", {}, [make("th", { scope: "row" }, name),
-      make("td", {}, sums[i][1] ? (sums[i][0] / sums[i][1]).toPrecision(3) : "–")])))]);
+      make("td", {}, sums[i][1] ? (sums[i][0] / sums[i][1]).toFixed(2) : "–")])))]);
   $("parts-tables").replaceChildren(
     table("Band", page.viewer.bandNames, byBand), table("Surface", surfaces, bySurface));
 }
@@ -296,13 +296,15 @@ function showDiagnosis(found) {
     const add = make("button", { "aria-label": "Add " + entry.id }, "Add");
     add.addEventListener("click", () => attempt(() => step("add", { effect: entry.id, values: entry.values })));
     const explains = entry.explained === null ? "" : `explains ${(100 * entry.explained).toFixed(1)} % of the excess, `;
-    const text = `${entry.id}: ${entry.text}; ${explains}probability ${(100 * entry.probability).toFixed(1)} % `;
+    const percent = 100 * entry.probability, size = isEffect ? entry.text : "a cause that is in no list";
+    const text = `${entry.id}: ${size}; ${explains}probability ${percent < 0.05 ? "below 0.1" : percent.toFixed(1)} % `;
     return make("li", {}, isEffect ? [text, add] : [text]);
   });
   const known = found.selected.some((id) => id !== "unknown");
   $("diagnosis").replaceChildren(make("h3", {}, "Diagnosis"),
     ...found.sentences.map((sentence) => make("p", {}, sentence)), ...(known ? [adopt] : []),
-    make("p", { class: "soft" }, "Each effect fitted alone, the most probable first. Errors of the rendering count as noise here:"), make("ol", {}, ranking));
+    make("p", { class: "soft" }, "Each effect fitted alone, the most probable first. Errors of the rendering count as noise here" +
+      (found.adequate ? ". What all probabilities lack to 100 % is that of a model that lacks nothing:" : ":")), make("ol", {}, ranking));
 }
 
 /** While a computation runs, only Cancel is enabled; nothing until the page shows its result. */
@@ -386,7 +388,7 @@ function curve(moves) {
     svg.setAttribute(key, value);
   svg.innerHTML = `<title>${text}</title><line x1="0" x2="200" y1="${(34 + (30 * low) / span).toFixed(1)}" y2="${(34 + (30 * low) / span).toFixed(1)}"/>` +
     `<polyline points="${logs.map(at).join(" ")}"/>`;
-  return [svg];
+  return [svg, make("small", {}, "χ² after each change; dashed: noise alone")];
 }
 
 function showSummary() {

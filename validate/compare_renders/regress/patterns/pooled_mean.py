@@ -87,6 +87,20 @@ class PooledMean:
     bounds_px: tuple[int, int, int, int] | None = None
 
     @property
+    def label(self) -> str:
+        """Kind and name in words.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> row = PooledMean("band", "550", 9, 0.1, 0.2, 1.0, 0.5, 0.6, 0.01, 0.4)
+        >>> row.label, replace(row, kind="whole", name="whole picture").label
+        ('band 550 nm', 'whole picture')
+        """
+        kind = {"whole": "", "even": "all pixels "}.get(self.kind, f"{self.kind} ")
+        return f"{kind}{self.name}" + (" nm" if self.kind == "band" and self.name.isdecimal() else "")
+
+    @property
     def different(self) -> bool:
         """Whether this pool alone decides."""
         return self.probability < self.critical

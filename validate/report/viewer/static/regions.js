@@ -105,7 +105,7 @@ function percentChart(picture, figures) {
   const axis = wavelengthAxis(picture);
   const ends = figures.map((f) => Math.abs(f.percent) + f.percent_sigma).filter(Number.isFinite);
   const end = 1.1 * Math.max(0.1, ...ends);
-  const plot = chart("Means, (measured − predicted) / predicted, %", axis, { low: -end, high: end });
+  const plot = chart("Means, (photograph − rendering) / rendering, %", axis, { low: -end, high: end });
   plot.svg.append(svg("line", { x1: CHART.left, x2: CHART.width - CHART.right, y1: plot.y(0), y2: plot.y(0), class: "axis" }));
   figures.forEach((f, b) => {
     if (!Number.isFinite(f.percent)) return;

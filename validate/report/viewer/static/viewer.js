@@ -410,7 +410,7 @@ class CBoxViewer {
     const { scale, values } = this._paintedLayer(id);
     const { name, kind, red = "the photograph is brighter" } = this._layer(id);
     if (!scale) return "";
-    const unit = ["", "σ"].includes(scale.unit) ? name : `${name}, ${scale.unit}`;
+    const unit = name.endsWith(scale.unit) ? name : `${name}, ${scale.unit}`;
     const named = kind === "difference" ? `${unit}; red: ${red}` : unit;
     return values.some((v) => Number.isNaN(v)) ? `${named}; hatched: left out` : named;
   }
