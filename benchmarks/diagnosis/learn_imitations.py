@@ -218,7 +218,7 @@ def cause(name: str, laboratory: Laboratory, draw: np.random.Generator) -> Appli
 def signs_in(laboratory: Laboratory, residual: Signal) -> dict[str, Any] | None:
     """The effect that a diagnosis would select first, fitted, and what its tests show; None for none."""
     fit = replace(laboratory.fit, model=replace(laboratory.fit.model, residual=residual))
-    first = min((screen(laboratory.problem, s, residual) for s in laboratory.signatures), key=penalised)
+    first = min(screen(laboratory.problem, laboratory.signatures, residual), key=penalised)
     row = _row(laboratory, fit, first)
     if row is None:
         by_flaws = best_with_flaws(laboratory.problem, laboratory.signatures, flaws_of(fit, residual), residual, 0.0)
