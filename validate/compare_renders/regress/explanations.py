@@ -65,7 +65,7 @@ class FittedChange(FrozenMappings):
     free: int
     #: Parts of the change's chi-square that the error of its shape leaves, in cells and single pixels; None by name.
     shape_errors: tuple[float, float] | None = None
-    #: Function that changes pictures (..., y, x, w) likewise; None for a change whose shape is computed or moved.
+    #: Function that changes pictures (..., y, x, w) in this way; None for a change whose shape is computed or moved.
     applied: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     @property

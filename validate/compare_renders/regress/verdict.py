@@ -350,6 +350,7 @@ def regress_sides(
         relative=_relative(as_found),
         notes=tuple(notes),
         single_pictures=comparison.noise.estimated,
+        looks_denoised=comparison.noise.estimated and not difference_of(comparison.pooling).of_pixel_filter,
         numbers=(numbers[0].text, numbers[1].text) if any(n.coarse for n in numbers) else ("", ""),
     )
     return outcome if outcome.same else replace(outcome, spot=_spot(as_found, outcome)), comparison

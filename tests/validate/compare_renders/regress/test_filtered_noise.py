@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cboxlab.validation.compare_renders.regress import Side, regress_sides
 from cboxlab.validation.compare_renders.regress.patterns import (
     Difference,
     moved_part,
@@ -81,3 +82,19 @@ def test_scatter_of_blocks_gives_the_standard_error_of_filtered_noise(width_px):
     assert np.mean(variances) == pytest.approx(1, abs=0.1)
     rates = [2 * t.sf(t.isf(0.025, degrees) * scale, degrees) for scale in (np.sqrt(1.1), np.sqrt(0.9))]
     assert binom.ppf(5e-4, 500, rates[0]) <= alarms <= binom.isf(5e-4, 500, rates[1])
+
+
+@pytest.mark.parametrize(("width_px", "is_visible"), [(0.5, True), (2.5, False)])
+def test_single_pictures_whose_noise_a_denoiser_hides_say_so(width_px, is_visible):
+    """Noise of a pixel filter is visible."""
+    rng = np.random.default_rng(3)
+
+    def side(name):
+        noise = 0.1 * gaussian_filter(rng.standard_normal((SIZE, SIZE)), width_px)
+        picture = np.repeat((LIGHT * (1 + noise))[..., None], 3, axis=-1)
+        return Side(name, np.full(3, np.nan), picture, None, 0.0, None, in_colour=True, colours=("R", "G", "B"))
+
+    outcome, _ = regress_sides(side("first"), side("second"))
+    sentence = outcome.to_dict()["noise_not_visible"]
+    assert outcome.same and (sentence is None) == is_visible
+    assert is_visible or (sentence.startswith("These pictures look denoised") and sentence in outcome.lines())
