@@ -15,6 +15,7 @@ verdict tests changes of exact shape alone: made in the baseline, they leave not
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,7 +29,7 @@ from .explanations import FittedChange, from_pictures
 from .outcome import UNKNOWN, NamedChange
 from .patterns import FIXED_TEXTURE, MEANS, STRUCTURE, fine_structure, textures, tile_steps
 from .pooled import SHARES, area_means, difference_of
-from .sides import SurfaceIndices, changed_side
+from .sides import Side, SurfaceIndices
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
 from .verdict import RegressionData, regress_sides
@@ -314,6 +315,16 @@ def _misfit(evidence: Evidence, explanation: FittedChange, further: NDArray[np.f
     return float(max(ratios))
 
 
+def _changed(side: Side, change: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Side:
+    """Side whose pictures (..., y, x, w) a function changed; noise follows its slope."""
+    variance, batches = side.variance, None if side.batches is None else change(side.batches)
+    if variance is not None:
+        sigma = np.sqrt(variance)
+        variance = np.square(change(side.radiance + sigma) - change(side.radiance - sigma)) / 4
+    radiance = change(side.radiance) if batches is None else batches.mean(axis=0)
+    return replace(side, radiance=radiance, variance=variance, batches=batches)
+
+
 def _by_verdict(comparison: RegressionData, explanation: FittedChange, surfaces: SurfaceIndices | None) -> float:
     """Misfit by the verdict: the changed baseline has to be the same as the candidate.
 
@@ -323,7 +334,7 @@ def _by_verdict(comparison: RegressionData, explanation: FittedChange, surfaces:
     if explanation.applied is None:
         return 0.0
     common, fitted = comparison.common, area_means(comparison.pooling)[0].sigma
-    changed = changed_side(common.baseline, explanation.applied)
+    changed = _changed(common.baseline, explanation.applied)
     try:
         outcome, _ = regress_sides(changed, common.candidate, surfaces, _REFUSED, fitted)
     except InputError:  # a change after which a tenth of the light is below 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -38,7 +38,6 @@ from ..scene_pictures import AS_STORED, GUIDES, read_scene_picture
 __all__ = [
     "Side",
     "SurfaceIndices",
-    "changed_side",
     "cube_paths",
     "cut_camera",
     "cut_side",
@@ -281,29 +280,6 @@ def cut_side(side: Side, part: Window) -> Side:
         camera=None if side.camera is None else cut_camera(side.camera, pixels, part),
         window=part,
     )
-
-
-def changed_side(side: Side, change: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Side:
-    """Side whose pictures a function has changed.
-
-    Parameters
-    ----------
-    side
-        A side.
-    change
-        Function of pictures (..., y, x, w), pixel by pixel.
-
-    Returns
-    -------
-    Side
-        The same side with other radiance; its noise follows the slope of the function.
-    """
-    variance, batches = side.variance, None if side.batches is None else change(side.batches)
-    if variance is not None:
-        sigma = np.sqrt(variance)
-        variance = np.square(change(side.radiance + sigma) - change(side.radiance - sigma)) / 4
-    radiance = change(side.radiance) if batches is None else batches.mean(axis=0)
-    return replace(side, radiance=radiance, variance=variance, batches=batches)
 
 
 def cut_camera(camera: Camera, pixels: Window, part: Window) -> Camera:

@@ -323,12 +323,8 @@ def regress_sides(
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
-    notes = [
-        *comparison.common.baseline.notes,
-        *comparison.common.candidate.notes,
-        *comparison.common.notes,
-        *_remarks(as_found),
-    ]
+    common = comparison.common
+    notes = [*common.baseline.notes, *common.candidate.notes, *common.notes, *_remarks(as_found)]
     between = _between_cubes(comparison, false_alarms)
     layers = _layers(*_sides(as_found), false_alarms)
     numbers = _numbers(baseline), _numbers(candidate)
