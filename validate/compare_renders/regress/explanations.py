@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations, product
 from typing import Any
 
@@ -44,6 +45,8 @@ _EXPONENT_TOLERANCE = 0.05
 _EXPONENTS = (0.05, 20.0)
 #: Smallest distance of an exponent from 1.
 _MIN_EXPONENT_CHANGE = 1e-3
+#: Least value over the mean that is raised to a power: values below 0 have none.
+_LEAST_VALUE = 1e-9
 #: Fewest wavelengths for which shifts of wavelengths are fitted.
 _MIN_WAVELENGTHS = 4
 
@@ -62,6 +65,8 @@ class FittedChange(FrozenMappings):
     free: int
     #: Parts of the change's chi-square that the error of its shape leaves, in cells and single pixels; None by name.
     shape_errors: tuple[float, float] | None = None
+    #: Function that changes pictures (..., y, x, w) in this way; None for a change whose shape is computed or moved.
+    applied: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
 
     @property
     def chi2(self) -> float:
@@ -121,15 +126,15 @@ def _lamp(evidence: Evidence, side: Side) -> Iterator[FittedChange]:
         factor = float(evidence.candidate[inside].sum() / base[inside].sum())
     meaning = _meaning(factor)
     remark = {} if meaning is None else {"meaning": meaning}
-    yield FittedChange("lamp-scale", {"factor": factor, **remark}, fit, 1)
+    yield FittedChange("lamp-scale", {"factor": factor, **remark}, fit, 1, applied=lambda p: p * factor)
     if evidence.groups > 1:
         masks = [evidence.group == g for g in range(evidence.groups)]
         fit = evidence.fit([base * mask for mask in masks])
         factors = {group_name(side, mask): 1 + float(a) for mask, a in zip(masks, fit.amplitudes, strict=True)}
-        if min(factors.values()) >= 0 and side.as_stored:
-            yield FittedChange("channel-gains", {"factor_by_channel": factors}, fit, len(masks))
-        elif min(factors.values()) >= 0:
-            yield FittedChange("lamp-spectrum", {"factor_by_nm": factors}, fit, len(masks))
+        if min(factors.values()) >= 0:
+            gains = 1 + fit.amplitudes[evidence.group]
+            names = ("channel-gains", "factor_by_channel") if side.as_stored else ("lamp-spectrum", "factor_by_nm")
+            yield FittedChange(names[0], {names[1]: factors}, fit, len(masks), applied=lambda p: p * gains)
 
 
 def _meaning(factor: float) -> str | None:
@@ -167,7 +172,8 @@ def _values(evidence: Evidence) -> Iterator[FittedChange]:
     if not mean > 0:
         return
     fit = evidence.fit([np.full_like(base, mean)])
-    yield FittedChange("offset", {"added_over_mean": float(fit.amplitudes[0])}, fit, 1)
+    added = float(fit.amplitudes[0])
+    yield FittedChange("offset", {"added_over_mean": added}, fit, 1, applied=lambda p: p + added * mean)
     most = float(evidence.candidate.max())
     if 0 < most < float(base.max()):
 
@@ -176,7 +182,7 @@ def _values(evidence: Evidence) -> Iterator[FittedChange]:
 
         best = minimize_scalar(cut, bounds=(0.7 * most, 1.05 * most), method="bounded", options={"maxiter": 12})
         yield FittedChange("clipped", {"largest": float(best.x)}, exact(evidence, np.minimum(base, best.x)), 1)
-    yield from _power(evidence, np.maximum(base / mean, 1e-9), mean)
+    yield from _power(evidence, np.maximum(base / mean, _LEAST_VALUE), mean)
 
 
 def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterator[FittedChange]:
@@ -193,13 +199,19 @@ def _power(evidence: Evidence, base: NDArray[np.float64], mean: float) -> Iterat
             screen = [e for e in _SCREEN_EXPONENTS if abs(exponent / e - 1) < _EXPONENT_TOLERANCE]
             remark = {"meaning": "values encoded for a screen, or decoded once too often?"} if screen else {}
             parameters = {"exponent": float(exponent), "factor_at_mean": factor, **remark}
-            best = FittedChange("power", parameters, fit, 2)
+            best = FittedChange("power", parameters, fit, 2, applied=partial(_powered, mean, factor, exponent))
         step = evidence.fit([picture, picture * np.log(base)], picture - evidence.baseline).amplitudes
         factor *= float(np.clip(1 + step[0], 0.5, 2.0))
         exponent = float(np.clip(exponent + step[1], *_EXPONENTS))
     # an exponent at its bound has not been found, as of a picture with hardly any contrast
     if best is not None and _sound_exponent(best.parameters["exponent"]):
         yield best
+
+
+def _powered(mean: float, factor: float, exponent: float, picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values over their mean raised to a power."""
+    powered = factor * mean * np.maximum(picture / mean, _LEAST_VALUE) ** exponent
+    return np.where(picture > 0, powered, picture)
 
 
 def _sound_exponent(exponent: float) -> bool:

@@ -91,6 +91,8 @@ class Outcome(FrozenMappings):
     kinds: Mapping[str, str] = field(default_factory=dict)
     #: Whether a side states no noise, so that a texture of single pixels counts as noise.
     single_pictures: bool = False
+    #: Whether their noise does not look like that of samples and a pixel filter, as behind a denoiser.
+    looks_denoised: bool = False
     #: Where the pictures differ; None where they are the same.
     spot: Spot | None = None
     #: Numbers that baseline and candidate hold, in words; empty where both are as fine as 32-bit floats.
@@ -137,6 +139,17 @@ class Outcome(FrozenMappings):
             text += ". Another texture of single pixels counts as noise"
             text += ": compare several pictures of other seeds on each side"
         return f"{text}."
+
+    @property
+    def of_noise(self) -> str:
+        """Sentence on noise that single pictures do not show; empty where they show it."""
+        if not self.looks_denoised:
+            return ""
+        start = "These pictures look denoised" if self.same else "If these pictures are denoised"
+        parts, even = self.would_have_seen_in_parts, f"an even change below {100 * self.would_have_seen:.3g} %"
+        limit = f"a difference of a part below {100 * parts:.3g} %" if math.isfinite(parts) else f"parts and {even}"
+        advice = "Give several pictures of other seeds a side, or raw ones."
+        return f"{start}: their noise is not visible, and {limit} cannot be judged. {advice}"
 
     @property
     def of_numbers(self) -> str:
@@ -240,8 +253,7 @@ class Outcome(FrozenMappings):
         text.append(f"An even change of the light by {self.would_have_seen:.3%} is detected in 90 of 100 runs.")
         if self.unseen:
             text.append(self.unseen)
-        if self.of_numbers:
-            text.append(self.of_numbers)
+        text += [sentence for sentence in (self.of_noise, self.of_numbers) if sentence]
         if self.spot is not None:
             text.append(self.spot.sentence)
         if self.cancelling:
@@ -311,6 +323,7 @@ class Outcome(FrozenMappings):
                 for row in self.of_kind(kind)
             },
             "stored": dict(zip(("baseline", "candidate"), self.numbers, strict=True)) if self.of_numbers else None,
+            "noise_not_visible": self.of_noise or None,
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
             "cancelling": self.cancelling,
             "where": None if self.spot is None else self.spot.record(),

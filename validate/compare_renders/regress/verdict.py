@@ -93,7 +93,11 @@ class RegressionData:
 
 
 def compared_sides(
-    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None = None, false_alarms: float = FALSE_ALARMS
+    baseline: Side,
+    candidate: Side,
+    surfaces: SurfaceIndices | None = None,
+    false_alarms: float = FALSE_ALARMS,
+    allowed: float = 0.0,
 ) -> RegressionData:
     """Comparison of two sides, before any test.
 
@@ -105,6 +109,8 @@ def compared_sides(
         Map of surfaces in place of those of the cubes.
     false_alarms
         Rate of false alarms of the verdict.
+    allowed
+        Relative standard deviation of all means besides noise, such as that of a fitted factor.
 
     Returns
     -------
@@ -123,6 +129,7 @@ def compared_sides(
         hint = "cbox compare states the differences without a verdict."
         raise InputError(baseline.source, f"a picture of {columns} x {rows} px", least, hint)
     common = common_wavelengths(candidate, baseline)
+    common = replace(common, interpolation=np.hypot(common.interpolation, allowed))
     return _compared(common, _strata(common.baseline, common.candidate, surfaces), false_alarms)
 
 
@@ -268,10 +275,10 @@ def compared_areas(baseline: Side, candidate: Side) -> tuple[tuple[PooledMean, .
 
 
 def _with_and_without_pattern(
-    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None, false_alarms: float
+    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None, false_alarms: float, allowed: float = 0.0
 ) -> tuple[RegressionData, RegressionData]:
     """Comparison of two sides as it is, and without a periodic pattern that decides."""
-    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms), false_alarms)
+    as_found = _without_slow(compared_sides(baseline, candidate, surfaces, false_alarms, allowed), false_alarms)
     return as_found, _without_pattern(as_found, false_alarms)
 
 
@@ -284,13 +291,17 @@ def _require_light(pools: tuple[PooledMean, ...], baseline: Side) -> None:
 
 
 def regress_sides(
-    baseline: Side, candidate: Side, surfaces: SurfaceIndices | None = None, false_alarms: float = FALSE_ALARMS
+    baseline: Side,
+    candidate: Side,
+    surfaces: SurfaceIndices | None = None,
+    false_alarms: float = FALSE_ALARMS,
+    allowed: float = 0.0,
 ) -> tuple[Outcome, RegressionData]:
     """Verdict on two sides, without a name of the change.
 
     Parameters
     ----------
-    baseline, candidate, surfaces, false_alarms
+    baseline, candidate, surfaces, false_alarms, allowed
         As in ``compared_sides``.
 
     Returns
@@ -305,19 +316,15 @@ def regress_sides(
     InputError
         If the sides cannot be compared, or if the baseline has no light.
     """
-    as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms)
+    as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms, allowed)
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     totals = _total(_sides(as_found)[0]), _total(_sides(as_found)[1])
     cancelling = _cancelling(as_found.pooling, totals, _cubes(*_sides(as_found)))
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
-    notes = [
-        *comparison.common.baseline.notes,
-        *comparison.common.candidate.notes,
-        *comparison.common.notes,
-        *_remarks(as_found),
-    ]
+    common = comparison.common
+    notes = [*common.baseline.notes, *common.candidate.notes, *common.notes, *_remarks(as_found)]
     between = _between_cubes(comparison, false_alarms)
     layers = _layers(*_sides(as_found), false_alarms)
     numbers = _numbers(baseline), _numbers(candidate)
@@ -339,6 +346,7 @@ def regress_sides(
         relative=_relative(as_found),
         notes=tuple(notes),
         single_pictures=comparison.noise.estimated,
+        looks_denoised=comparison.noise.estimated and not difference_of(comparison.pooling).of_pixel_filter,
         numbers=(numbers[0].text, numbers[1].text) if any(n.coarse for n in numbers) else ("", ""),
     )
     return outcome if outcome.same else replace(outcome, spot=_spot(as_found, outcome)), comparison
@@ -387,7 +395,7 @@ def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[Poo
     critical = false_alarms * SHARES["cubes"]
     each = (1 - _RANKED) * critical / max(len(findings), 1)
     blocks = [pool_of_finding("cubes", finding, each) for finding in findings]
-    ranked = ranked_squares(baseline.batches.sum(axis=-1), candidate.batches.sum(axis=-1))
+    ranked = ranked_squares(baseline.batches.sum(axis=-1), candidate.batches.sum(axis=-1), floor)
     return tuple(blocks) if ranked is None else (*blocks, pool_of_finding("cubes", ranked, _RANKED * critical))
 
 

@@ -9,7 +9,17 @@ import pytest
 from cboxlab.rendering.files import Declared
 from cboxlab.rendering.files.colour_pictures import as_xyz_picture
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare_renders.regress import read_side, regress_inputs, regress_pictures, side_of
+from cboxlab.validation.compare_renders.regress import (
+    Side,
+    read_side,
+    regress_inputs,
+    regress_pictures,
+    regress_sides,
+    side_of,
+)
+from cboxlab.validation.compare_renders.regress.evidence import Fit
+from cboxlab.validation.compare_renders.regress.explanations import FittedChange
+from cboxlab.validation.compare_renders.regress.naming import _by_verdict
 from cboxlab.validation.compare_renders.scene_pictures.guides import cryptomatte
 from cboxlab.validation.compare_renders.stored_references import measured_reference, require_same_light
 from scipy.ndimage import gaussian_filter, minimum_filter
@@ -254,3 +264,20 @@ def test_the_fixture_s_reference_holds_objects_of_any_scene(tmp_path):
     ball = np.where(OBJECT == 2, 1.05, 1.0)[..., None]
     with pytest.raises(AssertionError, match="surface: object 2"):
         require_same_light(stored, reference(30, ball))
+
+
+@pytest.mark.parametrize(("moved_px", "fits"), [(0.0, True), (1.0, False)], ids=["gains alone", "a shadow moved"])
+def test_a_name_of_exact_shape_must_leave_pictures_that_the_verdict_calls_the_same(moved_px, fits):
+    """A sun that moves scales most of the light, and moves a shadow, too."""
+    gains = np.array([1.1, 1.0, 0.93])
+
+    def side(seed, middle, gains):
+        shadow = 1 - 0.6 * np.clip(3.5 - np.hypot(ROWS - 20, COLUMNS - middle), 0, 1)[..., None]
+        cubes = np.stack([noisy(seed + n, light() * shadow * gains) for n in range(3)])
+        error = cubes.var(axis=0, ddof=1) / 3
+        colour = {"in_colour": True, "colours": ("R", "G", "B"), "batches": cubes}
+        return Side("cubes", np.full(3, np.nan), cubes.mean(axis=0), error, 2.0, None, **colour)
+
+    _, comparison = regress_sides(side(10, 40, 1.0), side(50, 40 + moved_px, gains))
+    name = FittedChange("channel-gains", {}, Fit(gains - 1, 0.0), 3, applied=lambda picture: picture * gains)
+    assert (_by_verdict(comparison, name, None) <= 1) == fits

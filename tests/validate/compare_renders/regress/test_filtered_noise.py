@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from cboxlab.validation.compare_renders.regress import Side, regress_sides
 from cboxlab.validation.compare_renders.regress.patterns import (
     Difference,
     moved_part,
     odd_tiles,
     reused_numbers,
+    scatter_of_blocks,
     slow_change,
 )
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
+from scipy.stats import binom, t
 
 SIZE = 48
 Y, X = np.meshgrid(*2 * [np.linspace(-1, 1, SIZE)], indexing="ij")
@@ -59,3 +62,39 @@ def test_tiles_that_a_filter_left_flat_are_not_odd():
     assert odd_tiles(Difference(light, total, None, INSIDE, {})).probability > 1e-3
     total[12:16, 20:24] += 0.3
     assert odd_tiles(Difference(light, total, None, INSIDE, {})).probability < 1e-4
+
+
+@pytest.mark.parametrize("width_px", [1, 3, 5])
+def test_scatter_of_blocks_gives_the_standard_error_of_filtered_noise(width_px):
+    """A box filter that wraps around leaves the mean of white noise alone: its variance is one over the pixels.
+
+    Of 500 pictures 5 % are off by more than Student's t allows. The limits of their number are passed in one of 1,000
+    runs, where the variance is right within a tenth.
+    """
+    rng, size = np.random.default_rng(width_px), 64
+    block = (np.arange(size)[:, None] // 8 * 8 + np.arange(size) // 8).ravel()
+    variances, alarms = [], 0
+    for _ in range(500):
+        noise = uniform_filter(rng.standard_normal((size, size)), width_px, mode="wrap").ravel()
+        variance, degrees = scatter_of_blocks(noise, np.ones(size**2), block, 1 + width_px**2 / 64)
+        variances.append(variance / size**2)
+        alarms += abs(noise.sum()) > t.isf(0.025, degrees) * np.sqrt(variance)
+    assert np.mean(variances) == pytest.approx(1, abs=0.1)
+    rates = [2 * t.sf(t.isf(0.025, degrees) * scale, degrees) for scale in (np.sqrt(1.1), np.sqrt(0.9))]
+    assert binom.ppf(5e-4, 500, rates[0]) <= alarms <= binom.isf(5e-4, 500, rates[1])
+
+
+@pytest.mark.parametrize(("width_px", "is_visible"), [(0.5, True), (2.5, False)])
+def test_single_pictures_whose_noise_a_denoiser_hides_say_so(width_px, is_visible):
+    """Noise of a pixel filter is visible."""
+    rng = np.random.default_rng(3)
+
+    def side(name):
+        noise = 0.1 * gaussian_filter(rng.standard_normal((SIZE, SIZE)), width_px)
+        picture = np.repeat((LIGHT * (1 + noise))[..., None], 3, axis=-1)
+        return Side(name, np.full(3, np.nan), picture, None, 0.0, None, in_colour=True, colours=("R", "G", "B"))
+
+    outcome, _ = regress_sides(side("first"), side("second"))
+    sentence = outcome.to_dict()["noise_not_visible"]
+    assert outcome.same and (sentence is None) == is_visible
+    assert is_visible or (sentence.startswith("These pictures look denoised") and sentence in outcome.lines())

@@ -172,3 +172,5 @@ class Cause:
     shape_error: float = 0.01
     #: The same in single pixels.
     edge_error: float = 0.1
+    #: Whether it is a factor on each pixel, the same in all bands, whose shape is exact.
+    is_factor: bool = False

@@ -67,4 +67,9 @@ def _cosine(pictures: Pictures) -> NDArray[np.float64]:
     return np.asarray(directions[..., 2:] / np.linalg.norm(directions, axis=-1, keepdims=True))
 
 
-CAUSE = Cause("fall-off", "Light falls off from the picture's centre: vignetting, or a film's cos^4.", _trials)
+CAUSE = Cause(
+    "fall-off",
+    "Light falls off from the picture's centre: vignetting, or a film's cos^4.",
+    _trials,
+    is_factor=True,
+)

@@ -20,4 +20,9 @@ def _trials(pictures: Pictures) -> Iterator[Trial]:
     )
 
 
-CAUSE = Cause("gradient", "A factor grows evenly over the picture, by these parts in half its width.", _trials)
+CAUSE = Cause(
+    "gradient",
+    "A factor grows evenly over the picture, by these parts in half its width.",
+    _trials,
+    is_factor=True,
+)

@@ -199,7 +199,7 @@ def _of_blocks(cubes: NDArray[np.float64], block: NDArray[np.int64]) -> NDArray[
     return np.stack([np.bincount(block.ravel(), cube.sum(axis=-1).ravel()) for cube in cubes])
 
 
-def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]) -> Finding | None:
+def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64], floor: float = 0.0) -> Finding | None:
     """Square at any place whose pixels rank higher or lower among all cubes than others.
 
     A pixel's rank among the cubes of both sides has one distribution, whatever its noise: the variances of all squares
@@ -210,6 +210,8 @@ def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]
     ----------
     baseline, candidate
         (b, y, x) independent cubes of each side, summed over wavelengths.
+    floor
+        Relative difference up to which pixels of two cubes share a rank: noise of a lamp may be less.
 
     Returns
     -------
@@ -226,9 +228,9 @@ def ranked_squares(baseline: NDArray[np.float64], candidate: NDArray[np.float64]
     if np.abs(np.median(np.log(variances[1] / variances[0]))) > np.log(_UNLIKE):
         return None
     cubes = np.concatenate([baseline, candidate])
-    ranks = np.zeros_like(cubes)
+    ranks, alike = np.zeros_like(cubes), floor * cubes.mean(axis=0)
     for cube in cubes:
-        ranks += np.sign(cubes - cube)
+        ranks += np.sign(cubes - cube) * (np.abs(cubes - cube) > alike)
     scatter = ranks**2 - (ranks**2).mean(axis=0)
     looks, findings = float(len(_RANKED_PX) * height * width), []
     for edge in _RANKED_PX:
