@@ -84,7 +84,7 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
                 copy.unlink(missing_ok=True)
             return
         if not (means.exists() or copy.exists()):
-            pytest.fail(f"{means}: no reference. Look at the picture, then write it: pytest {_OPTION}")
+            pytest.fail(f"{means} or {copy.name}: no reference. Look at the picture, then write it: pytest {_OPTION}")
         try:
             if measured is None or not means.exists():
                 assert_same_light(copy, paths[0])
@@ -92,8 +92,8 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
                 require_same_light(read_reference(means), measured)
         except AssertionError as error:
             file, line, _ = request.node.location
-            found = request.config.stash.setdefault(_ANNOTATIONS, [])
-            found.append(_annotation(file, 1 if line is None else line + 1, name, str(error)))
+            annotations = request.config.stash.setdefault(_ANNOTATIONS, [])
+            annotations.append(_annotation(file, 1 if line is None else line + 1, name, str(error)))
             raise
 
     return check
