@@ -88,7 +88,7 @@ def report_verdict(c: Comparison, bands: Sequence[NamedBand] = ()) -> ReportVerd
         regions = regions_of(c)
         region = max(regions["place"], key=lambda r: r.share_of_excess)
         details.append(
-            f"The largest part of the excess χ², {100 * region.share_of_excess:.0f} %, belongs to {region.name} with "
+            f"The largest part of the excess χ² comes from {region.name}: {100 * region.share_of_excess:.0f} %, with "
             f"{100 * region.share_of_residuals:.0f} % of the residuals."
         )
         surface, band = (_worst(regions[kind]) for kind in ("surface", "band"))
