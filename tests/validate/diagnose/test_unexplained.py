@@ -8,7 +8,7 @@ from cboxlab.rendering.effects import catalogue
 from cboxlab.validation.diagnose.evidence import explained_part
 from cboxlab.validation.diagnose.field_fit.light_exchange import _cosine
 from cboxlab.validation.diagnose.linear_model import LinearModel
-from cboxlab.validation.diagnose.unexplained import _nuisance_columns, _repeats, family_beats_effects
+from cboxlab.validation.diagnose.unexplained import _repeats, family_beats_effects
 
 #: A residual of chi2 4000, which effects leave.
 LEFT = np.array([np.sqrt(4000.0), 0.0, 0.0])
@@ -139,29 +139,3 @@ def test_a_cosine_towards_several_lamps_is_their_mean_by_the_light_of_each():
     light = np.array([[1.0, 0.0], [0.3, 0.1], [0.0, 0.0]])
     expected = [1.0, 0.75 + 0.25 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)]
     np.testing.assert_allclose(_cosine(position, normal, positions, light), expected, rtol=1e-6)
-
-
-def test_shared_errors_are_marginalised_over():
-    """Of unit variance next to the noise of each sample: the residual is that over 1 + S S^T, written out here.
-
-    Columns of the nuisances take out the same.
-    """
-    draw = np.random.default_rng(5)
-    shared, residual = draw.normal(size=(23, 3)), draw.normal(size=23)
-    model = LinearModel(
-        used=np.ones((1, 3, 4), bool),
-        interior=np.ones(12, bool),
-        patch=np.zeros(12, int),
-        sigma=np.ones(12),
-        priors=np.zeros((11, 11)),
-        by_lamp=np.ones(12),
-        basis=np.linalg.qr(draw.normal(size=(23, 2)))[0],
-        shared_errors=shared.astype(np.float32),
-        residual=residual,
-    )
-    projected = shared - model.basis @ (model.basis.T @ shared)
-    covariance = np.eye(23) + projected @ projected.T
-    columns, marginalised = _nuisance_columns(model, residual)
-    np.testing.assert_allclose(marginalised, np.linalg.solve(covariance, residual)[:12], atol=1e-6)
-    by_errors = columns[0].reshape(12, -1)[:, 2:]
-    np.testing.assert_allclose(np.eye(12) - by_errors @ by_errors.T, np.linalg.inv(covariance)[:12, :12], atol=1e-5)

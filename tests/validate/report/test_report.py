@@ -173,7 +173,9 @@ def test_worst_is_the_highest_chi2_per_dof():
     factor[:, BOX.surface == 0] = 1.03
     factor[:, BOX.surface == 5] = 1.08
     details = report_verdict(BOX.compare(seed=2, factor=factor)).details
-    assert details[3].startswith("The largest part of the excess χ² comes from ") and "worst region is block" in details[4]
+    assert (
+        details[3].startswith("The largest part of the excess χ² comes from ") and "worst region is block" in details[4]
+    )
 
 
 def test_order_of_the_report_is_fixed(pages):
