@@ -3,7 +3,7 @@
 from .charge import charge_exchange
 from .external_picture import ExternalPicture, external_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
-from .picture_errors import PictureErrors, cells_and_columns, picture_errors
+from .picture_errors import PictureErrors, cells_and_columns, picture_errors, sample_blocks
 from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor, effects_key
 from .rendering import CONVERGENCE, Picture, render_to_noise
@@ -31,6 +31,7 @@ __all__ = [
     "render_plainly",
     "render_to_noise",
     "require_level",
+    "sample_blocks",
     "sensing",
     "traced_picture",
     "transported",

@@ -17,7 +17,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PictureErrors", "cells_and_columns", "picture_errors"]
+__all__ = ["PictureErrors", "cells_and_columns", "picture_errors", "sample_blocks"]
 
 #: Relative standard deviation of the error that a cell of a face shares in all bands. Pictures of one box by two
 #: independent simulators differ by 0.1 to 0.4 %, equally in all bands, over a tenth to a third of a face.
@@ -71,7 +71,7 @@ class PictureErrors:
             (..., n) whitened values.
         """
         apart = np.apply_along_axis(self._by_cells, -1, pixels)
-        blocks = _blocks(len(self.cell))
+        blocks = sample_blocks(len(self.cell))
         parts = (apart[..., some].astype(np.float32) @ self.common[some] for some in blocks)
         along = (self.part * sum(parts, np.zeros(len(self.part)))).astype(np.float32)
         for some in blocks:
@@ -184,7 +184,7 @@ def cells_and_columns(cell: NDArray, weight: NDArray, columns: Iterable[NDArray]
     common = np.empty((len(cell), count), np.float32)
     for column, other in zip(common.T, columns, strict=True):
         column[:] = cells.whitened(other)
-    blocks = _blocks(len(cell))
+    blocks = sample_blocks(len(cell))
     none = np.zeros((count, count))
     values, vectors = np.linalg.eigh(sum((common[some].T.astype(float) @ common[some] for some in blocks), none))
     independent = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
@@ -195,6 +195,17 @@ def cells_and_columns(cell: NDArray, weight: NDArray, columns: Iterable[NDArray]
     return PictureErrors(cells.cell, cells.weight, shrink, common[:, : len(values)], 1 - 1 / np.sqrt(1 + values))
 
 
-def _blocks(count: int) -> list[slice]:
-    """Slices of the samples whose products are computed at once."""
+def sample_blocks(count: int) -> list[slice]:
+    """Slices of samples whose products are computed at once.
+
+    Parameters
+    ----------
+    count
+        Number of samples.
+
+    Returns
+    -------
+    list of slice
+        Of equal length but the last one.
+    """
     return [slice(start, start + _SAMPLES_PER_BLOCK) for start in range(0, count, _SAMPLES_PER_BLOCK)]

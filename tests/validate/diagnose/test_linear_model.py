@@ -216,7 +216,7 @@ def test_a_band_off_by_the_error_of_its_table_is_no_sign_of_an_effect(parts):
 def test_columns_of_nuisances_do_what_their_covariance_does(parts, monkeypatch):
     """Information on 5 patterns and their products with the residual, by the inverse of a covariance with free
     nuisances and shared errors; some samples are not used, and they come in several blocks."""
-    monkeypatch.setattr(sys.modules[nuisance_columns.__module__], "_SAMPLES_PER_BLOCK", 31)
+    monkeypatch.setattr(sys.modules[picture_errors.__module__], "_SAMPLES_PER_BLOCK", 31)
     generator, base, derivative, camera = parts
     square = model_of(base + 5 * generator.standard_normal(SHAPE), base, derivative, camera)
     used = np.zeros(SHAPE, bool)

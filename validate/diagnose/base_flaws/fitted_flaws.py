@@ -20,7 +20,7 @@ import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ...predict import PictureErrors, cells_and_columns
+from ...predict import PictureErrors, cells_and_columns, sample_blocks
 from .columns import FlawColumns
 from .parts import LEVELS, PLACES, PartAmplitudes, amplitudes_by_part, thirds_by_level
 
@@ -49,9 +49,6 @@ _ROUNDS = 12
 
 #: Rounds of the fit of an effect's numbers and the widths in turn.
 _ROUNDS_WITH_EFFECT = 2
-
-#: Samples whose products are computed at once, to bound the memory.
-_SAMPLES_PER_BLOCK = 2**15
 
 #: Columns that are projected at once, to bound the memory.
 _COLUMNS_PER_BLOCK = 8
@@ -486,10 +483,9 @@ class FlawModel(Generic[W]):
         board = (v // _HELDOUT_BLOCK_PX + u // _HELDOUT_BLOCK_PX) % 2
         colour, number = np.broadcast_to(board, self.model.used.shape)[self.model.used], int(members.sum())
         products, aims = np.zeros((2, number, number)), np.zeros((2, number))
-        for start in range(0, count, _SAMPLES_PER_BLOCK):
-            rows = slice(start, min(start + _SAMPLES_PER_BLOCK, count))
+        for rows in sample_blocks(count):
             for part in (0, 1):
-                some = self.columns[rows][:, members][colour[rows] == part]
+                some = self.columns[:count][rows][:, members][colour[rows] == part]
                 products[part] += some.T @ some
                 aims[part] += some.T @ rest[rows][colour[rows] == part]
         ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from ...predict import sample_blocks
 from .model import LinearModel
 
 __all__ = ["NuisanceColumns", "nuisance_columns"]
-
-#: Samples whose products are computed at once, to bound the memory.
-_SAMPLES_PER_BLOCK = 2**15
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ def nuisance_columns(model: LinearModel) -> NuisanceColumns:
         In single precision.
     """
     basis, shared = model.basis, model.shared_errors
-    blocks = [slice(start, start + _SAMPLES_PER_BLOCK) for start in range(0, len(basis), _SAMPLES_PER_BLOCK)]
+    blocks = sample_blocks(len(basis))
     along = sum((basis[some].T @ shared[some] for some in blocks), np.zeros((basis.shape[1], shared.shape[1])))
     products = np.eye(shared.shape[1])
     for some in blocks:

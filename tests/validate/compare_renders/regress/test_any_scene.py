@@ -19,7 +19,7 @@ from cboxlab.validation.compare_renders.regress import (
 )
 from cboxlab.validation.compare_renders.regress.evidence import Fit
 from cboxlab.validation.compare_renders.regress.explanations import FittedChange
-from cboxlab.validation.compare_renders.regress.naming import _by_verdict
+from cboxlab.validation.compare_renders.regress.naming import _by_verdict, _changed
 from cboxlab.validation.compare_renders.scene_pictures.guides import cryptomatte
 from cboxlab.validation.compare_renders.stored_references import measured_reference, require_same_light
 from scipy.ndimage import gaussian_filter, minimum_filter
@@ -266,10 +266,14 @@ def test_the_fixture_s_reference_holds_objects_of_any_scene(tmp_path):
         require_same_light(stored, reference(30, ball))
 
 
-@pytest.mark.parametrize(("moved_px", "fits"), [(0.0, True), (1.0, False)], ids=["gains alone", "a shadow moved"])
-def test_a_name_of_exact_shape_must_leave_pictures_that_the_verdict_calls_the_same(moved_px, fits):
-    """A sun that moves scales most of the light, and moves a shadow, too."""
-    gains = np.array([1.1, 1.0, 0.93])
+@pytest.mark.parametrize(
+    ("strength", "moved_px", "least", "most"),
+    [(0.1, 0.0, 0.0, 0.69), (0.03, 0.0, 0.7, 1.0), (0.1, 1.0, 1.0, np.inf)],
+    ids=["gains alone", "as small as unseen changes of a part", "a shadow moved"],
+)
+def test_a_name_of_exact_shape_must_leave_pictures_that_the_verdict_calls_the_same(strength, moved_px, least, most):
+    """A sun that moves scales most of the light, and moves a shadow, too. A part may change by 5 % unseen."""
+    gains = 1 + strength * np.array([1.0, 0.0, -0.7])
 
     def side(seed, middle, gains):
         shadow = 1 - 0.6 * np.clip(3.5 - np.hypot(ROWS - 20, COLUMNS - middle), 0, 1)[..., None]
@@ -280,4 +284,13 @@ def test_a_name_of_exact_shape_must_leave_pictures_that_the_verdict_calls_the_sa
 
     _, comparison = regress_sides(side(10, 40, 1.0), side(50, 40 + moved_px, gains))
     name = FittedChange("channel-gains", {}, Fit(gains - 1, 0.0), 3, applied=lambda picture: picture * gains)
-    assert (_by_verdict(comparison, name, None) <= 1) == fits
+    assert least <= _by_verdict(comparison, name, None) <= most
+
+
+def test_noise_of_a_changed_single_picture_follows_the_slope_of_its_change():
+    """A square has the slope 2 x."""
+    values = np.array([[[2.0, 3.0, 5.0]]])
+    side = Side("picture", np.full(3, np.nan), values, np.full(values.shape, 0.01), None, None)
+    changed = _changed(side, np.square)
+    np.testing.assert_allclose(changed.radiance, values**2)
+    np.testing.assert_allclose(changed.variance, 0.01 * (2 * values) ** 2)
