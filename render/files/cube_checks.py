@@ -156,7 +156,7 @@ def with_units(cube: xr.Dataset) -> xr.Dataset:
     return cube.assign(arrays).assign_coords(wavelength=grid.assign_attrs({"units": "nm", **grid.attrs}))
 
 
-def require_numbers(cube: xr.Dataset, path: Path) -> None:
+def require_numbers(cube: xr.Dataset, path: Path, *, finite: bool = True) -> None:
     """Raise InputError for values that are not finite, and for standard errors below 0.
 
     NaN is accepted in a measured cube, which states by the attribute ``missing`` that it marks masked pixels.
@@ -167,6 +167,8 @@ def require_numbers(cube: xr.Dataset, path: Path) -> None:
         Cube or picture in colour.
     path
         File, for the message.
+    finite
+        Whether values have to be finite.
 
     Raises
     ------
@@ -175,13 +177,13 @@ def require_numbers(cube: xr.Dataset, path: Path) -> None:
     """
     missing = cube.attrs.get("missing") == "NaN"
     for name in ("radiance", "xyz", "rgb", "standard_error"):
-        if name not in cube:
+        if name not in cube or not finite:
             continue
         values = cube[name].values
-        finite = ~np.isinf(values) if missing else np.isfinite(values)
-        if not finite.all():
-            first = dict(zip(map(str, cube[name].dims), map(int, np.argwhere(~finite)[0]), strict=True))
-            count = int(values.size - finite.sum())
+        sound = ~np.isinf(values) if missing else np.isfinite(values)
+        if not sound.all():
+            first = dict(zip(map(str, cube[name].dims), map(int, np.argwhere(~sound)[0]), strict=True))
+            count = int(values.size - sound.sum())
             fault = f"{count} values that are not finite, the first at {first}"
             raise InputError(f"{path}: {name}", fault, "finite numbers")
     if "standard_error" in cube and (cube["standard_error"].values < 0).any():
@@ -209,7 +211,7 @@ def negative_pixels(picture: xr.Dataset) -> int:
     values = _light(picture)
     if not (values.values < 0).any():
         return 0
-    below = values < -1e-6 * float(np.abs(values).mean())
+    below = values < -1e-6 * float(np.abs(values).where(np.isfinite(values)).mean())
     return int(below.any(dim=[d for d in values.dims if d not in ("y", "x")]).sum())
 
 
@@ -229,7 +231,9 @@ def require_light(picture: xr.Dataset, source: Path | str) -> None:
         If negative values sum up to more than filters with negative lobes, or noise, leave.
     """
     values = _light(picture).values
-    below, above = (float(np.abs(values.sum(where=side, dtype=float))) for side in (values < 0, values > 0))
+    finite = np.isfinite(values)
+    signs = (values < 0) & finite, (values > 0) & finite
+    below, above = (float(np.abs(values.sum(where=sign, dtype=float))) for sign in signs)
     if below > _MAX_NEGATIVE_SHARE * above:
         share = below / (below + above)
         raise InputError(

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
@@ -170,7 +171,7 @@ def read_cube(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     return cube
 
 
-def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
+def read_picture(path: Path, declared: Declared = AS_STATED, *, finite: bool = True) -> xr.Dataset:
     """Cube, or picture in X, Y, Z, of a file.
 
     Parameters
@@ -179,6 +180,8 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         File of a cube or a picture in colour.
     declared
         Values that the file does not state.
+    finite
+        Whether values have to be finite.
 
     Returns
     -------
@@ -191,11 +194,12 @@ def read_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
         If the file is missing or invalid, or leaves open what it holds.
     """
     path = required_path("path", path, "a file of a cube or picture")
-    picture = _format_of(path).read(path, declared)
+    with np.errstate(invalid="ignore"):  # a pixel that is not a number stays one
+        picture = _format_of(path).read(path, declared)
     if "xyz" not in picture:
         require_cube(picture, path)
         require_wavelengths_of_light(picture, path)
-    require_numbers(picture, path)
+    require_numbers(picture, path, finite=finite)
     require_light(picture, path)
     negative = negative_pixels(picture)
     return with_notes(picture, [f"pixels of negative radiance: {negative}"] if negative else [])

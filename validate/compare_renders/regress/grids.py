@@ -12,9 +12,10 @@ import numpy as np
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 
-from .sides import Side, in_common_quantity
+from ..scene_pictures import NotNumbers, of_any
+from .sides import Side, filled_side, in_common_quantity
 
-__all__ = ["Common", "Sums", "common_wavelengths"]
+__all__ = ["Common", "Sums", "common_pictures", "common_wavelengths"]
 
 #: Largest distance of wavelengths that count as equal, nm: rounding of files.
 _EQUAL_NM = 1e-3
@@ -22,6 +23,8 @@ _EQUAL_NM = 1e-3
 _MIN_COMMON_PART = 0.5
 #: Relative standard deviation of interpolation that is always allowed.
 _MIN_INTERPOLATION = 1e-3
+#: Fewest pixels that are numbers on both sides: some tests fail with less.
+_FEWEST_COMPARED = 48
 #: Smallest mean radiance of a band over that of the brightest one, by which ratios are formed.
 _MIN_LIGHT = 1e-3
 
@@ -58,6 +61,65 @@ class Common:
     interpolation: NDArray[np.float64]
     #: Remarks for the reader.
     notes: tuple[str, ...]
+    #: (y, x) pixels that are not numbers on either side, in whose place the nearest ones of both stand; None without.
+    missing: NDArray[np.bool_] | None = None
+    #: Whether enough pixels are numbers on both sides.
+    comparable: bool = True
+
+    @property
+    def not_numbers(self) -> dict[str, NotNumbers]:
+        """Pixels of one side alone that are not numbers, by the side's name."""
+        sides = {"baseline": self.baseline.not_numbers, "candidate": self.candidate.not_numbers}
+        result = {}
+        for (name, absent), other in zip(sides.items(), reversed(sides.values()), strict=True):
+            alone = absent if absent is None or other is None else absent.without(other.pixels)
+            if alone is not None and not alone.masked:
+                result[name] = alone
+        return result
+
+    @property
+    def cubes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(b, y, x) cubes of both sides over all wavelengths; their means where one has more.
+
+        Pixels that are not numbers are the mean of all, which no value is cut off at.
+        """
+        cubes = self.baseline.batches, self.candidate.batches
+        if cubes[0] is None or cubes[1] is None or len(cubes[0]) != len(cubes[1]):
+            cubes = self.baseline.radiance[None], self.candidate.radiance[None]
+        first, second = cubes[0].sum(axis=-1), cubes[1].sum(axis=-1)
+        if self.missing is not None:
+            for side in (first, second):
+                side[:, self.missing] = side.mean()
+        return first, second
+
+
+def common_pictures(candidate: Side, baseline: Side) -> Common:
+    """Two sides on their common wavelengths, pixels replaced that are not numbers on either.
+
+    Parameters
+    ----------
+    candidate, baseline
+        The sides.
+
+    Returns
+    -------
+    Common
+        As of ``common_wavelengths``.
+
+    Raises
+    ------
+    InputError
+        As of ``common_wavelengths``.
+    """
+    common = common_wavelengths(candidate, baseline)
+    either = of_any([side.not_numbers for side in (common.baseline, common.candidate)])
+    if either is None:
+        return common
+    if (~either.pixels).sum() < _FEWEST_COMPARED:  # the baseline stands on both sides, and no test of it counts
+        side, same = common.baseline, replace(common.baseline, not_numbers=common.candidate.not_numbers)
+        return replace(common, candidate=same, baseline=side, missing=either.pixels, comparable=False)
+    first, second = (filled_side(side, either.pixels) for side in (common.candidate, common.baseline))
+    return replace(common, candidate=first, baseline=second, missing=either.pixels)
 
 
 def common_wavelengths(candidate: Side, baseline: Side) -> Common:

@@ -201,11 +201,14 @@ def regress_pictures(
         from .naming import pattern_alone
 
         changes = (pattern_alone(outcome.cancelling or ""),)
-    elif outcome.deciding and all(row.kind == "layer" for row in outcome.deciding):
+    elif outcome.deciding and all(row.kind in ("layer", "numbers") for row in outcome.deciding):
         from .naming import pattern_alone
 
-        layers = " and ".join(row.name for row in outcome.deciding)
-        changes = (pattern_alone(f"the light is the same, the {layers} layer differs"),)
+        facts = ["the light is the same"] if np.isfinite(outcome.picture_mean.sigma) else []
+        layers = " and ".join(row.name for row in outcome.of_kind("layer") if row.different)
+        facts += [f"the {layers} layer differs"] if layers else []
+        facts += ["some pixels are not numbers"] if outcome.not_numbers else []
+        changes = (pattern_alone(", ".join(facts)),)
     elif not outcome.same:
         from .naming import named_changes
 
@@ -261,9 +264,8 @@ def assert_same_light(
     lines = [f"{candidate} differs from {baseline}: mean light {size} ± {mean.sigma:.3%}"]
     for row in outcome.deciding[:_MAX_LISTED_POOLS]:
         part = f"{row.difference:+.2%} ± {row.sigma:.2%}"
-        lines.append(
-            f"  {row.label}: {part if row.unit == '1' else f'{row.difference:+.4g} ± {row.sigma:.2g} {row.unit}'}"
-        )
+        part = part if row.unit == "1" else f"{row.difference:+.4g} ± {row.sigma:.2g} {row.unit}"
+        lines.append(f"  {row.label}" if row.kind == "numbers" else f"  {row.label}: {part}")
     for change in outcome.changes[:_MAX_LISTED_CHANGES]:
         label = "cause" if change.change == UNKNOWN else "named" if change.fits else "most like"
         lines.append(f"  {label}: {change_text(change)} ({change.probability:.2f})")

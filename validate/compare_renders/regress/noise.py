@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.rendering.image import ESTIMATE_DEGREES, high_pass, variance_of_neighbours
-from cboxlab.utils.distributions import robust_sigma
+from cboxlab.utils.distributions import robust_sigma, student_tail
 from cv2 import medianBlur
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, median_filter, minimum_filter
@@ -24,6 +24,9 @@ __all__ = [
     "local_range",
     "noise_of",
     "paired_variance",
+    "pixels_that_differ",
+    "quieter_part",
+    "roughness_of",
     "row_sums",
     "smooth_variance",
     "variance_of",
@@ -47,6 +50,10 @@ _WIDEST_FILTER = 6.0
 _LIGHT_GROUPS = 8
 #: Fewest pixels of such a group.
 _MIN_LIGHT_PX = 12
+#: Fewest pixels away from edges whose neighbours give a variance.
+_MIN_SMOOTH_PIXELS = 12
+#: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
+_SQUARE_CUT = 30
 #: Smallest number of pixels per wavelength from which the correlation between wavelengths is estimated.
 _MIN_PIXELS_PER_BAND = 8
 #: Standard deviations at which residuals are clipped in the correlation between wavelengths: outliers would rule it.
@@ -59,6 +66,10 @@ _MEDIAN_OF_3 = 0.789
 _FEW_DEGREES = 6
 #: Relative standard deviation of a pixel that is always allowed: single precision of files.
 _ROUNDING = 1e-6
+#: Largest expected part of the pixels listed as differing that do not differ (Benjamini and Hochberg 1995).
+_FALSE_DISCOVERIES = 0.01
+#: Most degrees of freedom of a single pixel, whose noise is not normal.
+_MAX_PIXEL_DEGREES = 8.0
 #: Bands whose variances are estimated at once, which bounds memory.
 _BANDS_AT_ONCE = 16
 #: Rows of the picture whose correlation is summed at once, which bounds memory.
@@ -483,3 +494,91 @@ def batch_clustering(batches: NDArray[np.float64], level: NDArray[np.float64], s
         wide = clustering_of_neighbours(values, smooth) if by_filter is None else by_filter
         ratios.append(max(1.0, clustering_of_blocks(values, smooth), wide))
     return float(np.mean(ratios))
+
+
+def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
+    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
+
+    The variances are those of neighbouring pixels inside smooth parts.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x) pictures.
+    smooth
+        (y, x) pixels away from edges.
+
+    Returns
+    -------
+    float
+        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
+    """
+    inner = minimum_filter(smooth, 3)
+    if inner.sum() < _MIN_SMOOTH_PIXELS:
+        return 0.5
+    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
+    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
+    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
+
+
+def roughness_of(
+    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Variance of each pixel relative to other pixels, from the variances that two sides state.
+
+    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
+    the mean. The two sides are weighted so that these biases of their difference cancel.
+
+    Parameters
+    ----------
+    baseline, candidate
+        (y, x, w) variances.
+    body
+        (y, x) pixels but those of the lamp.
+
+    Returns
+    -------
+    NDArray
+        (y, x) relative variance, about 1 on average.
+    """
+    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
+    first, second = sums[0] ** 2, sums[1] ** 2
+    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
+    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
+    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])
+
+
+def pixels_that_differ(
+    total: NDArray[np.float64], level: NDArray[np.float64], noise: Noise, body: NDArray[np.bool_]
+) -> int:
+    """Count of pixels that differ by themselves, at a false discovery rate of 1 %.
+
+    Pixels are tested as Student's t. The degrees of freedom are twice those behind a variance, since neighbours share
+    variances, and at most 8, since single pixels are not normal.
+
+    Parameters
+    ----------
+    total
+        (y, x) difference, summed over wavelengths.
+    level
+        (y, x, w) baseline without outliers.
+    noise
+        Noise of the difference.
+    body
+        (y, x) pixels that are tested.
+
+    Returns
+    -------
+    int
+        The number.
+    """
+    sigma = np.sqrt(smooth_variance(level.sum(axis=-1), noise.total, noise.degrees))
+    sigma = sigma * np.sqrt(max(1.0, noise.ratio if np.isfinite(noise.ratio) else 1.0))
+    size, scatter = np.abs(total[body]), sigma[body]
+    # without scatter every difference is one
+    sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
+    probability = np.sort(2 * student_tail(sigmas, min(_MAX_PIXEL_DEGREES, 2 * noise.degrees)))
+    below = np.flatnonzero(
+        probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
+    )
+    return int(below[-1]) + 1 if below.size else 0

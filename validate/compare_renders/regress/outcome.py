@@ -17,6 +17,7 @@ from cboxlab.utils.numbers import json_value
 from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
+from ..scene_pictures import NotNumbers
 from .patterns import CANCELLING, FIXED_TEXTURE, STRUCTURE, PooledMean
 from .where import Spot
 
@@ -97,6 +98,8 @@ class Outcome(FrozenMappings):
     spot: Spot | None = None
     #: Numbers that baseline and candidate hold, in words; empty where both are as fine as 32-bit floats.
     numbers: tuple[str, str] = ("", "")
+    #: Pixels of one side alone that are not numbers, by the side's name; all else is compared without them.
+    not_numbers: Mapping[str, NotNumbers] = field(default_factory=dict)
 
     @property
     def same(self) -> bool:
@@ -191,7 +194,7 @@ class Outcome(FrozenMappings):
         is stated where nothing else differs, a ripple where nothing else is clearer.
         """
         rows = {kind: row for kind in CANCELLING for row in reversed(self.of_kind(kind)) if row.different}
-        others = any(row.different for row in self.pools if row.kind not in CANCELLING)
+        others = any(row.different for row in self.pools if row.kind not in (*CANCELLING, "numbers"))
         if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
             del rows["texture"]
         if "dark" in rows:
@@ -208,8 +211,9 @@ class Outcome(FrozenMappings):
     def is_pattern(self) -> bool:
         """Whether nothing differs but a pattern whose means cancel, away from edges."""
         edges = [row for row in self.of_kind("texture") if row.name != FIXED_TEXTURE]
-        others = [row for row in self.deciding if row.kind not in CANCELLING or row in edges]
-        return not self.same and (not others or (self._grid and set(others) <= set(edges)))
+        deciding = [row for row in self.deciding if row.kind != "numbers"]
+        others = [row for row in deciding if row.kind not in CANCELLING or row in edges]
+        return bool(deciding) and (not others or (self._grid and set(others) <= set(edges)))
 
     @property
     def _grid(self) -> bool:
@@ -247,10 +251,13 @@ class Outcome(FrozenMappings):
         """
         mean = self.picture_mean
         size = as_percent(mean.difference, "the baseline", unit="%")
-        text = [f"{'SAME' if self.same else 'DIFFERENT'}: mean light {size} ± {mean.sigma:.3%}"]
+        word, is_known = "SAME" if self.same else "DIFFERENT", math.isfinite(mean.sigma)
+        text = [f"{word}: mean light {size} ± {mean.sigma:.3%}" if is_known else word]
+        text += [f"{absent.sentence(side)}." for side, absent in self.not_numbers.items()]
         if self.same:
             text.append(f"With 95 % confidence, the mean light differs by less than {self.equivalence_95:.3%}.")
-        text.append(f"An even change of the light by {self.would_have_seen:.3%} is detected in 90 of 100 runs.")
+        if is_known:
+            text.append(f"An even change of the light by {self.would_have_seen:.3%} is detected in 90 of 100 runs.")
         if self.unseen:
             text.append(self.unseen)
         text += [sentence for sentence in (self.of_noise, self.of_numbers) if sentence]
@@ -285,7 +292,7 @@ class Outcome(FrozenMappings):
         surfaces = tuple((row.name, *_cells(row)) for row in self.of_kind("surface"))
         decided = tuple(
             (row.label + (f" ({row.unit})" if row.unit != "1" else ""), *_cells(row))
-            for row in self.deciding[:_MOST_ROWS]
+            for row in [row for row in self.deciding if row.kind != "numbers"][:_MOST_ROWS]
         )
         tables = (
             Table("Surfaces", ("surface", *numbers), surfaces),
@@ -325,6 +332,7 @@ class Outcome(FrozenMappings):
             "stored": dict(zip(("baseline", "candidate"), self.numbers, strict=True)) if self.of_numbers else None,
             "noise_not_visible": self.of_noise or None,
             "layers": {row.name: _record(row) for row in self.of_kind("layer")},
+            "not_numbers": {side: absent.record() for side, absent in self.not_numbers.items()},
             "cancelling": self.cancelling,
             "where": None if self.spot is None else self.spot.record(),
             "even": {row.name: _record(row) for row in self.of_kind("even")},
@@ -515,12 +523,16 @@ def summary(outcome: Outcome) -> str:
             f"{outcome.would_have_seen:.3%} would have been seen"
             + (f". {outcome.unseen}" if outcome.single_pictures else "")
         )
-    cause = f", {name_line(outcome)}" if outcome.changes else ""
-    return f"different: mean light {as_percent(mean.difference, 'the baseline', unit='%')} +- {mean.sigma:.3%}{cause}"
+    facts = [absent.sentence(side) for side, absent in outcome.not_numbers.items()]
+    if math.isfinite(mean.sigma):
+        facts.insert(0, f"mean light {as_percent(mean.difference, 'the baseline', unit='%')} +- {mean.sigma:.3%}")
+    return f"different: {', '.join(filter(None, [*facts, name_line(outcome)]))}"
 
 
 def _pool_text(row: PooledMean) -> str:
     """One test in a line."""
+    if row.kind == "numbers":
+        return row.label
     unit = "" if row.unit == "1" else f" {row.unit}"
     return f"{row.label}: {row.difference:+.4g}{unit} +- {row.sigma:.2g}, {abs(row.statistic):.1f} sigma"
 

@@ -26,14 +26,12 @@ from cboxlab.rendering.files import (
     window_of,
     xyz_weights,
 )
-from cboxlab.rendering.image import high_pass
 from cboxlab.scenes.camera import Camera
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
-from ..scene_pictures import AS_STORED, GUIDES, read_scene_picture
+from ..scene_pictures import AS_STORED, GUIDES, NotNumbers, nearest_numbers, not_numbers, of_any, read_scene_picture
 
 __all__ = [
     "Side",
@@ -41,23 +39,18 @@ __all__ = [
     "cube_paths",
     "cut_camera",
     "cut_side",
+    "filled_side",
     "in_common_quantity",
     "on_common_pixels",
-    "quieter_part",
     "read_side",
-    "roughness_of",
     "side_of",
     "sound_side",
 ]
 
 #: Batches assumed behind a standard error whose cube does not state them: few, for cautious tests.
 _ASSUMED_BATCHES = 4
-#: Fewest pixels away from edges whose neighbours give a variance.
-_MIN_SMOOTH_PIXELS = 12
 #: Largest and, where there is light, smallest maximum of a picture: fourth powers of it are finite numbers.
 _MAXIMA = (1e-70, 1e70)
-#: Squares count at most this many times their median in a mean: 30 cuts outliers and leaves normal noise alone.
-_SQUARE_CUT = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +108,8 @@ class Side(FrozenMappings):
     colour_space: str = ""
     #: Whether the user says that the other side's cubes have the same random numbers, in the same order.
     same_seeds: bool = False
+    #: Pixels that are not numbers, in whose place the nearest ones stand; None without any.
+    not_numbers: NotNumbers | None = None
 
     @property
     def as_stored(self) -> bool:
@@ -162,10 +157,46 @@ class Side(FrozenMappings):
         )
 
 
+def filled_side(side: Side, missing: NDArray[np.bool_]) -> Side:
+    """Side with the nearest other pixels in place of some.
+
+    Parameters
+    ----------
+    side
+        A side.
+    missing
+        (y, x) the pixels, not all of them.
+
+    Returns
+    -------
+    Side
+        The side with other radiance, errors and guides there.
+    """
+    index = nearest_numbers(missing)
+    return replace(
+        side,
+        radiance=side.radiance[index],
+        variance=None if side.variance is None else side.variance[index],
+        rounding=None if side.rounding is None else side.rounding[:, *index],
+        batches=None if side.batches is None else side.batches[:, *index],
+        guides={kind: guide[index] for kind, guide in side.guides.items()},
+    )
+
+
+def _numbers_alone(side: Side, *, masked: bool = False) -> Side:
+    """Side with its pixels that are not numbers replaced; itself without any.
+
+    masked : whether NaN marks pixels that were not measured.
+    """
+    planes = side.bands if side.in_colour else [f"{band} nm" for band in side.bands]
+    absent = not_numbers(side.radiance, planes, side.source, masked=masked)
+    return side if absent is None else replace(filled_side(side, absent.pixels), not_numbers=absent)
+
+
 def sound_side(side: Side) -> Side:
     """Side whose numbers can be compared.
 
-    Sides of files have been checked before; those in memory have not.
+    Sides of files have been checked before; those in memory have not. Pixels that are not numbers are replaced.
 
     Parameters
     ----------
@@ -180,19 +211,20 @@ def sound_side(side: Side) -> Side:
     Raises
     ------
     InputError
-        If the picture is empty, or if a tenth of the light is below 0. If radiance or a variance is not finite, of
-        extreme size or of another shape than stated.
+        If the picture is empty or no pixel of it finite, or if a tenth of the light is below 0. If a variance is not
+        finite, or if one is of extreme size or of another shape than stated.
     """
     shape = side.radiance.shape
     planes = len(side.bands)
     if len(shape) != 3 or 0 in shape or shape[2] != planes:
         expected = f"rows, columns and {planes} planes, at least one of each"
         raise InputError(f"{side.source}: radiance", f"shape {shape}", expected)
-    _require_finite(side.radiance, f"{side.source}: radiance", "a finite radiance in every pixel and wavelength")
+    if side.variance is not None and side.variance.shape != shape:
+        fault = f"shape {side.variance.shape}"
+        raise InputError(f"{side.source}: variance", fault, f"shape {shape}, as the radiance")
+    side = _numbers_alone(side)
     if side.variance is not None:
         where = f"{side.source}: variance"
-        if side.variance.shape != shape:
-            raise InputError(where, f"shape {side.variance.shape}", f"shape {shape}, as the radiance")
         _require_finite(side.variance, where, "a finite variance, or None where it is unknown")
         if side.variance.min() < 0:
             raise InputError(where, f"values below 0: {int((side.variance < 0).sum())}", "0 or more")
@@ -279,6 +311,7 @@ def cut_side(side: Side, part: Window) -> Side:
         surfaces=surfaces,
         camera=None if side.camera is None else cut_camera(side.camera, pixels, part),
         window=part,
+        not_numbers=None if side.not_numbers is None else side.not_numbers.at(rows, columns),
     )
 
 
@@ -357,7 +390,7 @@ def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
     Raises
     ------
     InputError
-        If a file cannot be read, if the pictures do not fit together or are equal, or if radiance is not finite.
+        If a file cannot be read, if the pictures do not fit together or are equal, or if no pixel of one is finite.
     """
     return side_of([read_scene_picture(path, declared) for path in paths], [str(path) for path in paths])
 
@@ -435,7 +468,7 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
     Raises
     ------
     InputError
-        If the cubes do not fit together or are equal, or if radiance is not finite.
+        If the cubes do not fit together or are equal, or if no pixel of one is finite.
     """
     sides = [_side_of_cube(cube, source) for cube, source in zip(cubes, sources, strict=True)]
     first = sides[0]
@@ -470,6 +503,7 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         notes=(*_joined_notes(sides, companions), f"{companions}: mean of {count} independent cubes"),
         rounding=np.sum(coarse, axis=0) / count if coarse else None,
         batches=stack,
+        not_numbers=of_any([side.not_numbers for side in sides]),
     )
 
 
@@ -486,7 +520,7 @@ def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
     in_colour = quantity != "radiance"
     ordered = cube.transpose("y", "x", "component" if in_colour else "wavelength", ...)
     radiance = ordered[quantity].values.astype(np.float64)
-    _require_finite(radiance, f"{source}: radiance", "a finite radiance in every pixel and wavelength")
+    sound = np.isfinite(radiance).all(axis=-1)
     notes = [f"{source}: {note}" for note in str(cube.attrs.get(NOTES, "")).split("\n") if note]
     variance, degrees = None, 0.0
     if "standard_error" in cube:
@@ -495,14 +529,14 @@ def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
         if batches < 2:
             batches = _ASSUMED_BATCHES
             notes.append(f"{source}: standard error of unknown batches, taken as {batches}")
-        if np.all(np.isfinite(error)) and np.any(error > 0):
+        if np.all(np.isfinite(error[sound])) and np.any(error[sound] > 0):
             variance, degrees = error**2, batches - 1.0
         else:
             notes.append(f"{source}: its standard error is zero or not finite and is not used")
     if variance is None:
         notes.append(f"{source}: no standard error; noise is estimated inside smooth parts of the picture")
     wavelength = np.full(3, np.nan) if in_colour else ordered["wavelength"].values.astype(np.float64)
-    return Side(
+    side = Side(
         source,
         wavelength,
         radiance,
@@ -520,6 +554,7 @@ def _side_of_cube(cube: xr.Dataset, source: str) -> Side:
         guides={kind: cube[f"guide_{kind}"].values for kind in GUIDES if f"guide_{kind}" in cube},
         colour_space=str(cube.attrs.get("colour_space", "")),
     )
+    return _numbers_alone(side, masked=cube.attrs.get("missing") == "NaN")
 
 
 def _camera(cube: xr.Dataset, height_px: int, width_px: int) -> Camera | None:
@@ -549,55 +584,3 @@ def _surfaces(cube: xr.Dataset) -> SurfaceIndices | None:
     if surface.attrs.get("lamp") == "unknown":
         return SurfaceIndices(index, names, None, bool(surface.attrs.get("of_objects", 0)))
     return SurfaceIndices(index, names, index == int(surface.attrs.get("lamp", -1)))
-
-
-def quieter_part(baseline: NDArray, candidate: NDArray, smooth: NDArray[np.bool_]) -> float:
-    """Weight of the candidate in a mean of two pictures, each weighted by the other's variance.
-
-    The variances are those of neighbouring pixels inside smooth parts.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x) pictures.
-    smooth
-        (y, x) pixels away from edges.
-
-    Returns
-    -------
-    float
-        The weight, 0 to 1; 0.5 where there are too few smooth pixels.
-    """
-    inner = minimum_filter(smooth, 3)
-    if inner.sum() < _MIN_SMOOTH_PIXELS:
-        return 0.5
-    squares = [high_pass(picture)[inner] ** 2 for picture in (baseline, candidate)]
-    variances = [float(np.minimum(s, _SQUARE_CUT * np.median(s)).mean()) for s in squares]
-    return variances[0] / sum(variances) if sum(variances) > 0 else 0.5
-
-
-def roughness_of(
-    baseline: NDArray[np.float64], candidate: NDArray[np.float64], body: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Variance of each pixel relative to other pixels, from the variances that two sides state.
-
-    A variance that is estimated together with a mean is small where the mean is small, and weights from it would bias
-    the mean. The two sides are weighted so that these biases of their difference cancel.
-
-    Parameters
-    ----------
-    baseline, candidate
-        (y, x, w) variances.
-    body
-        (y, x) pixels but those of the lamp.
-
-    Returns
-    -------
-    NDArray
-        (y, x) relative variance, about 1 on average.
-    """
-    sums = [np.stack([np.sqrt(row).sum(axis=-1) for row in variance]) for variance in (baseline, candidate)]
-    first, second = sums[0] ** 2, sums[1] ** 2
-    scales = [max(float(variance[body].mean()), 1e-300) for variance in (first, second)]
-    part = np.sqrt(scales[0]) / np.sqrt(scales).sum()
-    return np.asarray((1 - part) * first / scales[0] + part * second / scales[1])

@@ -57,7 +57,10 @@ class Strata(FrozenMappings):
 
 
 def strata_of(
-    level: NDArray[np.float64], surfaces: SurfaceIndices | None, other: NDArray[np.float64] | None = None
+    level: NDArray[np.float64],
+    surfaces: SurfaceIndices | None,
+    other: NDArray[np.float64] | None = None,
+    missing: NDArray[np.bool_] | None = None,
 ) -> Strata:
     """Parts of a picture.
 
@@ -69,6 +72,8 @@ def strata_of(
         Map of surfaces; None where unknown. Lamp and edges then follow from the radiance alone.
     other
         (y, x) radiance of the candidate: pixels count that are lit in either picture, or few samples would bias them.
+    missing
+        (y, x) pixels that are not numbers, which belong to no part.
 
     Returns
     -------
@@ -78,6 +83,8 @@ def strata_of(
     used = level > 1e-9 * max(float(level.max()), 1e-300)
     if other is not None:
         used |= other > 1e-9 * max(float(level.max()), 1e-300)
+    if missing is not None:
+        used &= ~missing
     quiet = median_filter(level, 3, mode="nearest")
     span = local_range(level)
     edges = _sharp(quiet, span, level)
@@ -91,6 +98,8 @@ def strata_of(
         else:
             bright = surfaces.lamp
     lamp = binary_dilation(bright, np.ones((3, 3)))
+    if missing is not None:
+        lamp &= ~missing
     border = np.zeros(level.shape, bool)
     border[[0, -1], :] = border[:, [0, -1]] = True
     smooth = used & ~lamp & ~edges & ~border

@@ -5,27 +5,38 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cboxlab.utils.distributions import student_tail
 from cboxlab.utils.errors import InputError
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from ..scene_pictures import NumberSteps, changed_layers, steps_of
-from .grids import Common, common_wavelengths
-from .noise import Noise, batch_clustering, noise_of, paired_variance, smooth_variance, variance_of
+from .grids import Common, common_pictures
+from .noise import (
+    Noise,
+    batch_clustering,
+    noise_of,
+    paired_variance,
+    pixels_that_differ,
+    quieter_part,
+    roughness_of,
+    smooth_variance,
+    variance_of,
+)
 from .outcome import Outcome
 from .outliers import Trimmed, trimmed
 from .patterns import (
     MEANS,
     Difference,
-    Finding,
     all_patterns,
     block_changes,
+    certain_layers,
+    certain_numbers,
     periodic,
     pool_of_finding,
     ranked_squares,
     slow_change,
     tile_steps,
+    unknown_mean,
     without_period,
     without_slow,
 )
@@ -37,7 +48,7 @@ from .pooled import (
     difference_of,
     pooled_means,
 )
-from .sides import Side, SurfaceIndices, quieter_part, roughness_of, sound_side
+from .sides import Side, SurfaceIndices, sound_side
 from .strata import Strata, strata_of
 from .where import Spot, spot_of
 
@@ -45,8 +56,6 @@ __all__ = ["FALSE_ALARMS", "RegressionData", "compared_areas", "compared_sides",
 
 #: Largest part of the verdicts on equal pictures that say "different": one in a thousand runs.
 FALSE_ALARMS = 1e-3
-#: Largest expected part of the pixels listed as differing that do not differ (Benjamini and Hochberg 1995).
-_FALSE_DISCOVERIES = 0.01
 #: Shortest side of a picture, px: edges and noise come from 3 x 3 pixels.
 _SHORTEST_SIDE_PX = 3
 #: Scatter of neighbours over the stated variance, from which a note says so.
@@ -65,13 +74,9 @@ _SMOOTHER = 1.5
 _STEPPED = 1e-3
 #: Kinds of pools that find a pattern all over the picture.
 _EVERYWHERE = ("grid", "wave", "steps", "reused", "shared")
-#: Probability of a fact without noise, such as a layer that differs, over its critical one.
-_CERTAIN = 1e-6
 #: Part of the false alarms of tests between cubes that ranks have. Denoisers give them longer tails: the clearest of
 #: 1,800 equal pairs of three or four cubes has a probability of 1e-5.
 _RANKED = 0.1
-#: Most degrees of freedom of a single pixel, whose noise is not normal.
-_MAX_PIXEL_DEGREES = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +133,9 @@ def compared_sides(
         least = f"{_SHORTEST_SIDE_PX} x {_SHORTEST_SIDE_PX} px or more: noise and edges come from neighbouring pixels"
         hint = "cbox compare states the differences without a verdict."
         raise InputError(baseline.source, f"a picture of {columns} x {rows} px", least, hint)
-    common = common_wavelengths(candidate, baseline)
+    common = common_pictures(candidate, baseline)
     common = replace(common, interpolation=np.hypot(common.interpolation, allowed))
-    return _compared(common, _strata(common.baseline, common.candidate, surfaces), false_alarms)
+    return _compared(common, _strata(common, surfaces), false_alarms)
 
 
 def _compared(common: Common, strata: Strata, false_alarms: float) -> RegressionData:
@@ -202,14 +207,15 @@ def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
     return strata.smooth if enough or not estimated else strata.body
 
 
-def _strata(baseline: Side, candidate: Side, surfaces: SurfaceIndices | None) -> Strata:
+def _strata(common: Common, surfaces: SurfaceIndices | None) -> Strata:
     """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
+    baseline, candidate, missing = common.baseline, common.candidate, common.missing if common.comparable else None
     surface_map = surfaces or baseline.surfaces or candidate.surfaces
     levels = _total(baseline), _total(candidate)
-    strata = strata_of(levels[0], surface_map, levels[1])
+    strata = strata_of(levels[0], surface_map, levels[1], missing)
     if strata.smooth.sum() > _MIN_SMOOTH_PART * strata.body.sum():
         return strata
-    others = strata_of(levels[1], surface_map, levels[0])
+    others = strata_of(levels[1], surface_map, levels[0], missing)
     return others if _SMOOTHER * strata.smooth.sum() < others.smooth.sum() else strata
 
 
@@ -317,9 +323,15 @@ def regress_sides(
         If the sides cannot be compared, or if the baseline has no light.
     """
     as_found, comparison = _with_and_without_pattern(baseline, candidate, surfaces, false_alarms, allowed)
+    absent = as_found.common.not_numbers
+    if not as_found.common.comparable:
+        _require_light(pools := (unknown_mean(), *certain_numbers(absent, false_alarms)) if absent else (), baseline)
+        sides, nowhere = (baseline.source, candidate.source), np.full(baseline.shape, np.nan)
+        note = ("too few pixels are numbers on both sides: nothing else is compared",)
+        return Outcome(*sides, pools, false_alarms, 0, 0.0, 0, nowhere, (), note, not_numbers=absent), comparison
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     totals = _total(_sides(as_found)[0]), _total(_sides(as_found)[1])
-    cancelling = _cancelling(as_found.pooling, totals, _cubes(*_sides(as_found)))
+    cancelling = _cancelling(as_found.pooling, totals, as_found.common.cubes)
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -327,7 +339,10 @@ def regress_sides(
     notes = [*common.baseline.notes, *common.candidate.notes, *common.notes, *_remarks(as_found)]
     between = _between_cubes(comparison, false_alarms)
     layers = _layers(*_sides(as_found), false_alarms)
-    numbers = _numbers(baseline), _numbers(candidate)
+    numbers = _numbers(sound_side(baseline)), _numbers(sound_side(candidate))
+    relative = _relative(as_found)
+    if common.missing is not None:
+        relative[common.missing] = np.nan
     notes += [
         f"the {row.name} layer differs in {row.difference:.1%} of the pixels away from edges"
         for row in layers
@@ -338,16 +353,19 @@ def regress_sides(
     outcome = Outcome(
         baseline=baseline.source,
         candidate=candidate.source,
-        pools=(*pools, *between, *cancelling, *layers),
+        pools=(*pools, *between, *cancelling, *layers, *certain_numbers(absent, false_alarms)),
         false_alarms=false_alarms,
         outliers=int((comparison.trimmed.outlier & body).sum()),
         outlier_share=float(comparison.trimmed.excess[body].sum()) / level if level else 0.0,
-        pixels_differing=_differing(as_found),
-        relative=_relative(as_found),
+        pixels_differing=pixels_that_differ(
+            totals[1] - totals[0], as_found.trimmed.level, as_found.noise, as_found.strata.body
+        ),
+        relative=relative,
         notes=tuple(notes),
         single_pictures=comparison.noise.estimated,
         looks_denoised=comparison.noise.estimated and not difference_of(comparison.pooling).of_pixel_filter,
         numbers=(numbers[0].text, numbers[1].text) if any(n.coarse for n in numbers) else ("", ""),
+        not_numbers=absent,
     )
     return outcome if outcome.same else replace(outcome, spot=_spot(as_found, outcome)), comparison
 
@@ -364,6 +382,8 @@ def _cancelling(
 
 def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     """Spot of the difference: in the sum over bands, or in one that shows it more clearly."""
+    if all(row.kind == "numbers" for row in outcome.deciding):  # their sentence says where
+        return None
     pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
     names = comparison.common.baseline.bands
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
@@ -401,18 +421,15 @@ def _between_cubes(comparison: RegressionData, false_alarms: float) -> tuple[Poo
 
 def _layers(baseline: Side, candidate: Side, false_alarms: float) -> tuple[PooledMean, ...]:
     """Tests of the files' layers, which have no noise where they are even."""
-    critical, maps = false_alarms * SHARES["layer"], (baseline.surfaces, candidate.surfaces)
+    maps = baseline.surfaces, candidate.surfaces
     first, second = (None if m is None or not m.of_objects else (m.index, m.names) for m in maps)
-    findings = [
-        Finding(c.name, c.pixels, c.part, max(c.part, 1e-12) / 10, 12.0, _CERTAIN * critical if c.part else 1.0)
-        for c in changed_layers((baseline.guides, candidate.guides), (first, second))
-    ]
-    return tuple(pool_of_finding("layer", finding, critical) for finding in findings)
+    return certain_layers(changed_layers((baseline.guides, candidate.guides), (first, second)), false_alarms)
 
 
 def _numbers(side: Side) -> NumberSteps:
     """Numbers that the files of a side hold."""
-    return steps_of(side.radiance if side.batches is None else side.batches)
+    values = side.radiance if side.batches is None else side.batches
+    return steps_of(values if side.not_numbers is None else values[..., ~side.not_numbers.pixels, :])
 
 
 def _sides(comparison: RegressionData) -> tuple[Side, Side]:
@@ -425,16 +442,13 @@ def _total(side: Side) -> NDArray[np.float64]:
     return np.asarray(side.radiance.sum(axis=-1))
 
 
-def _cubes(baseline: Side, candidate: Side) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(b, y, x) cubes of both sides over all wavelengths; their means where one has more."""
-    if baseline.batches is None or candidate.batches is None or len(baseline.batches) != len(candidate.batches):
-        return _total(baseline)[None], _total(candidate)[None]
-    return baseline.batches.sum(axis=-1), candidate.batches.sum(axis=-1)
-
-
 def _remarks(comparison: RegressionData) -> list[str]:
-    """Notes on maps, equal numbers, and noise that is not as stated."""
+    """Notes on maps, equal numbers, pixels without one, and noise that is not as stated."""
     notes = []
+    missing, alone = comparison.common.missing, comparison.common.not_numbers
+    both = 0 if missing is None else int(missing.sum() - sum(side.pixels.sum() for side in alone.values()))
+    if both:
+        notes.append(f"pixels that are masked, or are not numbers on both sides: {both}; the rest is compared")
     if comparison.pooling.paired:
         notes.append("both sides have the same random numbers: they are compared cube by cube")
     if comparison.noise.estimated:
@@ -470,25 +484,3 @@ def _relative(comparison: RegressionData) -> NDArray[np.float64]:
     level = comparison.common.baseline.radiance.sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(level > 0, comparison.common.candidate.radiance.sum(axis=-1) / level - 1, np.nan)
-
-
-def _differing(comparison: RegressionData) -> int:
-    """Count of pixels that differ by themselves, at a false discovery rate of 1 %.
-
-    Pixels are tested as Student's t. The degrees of freedom are twice those behind a variance, since neighbours share
-    variances, and at most 8, since single pixels are not normal.
-    """
-    body = comparison.strata.body
-    total = comparison.common.candidate.radiance.sum(axis=-1) - comparison.common.baseline.radiance.sum(axis=-1)
-    sigma = np.sqrt(
-        smooth_variance(comparison.trimmed.level.sum(axis=-1), comparison.noise.total, comparison.noise.degrees)
-    )
-    sigma = sigma * np.sqrt(max(1.0, comparison.noise.ratio if np.isfinite(comparison.noise.ratio) else 1.0))
-    size, scatter = np.abs(total[body]), sigma[body]
-    # without scatter every difference is one
-    sigmas = np.divide(size, scatter, out=np.where(size > 0, np.inf, 0.0), where=scatter > 1e-280)
-    probability = np.sort(2 * student_tail(sigmas, min(_MAX_PIXEL_DEGREES, 2 * comparison.noise.degrees)))
-    below = np.flatnonzero(
-        probability <= _FALSE_DISCOVERIES * np.arange(1, probability.size + 1) / max(probability.size, 1)
-    )
-    return int(below[-1]) + 1 if below.size else 0

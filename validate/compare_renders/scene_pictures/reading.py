@@ -56,7 +56,7 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
     xr.Dataset
         As ``read_picture``. Where neither file nor user state unit and colour space, ``rgb`` (y, x, component) in the
         file's numbers. ``surface`` (y, x), ``standard_error`` and guides such as ``guide_albedo`` where the file has
-        layers for them.
+        layers for them. Values need not be finite.
 
     Raises
     ------
@@ -65,24 +65,25 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
     """
     path = Path(path)
     if path.suffix.lower() != ".exr" or not path.is_file():
-        return read_picture(path, declared)
+        return read_picture(path, declared, finite=False)
     channels = read_layers(path)
     names = sorted(channels.planes)
     layer = None if spectral_channels(names) else picture_layer(path, names, declared.layer)
     if layer is None:
-        return read_picture(path, declared)
+        return read_picture(path, declared, finite=False)
     dot = f"{layer}." if layer else ""
     planes = {name: channels.planes[dot + name] for name in AS_STORED}
     complete = {"chromaticities", "whiteLuminance"} <= set(channels.header)
     if declared.declared_fields() & _CONVERTING or complete:
-        picture = picture_of_colours(path, replace(channels, planes=planes), replace(declared, layer=None))
+        with np.errstate(invalid="ignore"):  # a pixel that is not a number stays one
+            picture = picture_of_colours(path, replace(channels, planes=planes), replace(declared, layer=None))
         if declared.layer is not None:
             picture = with_declarations(picture, declared, ("layer",))
     else:
         picture = _as_stored(channels, planes, layer, declared)
     picture = _with_surfaces(picture, channels, layer)
     picture = with_window(with_notes(picture, channels.notes), channels.window)
-    require_numbers(picture, path)
+    require_numbers(picture, path, finite=False)
     require_light(picture, path)
     negative = negative_pixels(picture)
     return with_notes(picture, [f"pixels of negative radiance: {negative}"] if negative else [])

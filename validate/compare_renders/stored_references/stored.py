@@ -64,6 +64,8 @@ class Reference(FrozenMappings):
     shapes: Mapping[str, float] = field(default_factory=dict)
     #: Standard deviation of each of ``shapes``.
     shape_sigma: Mapping[str, float] = field(default_factory=dict)
+    #: Pixels that are not numbers, in words; empty without any. Files hold no such reference.
+    not_numbers: str = ""
 
     @property
     def least_certain(self) -> str:
@@ -128,7 +130,9 @@ def measured_reference(side: Side, seed: int, samples: int, versions: Mapping[st
     # each pixel of a pool has independent degrees of freedom
     shapes, shape_sigma = _shapes(side.radiance.sum(axis=-1), np.sqrt(side.variance).sum(axis=-1) ** 2)
     degrees = side.degrees * _MIN_PIXELS
-    return Reference(means, sigma, degrees, seed, samples, {**programs, **versions}, shapes, shape_sigma)
+    programs = {**programs, **versions}
+    absent = "" if side.not_numbers is None else side.not_numbers.sentence("picture")
+    return Reference(means, sigma, degrees, seed, samples, programs, shapes, shape_sigma, absent)
 
 
 def _shapes(total: NDArray[np.float64], variance: NDArray[np.float64]) -> tuple[dict[str, float], dict[str, float]]:
@@ -193,8 +197,10 @@ def write_reference(path: Path, reference: Reference) -> None:
     Raises
     ------
     InputError
-        If a mean is not known to 0.05 %; the message states the samples that are needed.
+        If pixels are not numbers, or if a mean is not known to 0.05 %; the message states the samples that are needed.
     """
+    if reference.not_numbers:
+        raise InputError(path, reference.not_numbers, "a reference of numbers alone")
     if not reference.precise:
         worst = reference.least_certain
         raise InputError(
@@ -204,7 +210,8 @@ def write_reference(path: Path, reference: Reference) -> None:
             f"Take about {np.ceil((reference.sigma[worst] / LARGEST_SIGMA) ** 2):.0f} times the samples.",
         )
     with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"format": FORMAT, **asdict(reference)}, indent=1) + "\n", encoding="utf-8")
+        content = {key: value for key, value in asdict(reference).items() if key != "not_numbers"}
+        temporary.write_text(json.dumps({"format": FORMAT, **content}, indent=1) + "\n", encoding="utf-8")
 
 
 def read_reference(path: Path) -> Reference:
@@ -259,7 +266,7 @@ def require_same_light(reference: Reference, measured: Reference, false_alarms: 
     """Require that two references show the same light.
 
     The difference of each pool is tested as Student's t, with the rate of false alarms divided among the pools
-    (Bonferroni). A pool that only one side has counts as different.
+    (Bonferroni). A pool that only one side has counts as different, and so do pixels that are not numbers.
 
     Parameters
     ----------
@@ -277,7 +284,8 @@ def require_same_light(reference: Reference, measured: Reference, false_alarms: 
     """
     earlier = not reference.shapes
     stored, new = (_without_blocks(r.means) if earlier else r.means for r in (reference, measured))
-    lines = [f"{name}: in one side only" for name in sorted(set(stored) ^ set(new))]
+    lines = [measured.not_numbers] if measured.not_numbers else []
+    lines += [f"{name}: in one side only" for name in sorted(set(stored) ^ set(new))]
     names = sorted(set(stored) & set(new))
     shapes = sorted(set(reference.shapes) & set(measured.shapes))
     share = false_alarms / (2 * max(len(names) + len(shapes), 1))

@@ -206,6 +206,23 @@ def test_errors_of_a_g_buffer_are_used(tmp_path):
     assert np.sqrt(side.variance) == pytest.approx(0.04 * light(), rel=1e-5)
 
 
+def test_files_may_hold_pixels_that_are_not_numbers(tmp_path):
+    """Both in the picture and in its errors; all other errors are used."""
+    picture, error = noisy(1), (light() * 0.04) ** 2 * 256
+    picture[7, 5, 1], error[7, 5] = np.inf, np.nan
+    planes, header = colours(picture) | colours(error, "Variance"), {"samplesPerPixel": 256}
+    files = [written(tmp_path / "a.exr", colours(noisy(2))), written(tmp_path / "b.exr", planes, header)]
+    side = read_side([Path(files[1])])
+    assert side.degrees == 255 and np.isfinite(side.variance).all()
+    assert np.argwhere(side.not_numbers.pixels).tolist() == [[7, 5]]
+    outcome = regress_inputs(*files)
+    assert [row.label for row in outcome.deciding] == [
+        "1 pixel is not a number in the candidate (infinity in G), at row 7, column 5"
+    ]
+    several = read_side([Path(file) for file in files])
+    assert several.batches.shape[0] == 2 and several.not_numbers.pixels.sum() == 1
+
+
 def test_a_layer_is_asked_for_and_may_be_declared(tmp_path):
     path = tmp_path / "a.exr"
     written(path, colours(noisy(1), "left") | colours(2 * noisy(2), "right"))

@@ -20,6 +20,7 @@ from cboxlab.validation.compare_renders.regress import (
     regress_pictures,
     regress_sides,
     side_of,
+    summary,
 )
 from pictures import SIZE, WAVELENGTHS, noisy, rendered
 from scipy.ndimage import binary_dilation, convolve1d
@@ -222,10 +223,6 @@ def test_a_cube_without_errors_is_estimated_and_said_so():
 def test_what_cannot_be_compared_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_side([tmp_path / "none.nc"])
-    broken = cube(noisy(0))
-    broken["radiance"][3, 4, 0] = np.nan
-    with pytest.raises(InputError, match="x 4, y 3"):
-        side_of([broken], ["broken.nc"])
     small = side_of([cube(noisy(0)).isel(x=slice(0, 20))], ["small.nc"])
     with pytest.raises(InputError, match="20 x 48"):
         verdict(noisy(0), small)
@@ -241,8 +238,7 @@ def changed(number, value):
 @pytest.mark.parametrize(
     ("side", "message"),
     [
-        (lambda: changed(1, np.nan), "without a finite value: 1, the first at x 4, y 3"),
-        (lambda: changed(5, np.inf), "without a finite value: 5, .* y 3 to 7"),
+        (lambda: replace(noisy(0), radiance=np.nan * noisy(0).radiance), "no pixel with finite values"),
         (lambda: replace(noisy(0), radiance=-noisy(0).radiance), "values below 0"),
         (lambda: replace(noisy(0), radiance=noisy(0).radiance[:0]), "rows, columns and 8 planes"),
         (lambda: replace(noisy(0), radiance=noisy(0).radiance[..., 0]), "rows, columns and 8 planes"),
@@ -257,6 +253,33 @@ def test_sides_in_memory_that_are_not_sound_are_input_errors(side, message):
             regress_pictures(*sides)
         with pytest.raises(InputError, match=message):
             regress_sides(*sides)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_pixels_of_one_side_that_are_not_numbers_are_a_difference_and_the_rest_is_compared(value):
+    spoilt = changed(5, value)
+    for sides, name in (((noisy(1), spoilt), "candidate"), ((spoilt, noisy(1)), "baseline")):
+        outcome = verdict(*sides)
+        assert [row.kind for row in outcome.deciding] == ["numbers"]
+        (line,) = [line for line in outcome.lines() if "not numbers" in line]
+        kind = "NaN" if np.isnan(value) else "infinity"
+        assert f"5 pixels are not numbers in the {name} ({kind} in 420 nm), at row 3, column 4" in line
+        assert "rows 3 to 7, column 4" in line
+        assert outcome.to_dict()["not_numbers"][name]["pixels"] == 5
+        assert np.isnan(outcome.relative[3:8, 4]).all()
+    both = verdict(spoilt, changed(5, -value))
+    assert both.same and any("not numbers on both sides: 5" in note for note in both.notes)
+    brighter = verdict(noisy(1), replace(spoilt, radiance=1.02 * spoilt.radiance))
+    assert {"numbers", "whole"} <= {row.kind for row in brighter.deciding}
+    assert brighter.picture_mean.difference == pytest.approx(0.02, abs=0.005)
+
+
+def test_pictures_without_a_common_number_are_different_and_nothing_else_is_compared():
+    halves = [np.where((np.arange(SIZE) < 24)[:, None, None] == half, noisy(0).radiance, np.nan) for half in (0, 1)]
+    outcome = regress_pictures(*(replace(noisy(0), radiance=half) for half in halves))
+    assert [row.kind for row in outcome.deciding] == ["numbers", "numbers"] and outcome.lines()[0] == "DIFFERENT"
+    assert summary(outcome).startswith("different: 1152 pixels are not numbers in the baseline")
+    json.dumps(outcome.to_dict(), allow_nan=False)
 
 
 def test_few_pixels_of_negative_radiance_are_noted():

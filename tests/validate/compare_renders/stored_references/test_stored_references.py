@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from cboxlab.rendering.files import write_cube
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare_renders.regress import Side, SurfaceIndices
+from cboxlab.validation.compare_renders.regress import Side, SurfaceIndices, side_of
 from cboxlab.validation.compare_renders.stored_references import (
     measured_reference,
     read_reference,
@@ -96,6 +96,19 @@ def test_a_picture_of_the_same_means_is_seen(spoilt, mapped):
     require_same_light(stored, same)
     with pytest.raises(AssertionError):
         require_same_light(stored, changed)
+
+
+def test_pixels_that_are_not_numbers_fail_and_are_in_no_reference(tmp_path):
+    side, dims = picture(2), ("y", "x", "wavelength")
+    side.radiance[5, 7, 1] = np.nan
+    values = {"radiance": (dims, side.radiance), "standard_error": (dims, np.sqrt(side.variance), {"batches": 100})}
+    spoilt = measured_reference(side_of([xr.Dataset(values, {"wavelength": BANDS})], ["a"]), 2, 64, {})
+    with pytest.raises(
+        AssertionError, match=r"1 pixel is not a number in the picture \(NaN in 550 nm\), at row 5, column 7"
+    ):
+        require_same_light(reference(1), spoilt)
+    with pytest.raises(InputError, match="reference of numbers alone"):
+        write_reference(tmp_path / "a.json", spoilt)
 
 
 def test_a_reference_of_the_earlier_format_is_compared_by_its_means(tmp_path):

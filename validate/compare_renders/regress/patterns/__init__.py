@@ -10,7 +10,18 @@ from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
 from .odd_parts import odd_lines, odd_tiles, tile_steps
 from .odd_squares import moved_part, small_part
 from .periodic import periodic, without_period
-from .pooled_mean import CANCELLING, MEANS, POWER, SHARES, STRUCTURE, PooledMean, pool_of_finding
+from .pooled_mean import (
+    CANCELLING,
+    MEANS,
+    POWER,
+    SHARES,
+    STRUCTURE,
+    PooledMean,
+    certain_layers,
+    certain_numbers,
+    pool_of_finding,
+    unknown_mean,
+)
 from .slow import slow_change, without_slow
 from .spread import block_changes, block_spread, ranked_squares, scatter_of_blocks, steady_sigmas
 from .texture import FIXED_TEXTURE, fine_structure, textures
@@ -31,6 +42,8 @@ __all__ = [
     "block_changes",
     "block_spread",
     "block_sums",
+    "certain_layers",
+    "certain_numbers",
     "clustering_by_filter",
     "clustering_of_blocks",
     "clustering_of_neighbours",
@@ -59,6 +72,7 @@ __all__ = [
     "steady_sigmas",
     "textures",
     "tile_steps",
+    "unknown_mean",
     "without_period",
     "without_slow",
 ]

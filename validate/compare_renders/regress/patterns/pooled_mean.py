@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cboxlab.utils.distributions import normal_quantile, student_quantile
 
+from ...scene_pictures import LayerChange, NotNumbers
 from .difference import Finding
 
-__all__ = ["CANCELLING", "MEANS", "POWER", "SHARES", "STRUCTURE", "PooledMean", "pool_of_finding"]
+__all__ = [
+    "CANCELLING",
+    "MEANS",
+    "POWER",
+    "SHARES",
+    "STRUCTURE",
+    "PooledMean",
+    "certain_layers",
+    "certain_numbers",
+    "pool_of_finding",
+    "unknown_mean",
+]
 
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
@@ -39,7 +53,8 @@ SHARES = {
     "filter": 0.011,
     "part": 0.02,
     "motion": 0.02,
-    "layer": 0.001,
+    "layer": 0.0005,
+    "numbers": 0.0005,
 }
 
 #: Kinds of pools that find what means do not show.
@@ -53,6 +68,8 @@ MEANS = ("whole", "even", "surface", "band", "stratum", "block", "cubes", "sprea
 
 #: Part of all runs in which a difference of the stated detectable size is found.
 POWER = 0.9
+#: Probability of a fact without noise, such as a layer that differs, over its critical one.
+_CERTAIN = 1e-6
 #: Smallest relative standard deviation of a pattern: double precision.
 _LEAST_SIGMA = 1e-12
 
@@ -97,7 +114,7 @@ class PooledMean:
         >>> row.label, replace(row, kind="whole", name="whole picture").label
         ('band 550 nm', 'whole picture')
         """
-        kind = {"whole": "", "even": "all pixels "}.get(self.kind, f"{self.kind} ")
+        kind = {"whole": "", "even": "all pixels ", "numbers": ""}.get(self.kind, f"{self.kind} ")
         return f"{kind}{self.name}" + (" nm" if self.kind == "band" and self.name.isdecimal() else "")
 
     @property
@@ -140,3 +157,60 @@ def pool_of_finding(kind: str, finding: Finding, critical: float) -> PooledMean:
         finding.unit,
         finding.parameters.get("bounds_px"),
     )
+
+
+def certain_layers(changes: Sequence[LayerChange], false_alarms: float) -> tuple[PooledMean, ...]:
+    """Tests of the files' layers, which have no noise.
+
+    Parameters
+    ----------
+    changes
+        Part of the pixels in which each layer differs.
+    false_alarms
+        Rate of false alarms of the verdict.
+
+    Returns
+    -------
+    tuple of PooledMean
+        One for each layer.
+    """
+    critical = false_alarms * SHARES["layer"]
+    findings = [
+        Finding(c.name, c.pixels, c.part, max(c.part, 1e-12) / 10, 12.0, _CERTAIN * critical if c.part else 1.0)
+        for c in changes
+    ]
+    return tuple(pool_of_finding("layer", finding, critical) for finding in findings)
+
+
+def certain_numbers(absent: Mapping[str, NotNumbers], false_alarms: float) -> tuple[PooledMean, ...]:
+    """Tests of pixels that are not numbers on one side, which no noise explains.
+
+    Parameters
+    ----------
+    absent
+        The pixels by the side's name.
+    false_alarms
+        Rate of false alarms of the verdict.
+
+    Returns
+    -------
+    tuple of PooledMean
+        One for each side that has such pixels.
+    """
+    critical, rows = false_alarms * SHARES["numbers"], []
+    for side, alone in absent.items():
+        part = float(alone.pixels.mean())
+        finding = Finding(alone.sentence(side), int(alone.pixels.sum()), part, part / 10, 12.0, _CERTAIN * critical)
+        rows.append(pool_of_finding("numbers", finding, critical))
+    return tuple(rows)
+
+
+def unknown_mean() -> PooledMean:
+    """Mean of a picture of too few pixels that are numbers on both sides.
+
+    Returns
+    -------
+    PooledMean
+        A difference of NaN, which does not decide.
+    """
+    return PooledMean("whole", "whole picture", 0, math.nan, math.inf, 1.0, 0.0, 1.0, 0.0, math.inf)
