@@ -33,7 +33,7 @@ from .sides import Side, SurfaceIndices
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
 from .variants import Variants
 from .verdict import RegressionData, regress_sides
-from .view_explanations import from_view
+from .view_explanations import from_view, rectangle
 
 __all__ = ["named_changes", "pattern_alone"]
 
@@ -116,7 +116,7 @@ def named_changes(
     pictures = _pictures(comparison, evidence, variants)
     explanations += _of_causes(evidence, pictures, costly=False)
     scatter = _unexplained_scatter(comparison)
-    unknown = [_nothing(evidence), *_over_picture(evidence)]
+    unknown = [_nothing(evidence), *_over_picture(evidence), *filter(None, [rectangle(evidence)])]
     if variants is not None:
         explanations += from_scene(evidence, variants)
         progress.part(0.6)

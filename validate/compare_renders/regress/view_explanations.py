@@ -1,18 +1,23 @@
-"""Explanations by the view: mirrored, moved, magnified, turned, distorted, filter, border."""
+"""Explanations by the view: mirrored, moved, magnified, turned, distorted, filter, border.
+
+A rectangle of another factor describes an unknown cause.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from .evidence import Evidence, Fit
 from .explanations import FittedChange, exact
+from .outcome import UNKNOWN
 
-__all__ = ["from_view"]
+__all__ = ["from_view", "rectangle"]
 
 #: Largest shift from which a fit starts, px.
 _MAX_SHIFT_PX = 4
@@ -32,6 +37,12 @@ _SLOPE_PX = 0.1
 _ACCURACY_PX = 0.05
 #: Part of what a displacement and free borders explain that borders alone may explain: nothing has moved otherwise.
 _MOST_BY_BORDERS = 0.5
+#: Parts of each side of the picture at which borders of a rectangle are first looked for.
+_PARTS = 16
+#: Weight of a pixel at an edge of the scene in that look, over that of others: it is as uncertain as that.
+_AT_EDGES = 0.25
+#: Scatters about the median at which a pixel's relative difference is cut in that look.
+_CUT = 5.0
 #: Widest border that a change of the view may bring into the picture, px.
 _MAX_BORDER_PX = 16
 
@@ -251,6 +262,82 @@ def _border(evidence: Evidence) -> Iterator[FittedChange]:
         fit = evidence.fit([evidence.baseline * (mask / sides)[..., None] for mask in inside.values()])
         factors = {f"{name}_factor": 1 + float(a) for name, a in zip(inside, fit.amplitudes, strict=True)}
         yield FittedChange("border", {"width_px": ring, **factors}, fit, 5)
+
+
+def rectangle(evidence: Evidence) -> FittedChange | None:
+    """Description of an unknown cause: another factor in a rectangle of sharp borders.
+
+    It may reach to the picture's sides, as a half or a quadrant does, and all light may have a factor, too.
+
+    Parameters
+    ----------
+    evidence
+        Numbers that a change has to explain.
+
+    Returns
+    -------
+    FittedChange or None
+        The description with the least chi-square and cost of its parameters; None without light.
+    """
+    base = evidence.baseline
+    level, total = base.sum(axis=-1), (evidence.candidate - base).sum(axis=-1)
+    weight = np.where(level > 0, (evidence.cell >= 0) + _AT_EDGES * evidence.pixels, 0.0)
+    used = weight > 0
+    if not used.any():
+        return None
+    relative = np.divide(total, level, out=np.zeros_like(total), where=used)
+    off = relative[used] - np.median(relative[used])
+    limit = _CUT * robust_sigma(off)
+    relative[used] = np.clip(off, -limit, limit)
+    changes = []
+    for top, bottom, left, right in _rectangles(weight, relative):
+        inside = np.zeros((*level.shape, 1))
+        inside[top:bottom, left:right] = 1.0
+        (height, width), size = level.shape, (bottom - top, right - left)
+        borders = (top > 0) + (bottom < height) + (left > 0) + (right < width)
+        parts = [f"columns {left} to {right - 1}"] * (size[1] < width)
+        parts += [f"rows {top} to {bottom - 1}"] * (size[0] < height)
+        for templates in ([base * inside], [base * inside, base]):
+            fit = evidence.fit(templates)
+            factor, outside = 1 + float(fit.amplitudes.sum()), 1 + float(fit.amplitudes[1:].sum())
+            text = f"a step along straight borders, a factor {factor:.3g} in {' and '.join(parts)}"
+            text += f", {outside:.3g} elsewhere" if len(templates) > 1 else ""
+            changes.append(FittedChange(UNKNOWN, {"description": text}, fit, borders + len(templates)))
+    return min(changes, key=lambda change: change.chi2 + np.log(evidence.numbers) * change.free)
+
+
+def _rectangles(weight: NDArray[np.float64], values: NDArray[np.float64]) -> Iterator[tuple[int, int, int, int]]:
+    """Rectangles of one to four inner borders, whose means differ most from the rest.
+
+    weight : (y, x) weight of each pixel. values : (y, x) their values. A rectangle is its first row, one after the
+    last one, first column, and one after the last one.
+    """
+    height, width = weight.shape
+    sums = np.zeros((2, height + 1, width + 1))
+    sums[:, 1:, 1:] = np.stack([weight, weight * values]).cumsum(axis=1).cumsum(axis=2)
+    rows, columns = (np.unique(np.linspace(0, n, _PARTS + 1).astype(int)) for n in (height, width))
+    (tops, bottoms), (lefts, rights) = (np.array([*combinations(axis, 2)]).T for axis in (rows, columns))
+    gain = _gain(sums, tops[:, None], bottoms[:, None], lefts, rights)
+    borders = ((tops > 0).astype(int) + (bottoms < height))[:, None] + (lefts > 0) + (rights < width)
+    for count in (1, 2, 3, 4):
+        first, second = np.unravel_index(int(np.where(borders == count, gain, -1.0).argmax()), gain.shape)
+        sides = [int(n) for n in (tops[first], bottoms[first], lefts[second], rights[second])]
+        for side in [n for n, outermost in enumerate((0, height, 0, width)) if sides[n] != outermost] * 2:
+            low, high = ((0, sides[1]), (sides[0], height), (0, sides[3]), (sides[2], width))[side]
+            trials = np.tile(sides, (high - low - 1, 1))
+            trials[:, side] = range(low + 1, high)
+            sides[side] = low + 1 + int(_gain(sums, *trials.T).argmax())
+        yield sides[0], sides[1], sides[2], sides[3]
+
+
+def _gain(sums: NDArray[np.float64], top: NDArray, bottom: NDArray, left: NDArray, right: NDArray) -> NDArray:
+    """Sum of squares that the means of rectangles and of the rest explain.
+
+    sums : (2, y, x) weight of the pixels, and weighted sum of their values, above and to the left of each corner.
+    """
+    inside = sums[:, bottom, right] - sums[:, top, right] - sums[:, bottom, left] + sums[:, top, left]
+    outside = sums[:, -1, -1].reshape(2, *[1] * (inside.ndim - 1)) - inside
+    return np.asarray(sum(part[1] ** 2 / np.maximum(part[0], 1.0) for part in (inside, outside)))
 
 
 def _distances(evidence: Evidence) -> dict[str, NDArray[np.int64]]:

@@ -1,6 +1,7 @@
 """Pictures of any scene: R, G, B as stored in layers of any names, with surfaces and errors where files have them."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from cboxlab.rendering.files import Declared
 from cboxlab.rendering.files.colour_pictures import as_xyz_picture
 from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders.regress import (
+    UNKNOWN,
     Side,
     read_side,
     regress_inputs,
@@ -120,6 +122,14 @@ def matte(header_name="ViewLayer.CryptoObject"):
     names = {name: f"{code:08x}" for name, code in zip(("wall", "floor", "ball"), codes, strict=True)}
     key = "cryptomatte/abc1234"
     return planes, {f"{key}/name": header_name, f"{key}/manifest": json.dumps(names)}
+
+
+@pytest.mark.parametrize("is_step", [True, False])
+def test_a_step_along_a_straight_border_is_no_gradient_and_a_gradient_no_step(tmp_path, is_step):
+    factor = np.where(COLUMNS < 27, 0.97, 1.0) if is_step else 1 + 0.12 * (COLUMNS / SIZE - 0.5)
+    first = pair(tmp_path, noisy(2, light() * factor[..., None])).changes[0]
+    assert first.change == (UNKNOWN if is_step else "gradient") and first.fits
+    assert not is_step or re.search(r"a factor 0\.9[67]\d* in columns 0 to 26$", first.parameters["description"])
 
 
 def test_layers_of_cycles_give_picture_and_objects(tmp_path):
