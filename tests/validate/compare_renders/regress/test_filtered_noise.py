@@ -98,3 +98,14 @@ def test_single_pictures_whose_noise_a_denoiser_hides_say_so(width_px, is_visibl
     sentence = outcome.to_dict()["noise_not_visible"]
     assert outcome.same and (sentence is None) == is_visible
     assert is_visible or (sentence.startswith("These pictures look denoised") and sentence in outcome.lines())
+
+
+def test_motion_where_few_slopes_count_has_a_size_that_can_be_seen():
+    """Moving sums leave rounding of either sign in the even part, whose count of slopes had no bounds."""
+    rng = np.random.default_rng(0)
+    first = np.ones((48, 48))
+    first[:, :20] += rng.random((48, 20))
+    second = first.copy()
+    second[:, :20] *= 1 + 0.05 * rng.standard_normal((48, 20))
+    finding = moved_part(Difference(first, second - first, None, first > 0, {}, 80.0), first, second)
+    assert finding.probability == 1 and not np.isnan(finding.typical_sigma)

@@ -59,6 +59,8 @@ _SLOPE_CUT = 4.0
 _ONE_DIRECTION = 1e-3
 #: Most degrees of freedom of a motion: its products have lighter tails than means, since cut pixels weigh less.
 _MOST_OF_SLOPES = 40.0
+#: Rounding of a moving sum over the largest one.
+_ROUNDING = 1e-10
 #: Fewest pixels that slopes weight alike in a square.
 _LEAST_SLOPES = 6.0
 
@@ -237,8 +239,11 @@ def _moved_square(
     left += down**2 * summed(steepness * y * y) + right**2 * summed(steepness * x * x)
     left += 2 * down * right * summed(steepness * y * x)
     trace = summed(steepness)
-    count = trace**2 / np.maximum(summed(steepness**2), 1e-300) / clustering
-    excess = np.divide(left, trace, out=np.zeros_like(left), where=trace > 0) * count / np.maximum(count - 2, 1.0)
+    # moving sums leave rounding where there are no slopes, of either sign
+    with_slopes = trace > _ROUNDING * float(trace.max())
+    squares = np.maximum(summed(steepness**2), trace**2 / edge**2)
+    count = np.divide(trace**2, squares, out=np.zeros_like(trace), where=with_slopes) / clustering
+    excess = np.divide(left, trace, out=np.zeros_like(left), where=with_slopes) * count / np.maximum(count - 2, 1.0)
     clear = np.where(used & (count >= _LEAST_SLOPES), np.sqrt(np.maximum(square, 0.0) / np.maximum(excess, 1.0)), 0.0)
     position = np.unravel_index(int(clear.argmax()), clear.shape)
     peak, degrees = float(clear[position]), float(np.clip(count[position] - 2, _LEAST_DEGREES, _MOST_OF_SLOPES))
