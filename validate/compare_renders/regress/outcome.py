@@ -44,6 +44,11 @@ _MOST_ROWS = 8
 _MOST_NAMES = 3
 #: Deciding pools listed for GitHub.
 _MAX_GITHUB_POOLS = 3
+#: Sentences on columns of the tables.
+_OF_COLUMNS = (
+    "Column sigmas: the difference over its standard deviation, which is the column ± %.",
+    "Column detectable, %: size of a difference that is found in 90 of 100 runs like this.",
+)
 #: Probability of the one-sided limit of ``Outcome.equivalence_95``.
 _EQUIVALENCE_TAIL = 0.05
 
@@ -258,11 +263,8 @@ class Outcome(FrozenMappings):
             text.append(f"With 95 % confidence, the mean light differs by less than {self.equivalence_95:.3%}.")
         if is_known:
             text.append(f"An even change of the light by {self.would_have_seen:.3%} is detected in 90 of 100 runs.")
-        if self.unseen:
-            text.append(self.unseen)
-        text += [sentence for sentence in (self.of_noise, self.of_numbers) if sentence]
-        if self.spot is not None:
-            text.append(self.spot.sentence)
+        where = "" if self.spot is None else self.spot.sentence
+        text += [sentence for sentence in (self.unseen, self.of_noise, self.of_numbers, where) if sentence]
         if self.cancelling:
             text.append(f"Pattern whose means cancel: {self.cancelling}.")
         for index, change in enumerate(self.changes[:_MOST_NAMES]):
@@ -278,7 +280,7 @@ class Outcome(FrozenMappings):
                 f"• {self.outliers} outlying pixels (fireflies) are not included in the means; they contain "
                 f"{self.outlier_share:+.3%} of the light"
             )
-        return [*text, *(f"• {note}" for note in self.notes)]
+        return [*text, *(f"• {note}" for note in self.notes), *(_OF_COLUMNS if self.tables() else ())]
 
     def tables(self) -> list[Table]:
         """Surfaces, and the pools that decided.
