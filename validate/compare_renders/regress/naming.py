@@ -27,7 +27,7 @@ from .causes import Pictures, Trial, causes
 from .evidence import Evidence, Fit, build_evidence
 from .explanations import FittedChange, from_pictures
 from .outcome import UNKNOWN, NamedChange
-from .patterns import FIXED_TEXTURE, MEANS, STRUCTURE, fine_structure, textures, tile_steps
+from .patterns import FIXED_TEXTURE, MEANS, STRUCTURE, alike_along_edges, fine_structure, textures, tile_steps
 from .pooled import SHARES, area_means, difference_of
 from .sides import Side, SurfaceIndices
 from .transport_explanations import coats, from_scene, smooth_over_surfaces
@@ -80,6 +80,9 @@ _SCATTERED_CAP = 0.45
 _MAX_CARRIED = 2.0
 #: Rate at which the verdict refuses a right name by chance.
 _REFUSED = 0.01
+#: Rate at which what is left at edges refuses a right name by chance. In Mitsuba scenes of 48 to 64 px a sun that moved
+#: is below it in 9 of 18 pairs, gains alone in 0 of 15 raw and 2 of 15 denoised ones.
+_REFUSED_AT_EDGES = 0.05
 #: Misfit of a name in an unknown scene where a part could change by as much unseen: it leaves a probability of 0.8. A
 #: sun that moves is channel gains to single pictures of 64 samples; 3 of 4 such names had more than 0.9.
 _HIDDEN = 0.7
@@ -139,6 +142,8 @@ def named_changes(
 
     def misfit(explanation: FittedChange) -> float:
         by_numbers = _misfit(evidence, explanation, further)
+        if by_numbers <= 1 and variants is None:
+            by_numbers = max(by_numbers, _by_edges(comparison, evidence, explanation))
         return by_numbers if by_numbers > 1 else max(by_numbers, _by_verdict(comparison, explanation, surfaces))
 
     return _weighed(evidence, explanations, unknown, most, misfit)
@@ -323,6 +328,21 @@ def _changed(side: Side, change: Callable[[NDArray[np.float64]], NDArray[np.floa
         variance = np.square(change(side.radiance + sigma) - change(side.radiance - sigma)) / 4
     radiance = change(side.radiance) if batches is None else batches.mean(axis=0)
     return replace(side, radiance=radiance, variance=variance, batches=batches)
+
+
+def _by_edges(comparison: RegressionData, evidence: Evidence, explanation: FittedChange) -> float:
+    """Misfit by what is left along edges, where a shadow that moved has one sign.
+
+    Floors of single pixels at edges are generous, and sums over cells hide what cancels. Only changes whose shape is
+    exact are tested, in an unknown scene: no other shape can be tried there.
+    """
+    if explanation.applied is None:
+        return 0.0
+    strata, rest = comparison.strata, (evidence.candidate - explanation.applied(evidence.baseline)).sum(axis=-1)
+    sigma = np.sqrt(np.maximum(comparison.noise.total, 1e-300))
+    sigma[evidence.pixels] = 1 / evidence.scale
+    probability = alike_along_edges(rest / sigma, strata.edges, strata.smooth)
+    return float(np.log(max(probability, 1e-300)) / np.log(_REFUSED_AT_EDGES))
 
 
 def _by_verdict(comparison: RegressionData, explanation: FittedChange, surfaces: SurfaceIndices | None) -> float:

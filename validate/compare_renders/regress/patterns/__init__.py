@@ -4,7 +4,7 @@ from .all_patterns import all_patterns
 from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 from .dark import cut_values, dark_pixels
 from .difference import Difference, Finding, common_size
-from .fine_light import BLOCK_PX, block_sums, moved_slightly, other_contrast
+from .fine_light import BLOCK_PX, alike_along_edges, block_sums, moved_slightly, other_contrast
 from .moved import mirror_order, moved_texture
 from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
 from .odd_parts import odd_lines, odd_tiles, tile_steps
@@ -38,6 +38,7 @@ __all__ = [
     "Difference",
     "Finding",
     "PooledMean",
+    "alike_along_edges",
     "all_patterns",
     "block_changes",
     "block_spread",

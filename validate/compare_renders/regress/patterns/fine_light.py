@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from .difference import Difference, Finding, common_size, self_normalised
 
-__all__ = ["BLOCK_PX", "block_sums", "fine_light", "moved_slightly", "other_contrast"]
+__all__ = ["BLOCK_PX", "alike_along_edges", "block_sums", "fine_light", "moved_slightly", "other_contrast"]
 
 #: Pixels a side of the windows whose means are subtracted for the contrast: narrow filters change the finest structure
 #: alone, denoisers leave it and change wider structure.
@@ -42,6 +42,8 @@ _FEW_BLOCKS = 30.0
 _ALIKE = 0.3
 #: Median square of the difference over that of steps, up to which steps explain it: normal noise has 0.45 of its mean.
 _OVER_STEPS = 2.0
+#: Standard deviations at which single pixels are cut along edges: a firefly would rule its block.
+_MOST_SIGMAS = 4.0
 
 
 def other_contrast(difference: Difference, steps: float = 0.0) -> Finding | None:
@@ -245,3 +247,40 @@ def block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
     height, width = (size // BLOCK_PX for size in terms.shape)
     inner = terms[: height * BLOCK_PX, : width * BLOCK_PX]
     return np.asarray(inner.reshape(height, BLOCK_PX, width, BLOCK_PX).sum(axis=(1, 3)).ravel())
+
+
+def alike_along_edges(rest: NDArray[np.float64], edges: NDArray[np.bool_], smooth: NDArray[np.bool_]) -> float:
+    """Probability that noise makes neighbours at edges as alike as what a name leaves.
+
+    A filter correlates noise at edges as it does in smooth parts. A shadow or an object that moved leaves one sign
+    along its edges, far below the noise of single pixels. Products of neighbours at edges are summed by blocks, less
+    their expectation from smooth parts, and their sum is divided by its own scatter.
+
+    Parameters
+    ----------
+    rest
+        (y, x) what is left of a difference, over its standard deviation.
+    edges, smooth
+        (y, x) pixels at edges, and away from them.
+
+    Returns
+    -------
+    float
+        The probability, one-sided; 1 without neighbours at edges or in smooth parts.
+    """
+    products, squares = np.zeros((2, 2, *rest.shape))
+    values = np.clip(rest, -_MOST_SIGMAS, _MOST_SIGMAS)
+    for axis in (0, 1):
+        first, second = np.s_[:-1, :], np.s_[1:, :]
+        if axis:
+            first, second = (part[::-1] for part in (first, second))
+        for number, mask in enumerate((edges, smooth)):
+            both = mask[first] & mask[second]
+            products[number][first] += both * values[first] * values[second]
+            squares[number][first] += both * 0.5 * (values[first] ** 2 + values[second] ** 2)
+    if not squares.sum(axis=(1, 2)).all():
+        return 1.0
+    expected = float(products[1].sum() / squares[1].sum())
+    excess = block_sums(products[0] - expected * squares[0])
+    statistic, probability = self_normalised(excess[excess != 0])
+    return 0.5 * probability if statistic > 0 else 1.0
