@@ -264,9 +264,8 @@ class Outcome(FrozenMappings):
         if is_known:
             text.append(f"An even change of the light by {self.would_have_seen:.3%} is detected in 90 of 100 runs.")
         where = "" if self.spot is None else self.spot.sentence
-        text += [sentence for sentence in (self.unseen, self.of_noise, self.of_numbers, where) if sentence]
-        if self.cancelling:
-            text.append(f"Pattern whose means cancel: {self.cancelling}.")
+        pattern = f"Pattern whose means cancel: {self.cancelling}." if self.cancelling else ""
+        text += [sentence for sentence in (self.unseen, self.of_noise, self.of_numbers, where, pattern) if sentence]
         for index, change in enumerate(self.changes[:_MOST_NAMES]):
             start = "Cause" if change.change == UNKNOWN else "Named" if change.fits else "Most like"
             start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
@@ -356,8 +355,7 @@ def _cells(row: PooledMean) -> tuple[str, ...]:
     """Numbers of a test as text."""
     percent = 100.0 if row.unit == "1" else 1.0
     size = as_percent(row.difference, "it", ".3g") if row.unit == "1" else f"{row.difference:.3g}"
-    numbers = (percent * row.sigma, row.statistic, percent * row.detectable)
-    return (size, *(f"{value:.3g}" for value in numbers))
+    return (size, *(f"{value:.3g}" for value in (percent * row.sigma, row.statistic, percent * row.detectable)))
 
 
 def _record(row: PooledMean) -> dict[str, Any]:
