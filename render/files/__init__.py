@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .headers import Window, common_pixels, layers_of, listed, window_in_file, window_of, with_window
     from .netcdf import open_netcdf
     from .previews import cube_to_srgb, raw_to_srgb, scene_white, xyz_weights
+    from .radiance_hdr import radiance_as_stored
     from .raw_files import write_raw
     from .spectral_exr import spectral_channels
 
@@ -57,6 +58,7 @@ __all__ = [
     "open_netcdf",
     "picture_of_colours",
     "primaries_matrix",
+    "radiance_as_stored",
     "raw_to_srgb",
     "read_cube",
     "read_layers",

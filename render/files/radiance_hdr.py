@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .colour_pictures import as_xyz_picture, primaries_matrix, space_matrix, stated_space, with_rounding
 from .declared import Declared, photometric_factor, with_declarations
 
-__all__ = ["is_radiance", "read_radiance"]
+__all__ = ["is_radiance", "radiance_as_stored", "read_radiance"]
 
 #: Hints on the unit of Radiance's programs in the two formats (179 lm/W; ra_xyze writes an exposure over 179).
 _HINTS = {
@@ -109,13 +109,7 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
     InputError
         If the file is damaged, or unit or colour space are missing.
     """
-    try:
-        require_size(path, path.stat().st_size, MAX_PACKED_BYTES, "bytes")
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, error.strerror or str(error), "a Radiance picture") from None
-    header = _header(path, content)
-    values, step = _decoded(path, content, header)
+    header, values, step = _stored(path)
     matrix, used, space = np.eye(3), ["units", "scale"], "X, Y, Z"
     if header.form == "rgbe":
         if header.primaries is None:
@@ -125,6 +119,60 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
             space, matrix = stated_space(header.primaries), primaries_matrix(header.primaries)
     factor = photometric_factor(path, None, declared, _HINTS[header.form])
     matrix = matrix * factor / (header.exposure * np.array(header.colour))
+    return _with_steps(
+        as_xyz_picture(values @ matrix.T), values, step, matrix, (declared, used, {"colour_space": space})
+    )
+
+
+def radiance_as_stored(path: Path) -> xr.Dataset | None:
+    """R, G, B of a Radiance file in its numbers, exposures divided out.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    xr.Dataset or None
+        ``rgb`` (y, x, component) with ``rounding``; None for a file of another kind, or with X, Y, Z.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    if not path.is_file() or not is_radiance(path):
+        return None
+    header, values, step = _stored(path)
+    if header.form != "rgbe":
+        return None
+    factor = 1 / (header.exposure * np.array(header.colour))
+    picture = xr.Dataset({"rgb": (("y", "x", "component"), values * factor)}, coords={"component": list("RGB")})
+    if header.primaries is not None:
+        picture.attrs["colour_space"] = stated_space(header.primaries)
+    return _with_steps(picture, values, step, np.diag(factor), (Declared(), [], {}))
+
+
+def _stored(path: Path) -> tuple[_Header, NDArray[np.float64], NDArray[np.float64]]:
+    """Header, values (y, x, 3) and their steps (y, x, 1) of a file."""
+    try:
+        require_size(path, path.stat().st_size, MAX_PACKED_BYTES, "bytes")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error), "a Radiance picture") from None
+    header = _header(path, content)
+    return header, *_decoded(path, content, header)
+
+
+def _with_steps(
+    picture: xr.Dataset,
+    values: NDArray[np.float64],
+    step: NDArray[np.float64],
+    matrix: NDArray[np.float64],
+    declarations: tuple[Declared, list[str], dict[str, object]],
+) -> xr.Dataset:
+    """Picture with the errors of its steps, and notes on them and on what was declared."""
     sigma, shared, outside = _rounding(values, step, matrix)
     notes = [_STEPS]
     if outside:
@@ -132,13 +180,8 @@ def read_radiance(path: Path, declared: Declared) -> xr.Dataset:
             f"pixels with a channel at 0: {outside}; colours outside the primaries are cut off there, and what may be "
             "lacking is in the uncertainty"
         )
-    return with_declarations(
-        with_rounding(as_xyz_picture(values @ matrix.T), sigma, shared),
-        declared,
-        used,
-        notes,
-        {"colour_space": space},
-    )
+    declared, used, of_file = declarations
+    return with_declarations(with_rounding(picture, sigma, shared), declared, used, notes, of_file)
 
 
 def _header(path: Path, content: bytes) -> _Header:

@@ -17,6 +17,7 @@ from cboxlab.rendering.files import (
     ExrChannels,
     negative_pixels,
     picture_of_colours,
+    radiance_as_stored,
     read_layers,
     read_picture,
     require_light,
@@ -35,6 +36,8 @@ __all__ = ["AS_STORED", "read_scene_picture"]
 
 #: Names of the planes of a picture as stored.
 AS_STORED = ("R", "G", "B")
+#: Note on their numbers.
+_AS_STORED = "R, G, B as stored, without unit and wavelengths"
 #: Declarations by which a picture becomes one in X, Y, Z.
 _CONVERTING = frozenset(("units", "scale", "colour_space"))
 #: Entries of headers on the number of samples of a pixel (pbrt).
@@ -64,6 +67,10 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
         As of ``read_picture``, and where several layers may be the picture.
     """
     path = Path(path)
+    stored = None if declared.declared_fields() else radiance_as_stored(path)
+    if stored is not None:
+        require_light(stored, path)
+        return with_notes(stored, [_AS_STORED])
     if path.suffix.lower() != ".exr" or not path.is_file():
         return read_picture(path, declared, finite=False)
     channels = read_layers(path)
@@ -99,7 +106,7 @@ def _as_stored(channels: ExrChannels, planes: dict[str, np.ndarray], layer: str,
         picture.attrs["colour_space"] = stated_space(np.concatenate(primaries, axis=None))
     errors = [channels.planes.get(f"Variance.{name}") for name in AS_STORED]
     samples = int(channels.header.get(_SAMPLES, 0))
-    notes = ["R, G, B as stored, without unit and wavelengths"]
+    notes = [_AS_STORED]
     if layer:
         notes.append(f"the layer {layer} is compared")
     if samples > 1 and all(error is not None for error in errors):
