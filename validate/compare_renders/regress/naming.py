@@ -153,9 +153,11 @@ def _pictures(comparison: RegressionData, evidence: Evidence, variants: Variants
     """Pictures as causes take them."""
     baseline, candidate = comparison.common.baseline, comparison.common.candidate
     camera = baseline.camera or candidate.camera
+    before, after = (side.radiance[None] if side.batches is None else side.batches for side in (baseline, candidate))
     return Pictures(
         evidence.baseline,
         evidence.candidate,
+        (before, after),
         None if baseline.in_colour else baseline.wavelength_nm,
         comparison.noise.total,
         camera if variants is None else variants.camera,
@@ -362,7 +364,8 @@ def _by_verdict(comparison: RegressionData, explanation: FittedChange, surfaces:
     quotient = min(row.probability / row.critical for row in outcome.pools if row.kind in _TESTED)
     misfit = float(np.log(np.clip(quotient * _REFUSED, 1e-300, 1.0)) / np.log(_REFUSED))
     before, after = common.baseline.radiance, changed.radiance
-    size = np.median((np.abs(after - before) / np.where(before > 0, before, np.inf)).max(axis=-1))
+    change = (np.abs(after - before) / np.where(before > 0, before, np.inf)).max(axis=-1)
+    size = np.median(change[change > 0]) if change.any() else 0.0
     is_hidden = surfaces is None and outcome.would_have_seen_in_parts > size
     return max(misfit, _HIDDEN) if is_hidden else misfit
 

@@ -6,6 +6,7 @@ A rectangle of another factor describes an unknown cause.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -259,9 +260,11 @@ def _border(evidence: Evidence) -> Iterator[FittedChange]:
     for ring, shared in product((1, 2, 3), (False, True)):
         inside = {name: distance < ring for name, distance in distances.items()}
         sides = np.maximum(np.sum(list(inside.values()), axis=0), 1) if shared else np.ones(evidence.cell.shape)
-        fit = evidence.fit([evidence.baseline * (mask / sides)[..., None] for mask in inside.values()])
+        shapes = [(mask / sides)[..., None] for mask in inside.values()]
+        fit = evidence.fit([evidence.baseline * shape for shape in shapes])
         factors = {f"{name}_factor": 1 + float(a) for name, a in zip(inside, fit.amplitudes, strict=True)}
-        yield FittedChange("border", {"width_px": ring, **factors}, fit, 5)
+        factor = 1 + np.tensordot(fit.amplitudes, shapes, 1)
+        yield FittedChange("border", {"width_px": ring, **factors}, fit, 5, applied=partial(np.multiply, factor))
 
 
 def rectangle(evidence: Evidence) -> FittedChange | None:

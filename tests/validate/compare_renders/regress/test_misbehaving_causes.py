@@ -12,7 +12,17 @@ from cboxlab.utils.errors import InputError
 from cboxlab.validation.compare_renders.regress.causes import Cause, Pictures, Trial, causes
 
 BASELINE = np.arange(1.0, 25.0).reshape(2, 4, 3)
-PICTURES = Pictures(BASELINE, 1.1 * BASELINE, np.array([450.0, 550, 650]), BASELINE[..., 0], None, None, None, None)
+PICTURES = Pictures(
+    BASELINE,
+    1.1 * BASELINE,
+    (BASELINE[None], 1.1 * BASELINE[None]),
+    np.array([450.0, 550, 650]),
+    BASELINE[..., 0],
+    None,
+    None,
+    None,
+    None,
+)
 
 
 @pytest.fixture

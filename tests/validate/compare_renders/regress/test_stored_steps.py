@@ -16,11 +16,11 @@ def half_cut_off(values):
     return np.where(nearest > values, np.nextafter(nearest, np.float16(0)), nearest).astype(float)
 
 
-def trials(candidate, baseline=BASELINE):
-    return {
-        tuple(trial.parameters(np.zeros(0)).items()): trial.fixed
-        for trial in CAUSE.trials(SimpleNamespace(baseline=baseline, candidate=candidate))
-    }
+def trials(candidate, *others, baseline=BASELINE):
+    """Changes by their parameters, of one file or more a side with the same light."""
+    files = (np.stack([baseline, *others[: len(others) // 2]]), np.stack([candidate, *others[len(others) // 2 :]]))
+    pictures = SimpleNamespace(baseline=files[0].mean(axis=0), candidate=files[1].mean(axis=0), files=files)
+    return {tuple(trial.parameters(np.zeros(0)).items()): trial.fixed for trial in CAUSE.trials(pictures)}
 
 
 @pytest.mark.parametrize("cut_off", [True, False])
@@ -35,16 +35,19 @@ def test_half_floats_lower_values_by_half_a_step_on_average_where_they_are_cut_o
 
 
 @pytest.mark.parametrize("cut_off", [True, False])
-def test_eight_bits_put_each_value_on_its_level(cut_off):
-    index = np.floor(BASELINE / LEVELS[1]) if cut_off else np.rint(BASELINE / LEVELS[1])
-    candidate = LEVELS[index.astype(int)]
-    name = (("steps", "eight bits"), ("cut off", True)) if cut_off else (("steps", "eight bits"),)
-    inside = (BASELINE > LEVELS[4]) & (BASELINE < LEVELS[-2])  # where every level occurs
-    np.testing.assert_allclose(trials(candidate)[name][inside], (candidate - BASELINE)[inside], atol=1e-9)
+def test_few_levels_put_each_value_of_each_file_on_one(cut_off):
+    """The mean of two files is on no level."""
+    other = np.random.default_rng(3).uniform(0.05, 3.0, BASELINE.shape)
+    stored = [LEVELS[(np.floor if cut_off else np.rint)(p / LEVELS[1]).astype(int)] for p in (BASELINE, other)]
+    name = (("steps", "levels"), ("levels", np.unique(stored).size), *((("cut off", True),) if cut_off else ()))
+    both = np.stack([BASELINE, other])
+    inside = ((both > LEVELS[4]) & (both < LEVELS[-2])).all(axis=0)  # where every level occurs
+    change = trials(stored[0], other, stored[1])[name]
+    np.testing.assert_allclose(change[inside], (np.stack(stored) - both).mean(axis=0)[inside], atol=1e-9)
 
 
 def test_steps_of_both_sides_and_few_values_are_no_change():
     both = BASELINE.astype(np.float16).astype(float)
-    assert trials(both, both) == {} and trials(BASELINE) == {}
+    assert trials(both, baseline=both) == {} and trials(BASELINE) == {}
     few = LEVELS[np.rint(BASELINE[:4, :50] / LEVELS[1]).astype(int)]
-    assert trials(few, BASELINE[:4, :50]) == {}
+    assert trials(few, baseline=BASELINE[:4, :50]) == {}

@@ -75,6 +75,8 @@ class Pictures:
     baseline: NDArray[np.float64]
     #: (y, x, w) candidate without outliers.
     candidate: NDArray[np.float64]
+    #: (b, y, x, w) pictures of each file: those of the baseline, those of the candidate.
+    files: tuple[NDArray[np.float64], NDArray[np.float64]]
     #: (w,) wavelengths, nm; None in colour.
     wavelength_nm: NDArray[np.float64] | None
     #: (y, x) variance of the difference, summed over wavelengths.
