@@ -6,6 +6,7 @@ mean spectrum is interpolated: a pixel's spectrum is not smooth, the ratio of pi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from ..scene_pictures import NotNumbers, of_any
 from .sides import Side, filled_side, in_common_quantity
 
-__all__ = ["Common", "Sums", "common_pictures", "common_wavelengths"]
+__all__ = ["Common", "Sums", "band_contrasts", "common_pictures", "common_wavelengths"]
 
 #: Largest distance of wavelengths that count as equal, nm: rounding of files.
 _EQUAL_NM = 1e-3
@@ -186,3 +187,27 @@ def _interpolated(candidate: Side, baseline: Side) -> Common:
     )
     moved = replace(candidate, wavelength_nm=b, radiance=radiance, variance=variance, batches=None)
     return Common(moved, baseline, error, (note,))
+
+
+def band_contrasts(band_names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Weights of differences of bands: colours may change while their sum does not.
+
+    Parameters
+    ----------
+    band_names
+        Names of all bands.
+
+    Returns
+    -------
+    dict
+        (w,) weights by name; none for a single band.
+    """
+    if len(band_names) < 2:
+        return {}
+    thirds = np.array_split(np.arange(len(band_names)), 3)
+    low, middle, high = (np.isin(np.arange(len(band_names)), part) / max(part.size, 1) for part in thirds)
+    outer = f"{band_names[0]} against {band_names[-1]}"
+    if len(band_names) == 2:
+        return {outer: np.array([1.0, -1.0])}
+    scale = len(band_names) / 3
+    return {outer: scale * (low - high), "middle bands against the others": scale * (middle - (low + high) / 2)}

@@ -18,7 +18,7 @@ from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
 from ..scene_pictures import NotNumbers
-from .patterns import CANCELLING, FIXED_TEXTURE, STRUCTURE, PooledMean
+from .patterns import CANCELLING, FIXED_TEXTURE, GRIDS, STRUCTURE, PooledMean
 from .where import Spot
 
 __all__ = [
@@ -206,7 +206,7 @@ class Outcome(FrozenMappings):
             return f"{rows['dark'].pixels} {rows['dark'].name}"
         if "wave" in rows and rows["wave"] is not self.deciding[0]:
             del rows["wave"]
-        for kind in ("grid", "wave", "steps", "tile", "line", "reused", "shared", "texture"):
+        for kind in ("grid", "wave", "steps", "tile", "lines", "line", "reused", "shared", "texture"):
             if kind in rows:
                 share_of = "its fine structure's variance" if kind in ("reused", "shared") else "the light"
                 return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of {share_of}"
@@ -337,7 +337,7 @@ class Outcome(FrozenMappings):
             "cancelling": self.cancelling,
             "where": None if self.spot is None else self.spot.record(),
             "even": {row.name: _record(row) for row in self.of_kind("even")},
-            "blocks": {row.name: _record(row) for kind in ("block", "cubes") for row in self.of_kind(kind)},
+            "blocks": {row.name: _record(row) for kind in (*GRIDS, "cubes") for row in self.of_kind(kind)},
             "spread": {row.name: _record(row) for row in self.of_kind("spread")},
             "order": {row.name: _record(row) for kind in ("order", "place") for row in self.of_kind(kind)},
             "deciding": [f"{row.kind}: {row.name}" for row in self.deciding],
@@ -459,8 +459,8 @@ def write_junit(path: Path, outcome: Outcome) -> None:
     outcome
         The outcome.
     """
-    rows = [row for row in outcome.pools if row.kind != "block"]
-    blocks = [row for row in outcome.of_kind("block") if row.different]
+    rows = [row for row in outcome.pools if row.kind not in GRIDS]
+    blocks = [row for kind in GRIDS for row in outcome.of_kind(kind) if row.different]
     failures = sum(row.different for row in rows) + bool(blocks)
     suite = ET.Element("testsuite", name="cbox regress", tests=str(len(rows) + 1), failures=str(failures), errors="0")
     for row in rows:

@@ -7,7 +7,7 @@ Within a kind the shares are equal (Bonferroni).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,34 +17,24 @@ from cboxlab.utils.distributions import normal_quantile, student_quantile, stude
 from numpy.typing import NDArray
 from scipy.ndimage import laplace, maximum_filter, median_filter, minimum_filter
 
-from .grids import Sums
+from .grids import Sums, band_contrasts
 from .noise import Noise, smooth_variance
 from .outliers import Trimmed
 from .patterns import (
-    BLOCK_PX,
     POWER,
     SHARES,
     Difference,
     PooledMean,
     block_spread,
-    block_sums,
-    common_size,
     mirror_order,
     pool_of_finding,
     scatter_of_blocks,
     steady_sigmas,
+    sum_by_blocks,
 )
 from .strata import BLOCKS, Strata
 
-__all__ = [
-    "SHARES",
-    "SYSTEMATIC",
-    "PooledMean",
-    "Pooling",
-    "area_means",
-    "difference_of",
-    "pooled_means",
-]
+__all__ = ["SHARES", "SYSTEMATIC", "PooledMean", "Pooling", "area_means", "difference_of", "pooled_means"]
 
 #: Relative standard deviation that is added to any pooled mean: the accuracy of the estimators themselves.
 SYSTEMATIC = 1.0e-4
@@ -63,7 +53,7 @@ _MIN_INDEPENDENT = 6.0
 #: Most degrees of freedom of blocks and strata: small pools of skewed noise are not normal.
 _MAX_BLOCK_DEGREES = 12.0
 #: Kinds of pools of few pixels.
-_SMALL_POOLS = ("block", "stratum")
+_SMALL_POOLS = ("block", "colour", "stratum")
 #: Kinds of pools of the entire picture.
 _WIDE_POOLS = ("whole", "band")
 #: Steps of this many standard deviations count half in patterns, larger ones more.
@@ -155,6 +145,24 @@ class Pooling:
         variance = self.noise.of_band(number)
         return self._sums(lambda cube: np.ascontiguousarray(cube[..., number]), variance, allowed, 1.0 / self.bands)
 
+    def contrast(self, weights: NDArray[np.float64]) -> Sums:
+        """Pictures of a difference of bands, over the light of all bands.
+
+        The noise of the sum stands for that of the difference, unless neighbours scatter more.
+
+        Parameters
+        ----------
+        weights
+            (w,) weights of the bands, -1 to 1.
+
+        Returns
+        -------
+        Sums
+            Its pictures.
+        """
+        allowed = float(np.mean(self.interpolation))
+        return replace(self._sums(lambda cube: cube @ weights, self.noise.total, allowed, 1.0), level=self.level)
+
     def _sums(self, picture_of: _PictureOf, variance: NDArray[np.float64], allowed: float, part: float) -> Sums:
         """Pictures that ``picture_of`` takes from (y, x, w) cubes."""
         difference = picture_of(self.trimmed.difference)
@@ -190,7 +198,7 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     """Tests of all pools.
 
     The pools are the entire picture (plain, and by the precision of its cells), each surface, each band, and patterns.
-    There are pools of edges, border and lamp, too, and a grid of blocks with their spread and order.
+    There are pools of edges, border and lamp, too, and a grid of blocks with their colours, spread and order.
 
     Parameters
     ----------
@@ -206,13 +214,13 @@ def pooled_means(pooling: Pooling, band_names: Sequence[str]) -> tuple[PooledMea
     """
     strata, summed, bands, areas = pooling.strata, pooling.summed, len(band_names), area_means(pooling)
     by_band = [_pool_of(pooling, pooling.band(i), "band", n, strata.body, bands) for i, n in enumerate(band_names)]
-    blocks = []
-    for i in range(BLOCKS**2):
-        name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}"
-        blocks.append(_pool_of(pooling, summed, "block", name, strata.smooth & (strata.block == i), BLOCKS**2))
-    tested = _steadied(pooling, [row for row in blocks if row is not None])
+    tested = _blocks(pooling, summed, "block", "", 1)
+    contrasts = band_contrasts(band_names)
+    for name, weights in contrasts.items():
+        tested += _blocks(pooling, pooling.contrast(weights), "colour", f", {name}", len(contrasts))
     level, change = pooling.trimmed.level, pooling.trimmed.difference
-    findings = {"spread": block_spread(tested, pooling.noise.clustering), "order": mirror_order(level, change)}
+    of_light = [row for row in tested if row.kind == "block"]
+    findings = {"spread": block_spread(of_light, pooling.noise.clustering), "order": mirror_order(level, change)}
     return (
         *(row for row in areas if row.kind != "stratum"),
         *(row for row in by_band if row is not None),
@@ -284,16 +292,28 @@ def _pool_of(
     )
 
 
-def _steadied(pooling: Pooling, blocks: list[PooledMean]) -> list[PooledMean]:
+def _blocks(pooling: Pooling, sums: Sums, kind: str, suffix: str, grids: int) -> list[PooledMean]:
+    """Tests of a grid of blocks, one of ``grids`` of its kind."""
+    strata, rows = pooling.strata, []
+    for i in range(BLOCKS**2):
+        name = f"row {i // BLOCKS + 1}, column {i % BLOCKS + 1}{suffix}"
+        mask = strata.smooth & (strata.block == i)
+        rows.append(_pool_of(pooling, sums, kind, name, mask, grids * BLOCKS**2))
+    return _steadied(pooling, [row for row in rows if row is not None], grids)
+
+
+def _steadied(pooling: Pooling, blocks: list[PooledMean], grids: int) -> list[PooledMean]:
     """Blocks whose standard deviations fit those of all blocks, where noise is estimated."""
     if not pooling.noise.estimated or len(blocks) < _MIN_PIXELS:
         return blocks
     differences, sigmas = (np.array([getattr(block, key) for block in blocks]) for key in ("difference", "sigma"))
     steady = steady_sigmas(differences, sigmas, _MAX_BLOCK_DEGREES, alike=pooling.noise.clustering > 1)
-    by_name = {b.name: (b.pixels, b.difference, float(s), b.degrees) for b, s in zip(blocks, steady, strict=True)}
+    figures = [
+        (block, {"difference": block.difference, "sigma": float(s)}) for block, s in zip(blocks, steady, strict=True)
+    ]
     return [
-        _row(pooling, "block", name, pixels, difference=difference, sigma=sigma, degrees=degrees, count=BLOCKS**2)
-        for name, (pixels, difference, sigma, degrees) in by_name.items()
+        _row(pooling, b.kind, b.name, b.pixels, **size, degrees=b.degrees, count=grids * BLOCKS**2)
+        for b, size in figures
     ]
 
 
@@ -456,7 +476,8 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
         independent = float(used.sum()) / pooling.noise.clustering
         if used.sum() < 2 * _MIN_PIXELS or independent < _MIN_INDEPENDENT or root == 0 or few:
             continue
-        by_blocks, blocks = _by_blocks(pooling, used, terms, norms)
+        alike = pooling.noise.clustering
+        by_blocks, blocks = sum_by_blocks(used, terms, norms, alike) if pooling.noise.filtered else (0.0, np.inf)
         if not np.isfinite(by_blocks):
             continue
         if by_blocks > root:
@@ -475,20 +496,3 @@ def _patterns_by(pooling: Pooling, edges: NDArray[np.bool_], prefix: str, quiete
             )
         )
     return rows
-
-
-def _by_blocks(
-    pooling: Pooling, used: NDArray[np.bool_], terms: NDArray[np.float64], norms: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Standard deviation of a sum of terms by its blocks, and degrees of freedom.
-
-    It is 0 where pixels are independent, and infinite for few blocks. Filters and denoisers move an edge as a whole, so
-    that its pixels agree by chance.
-    """
-    if not pooling.noise.filtered:
-        return 0.0, np.inf
-    pictures = np.zeros((2, *used.shape))
-    pictures[:, used] = terms, norms
-    alike = 1 + pooling.noise.clustering / BLOCK_PX**2
-    _, sigma, degrees, _ = common_size(block_sums(pictures[0]), block_sums(pictures[1]), alike)
-    return sigma * float(norms.sum()), degrees

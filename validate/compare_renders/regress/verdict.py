@@ -387,6 +387,8 @@ def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
     names = comparison.common.baseline.bands
     bands = [row.name for row in outcome.deciding if row.kind == "band"][:1]
+    if any(row.kind == "colour" for row in outcome.deciding):
+        bands += [name for name in (names[0], names[-1]) if name not in bands]
     # a test of squares knows the place better than noise that is estimated pixel by pixel
     of_means = any(row.kind in MEANS and row.bounds_px is None for row in outcome.deciding)
     squares = [row.bounds_px for row in outcome.deciding if row.bounds_px is not None and not of_means]

@@ -24,6 +24,7 @@ from cboxlab.validation.compare_renders.regress.explanations import FittedChange
 from cboxlab.validation.compare_renders.regress.naming import _by_verdict, _changed
 from cboxlab.validation.compare_renders.scene_pictures.guides import cryptomatte
 from cboxlab.validation.compare_renders.stored_references import measured_reference, require_same_light
+from helpers.files.rgbe import write_rgbe
 from scipy.ndimage import gaussian_filter, minimum_filter
 
 SIZE = 64
@@ -122,6 +123,32 @@ def matte(header_name="ViewLayer.CryptoObject"):
     names = {name: f"{code:08x}" for name, code in zip(("wall", "floor", "ball"), codes, strict=True)}
     key = "cryptomatte/abc1234"
     return planes, {f"{key}/name": header_name, f"{key}/manifest": json.dumps(names)}
+
+
+@pytest.mark.parametrize("filtered", [0.0, 0.5])
+def test_colours_that_change_while_their_sum_does_not_are_seen(tmp_path, filtered):
+    """Red and blue change places: the sum stays in each pixel, and means of bands move by 2 %."""
+    paint = np.array([[0.6, 0.5, 0.4], [0.4, 0.5, 0.6], [0.5, 0.5, 0.5]])[OBJECT]
+    picture = paint * (0.4 + 0.5 * COLUMNS / SIZE)[..., None]
+    files = [
+        written(tmp_path / f"{seed}.exr", colours(noisy(seed, planes, noise=0.05, filtered=filtered)))
+        for seed, planes in enumerate((picture, picture, picture[..., ::-1]))
+    ]
+    assert regress_inputs(*files[:2]).same
+    outcome = regress_inputs(files[0], files[2])
+    assert {row.kind for row in outcome.deciding} >= {"colour"}
+    assert (outcome.changes[0].change, outcome.changes[0].parameters["order"]) == ("bands-exchanged", "BGR")
+
+
+def test_radiance_s_pictures_of_any_scene_are_compared_as_stored(tmp_path):
+    """An exposure of the header is divided out; the steps stay in the errors."""
+    files = [str(write_rgbe(tmp_path / f"{seed}.hdr", noisy(seed))) for seed in (1, 2)]
+    files.append(str(write_rgbe(tmp_path / "3.hdr", 2 * noisy(3), "EXPOSURE=2\n")))
+    for other in files[1:]:
+        outcome = regress_inputs(files[0], other)
+        assert outcome.same and [row.name for row in outcome.of_kind("band")] == ["R", "G", "B"]
+    doubled = regress_inputs(files[0], str(write_rgbe(tmp_path / "4.hdr", 2 * noisy(4))))
+    assert doubled.changes[0].change == "lamp-scale"
 
 
 @pytest.mark.parametrize("is_step", [True, False])

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare_renders.regress.patterns import block_changes, ranked_squares
+from cboxlab.validation.compare_renders.regress.patterns import Difference, block_changes, fixed_lines, ranked_squares
+from scipy.ndimage import gaussian_filter
 
 BLOCK = np.add.outer(np.arange(32) // 4 * 8, np.arange(32) // 4)
 
@@ -107,3 +108,30 @@ def test_other_samples_of_skewed_noise_inside_a_part_change_no_light(samples):
         first, second = (skewed(rng, light, 1.0, 8) for _ in range(2))
         second[:, 5:25, 5:25] = skewed(rng, light[5:25, 5:25], samples, 8)
         assert ranked_squares(first, second).probability > 1e-3
+
+
+def lines_of(first, second):
+    """Finding of two sides (b, y, x) without edges."""
+    level, total = first.mean(axis=0), second.mean(axis=0) - first.mean(axis=0)
+    return fixed_lines(Difference(level, total, None, np.ones(level.shape, bool), {}), first, second)
+
+
+@pytest.mark.parametrize("filtered", [0.0, 1.0])
+def test_lines_of_equal_pictures_have_uniform_probabilities(filtered):
+    """300 pairs of heavy tails (Student's t, 3 degrees), raw and filtered: below 5 % are 15 + 5 sigma at most."""
+    rng = np.random.default_rng(11)
+    noise = 0.1 * gaussian_filter(rng.standard_t(3, (300, 2, 4, 40, 48)), (0, 0, 0, filtered, filtered))
+    below = sum(lines_of(1 + first, 1 + second).probability < 0.05 for first, second in noise)
+    assert below < 15 + 5 * 15**0.5
+
+
+@pytest.mark.parametrize(("axis", "name"), [(0, "columns"), (1, "rows")])
+def test_lines_that_differ_in_all_cubes_are_a_pattern_of_their_size(axis, name):
+    rng = np.random.default_rng(12)
+    first, second = 1 + 0.05 * rng.standard_normal((2, 4, 64, 64))
+    gains = 1 + 0.02 * np.expand_dims(rng.standard_normal(64), axis)
+    finding = lines_of(first, gains * second)
+    assert (finding.name, finding.probability < 1e-8) == (f"a fixed pattern of {name}", True)
+    assert finding.size == pytest.approx(0.02, rel=0.3)  # 62 lines fix a scatter to 9 %
+    assert lines_of(first, np.concatenate([gains * second[:1], second[1:]])).probability > 1e-3
+    assert lines_of(first[:1], second[:1]) is None

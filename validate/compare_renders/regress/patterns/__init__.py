@@ -4,14 +4,15 @@ from .all_patterns import all_patterns
 from .correlation import clustering_by_filter, clustering_of_blocks, clustering_of_neighbours, difference_variance
 from .dark import cut_values, dark_pixels
 from .difference import Difference, Finding, common_size
-from .fine_light import BLOCK_PX, alike_along_edges, block_sums, moved_slightly, other_contrast
+from .fine_light import BLOCK_PX, alike_along_edges, block_sums, moved_slightly, other_contrast, sum_by_blocks
 from .moved import mirror_order, moved_texture
 from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
-from .odd_parts import odd_lines, odd_tiles, tile_steps
+from .odd_parts import fixed_lines, odd_lines, odd_tiles, tile_steps
 from .odd_squares import moved_part, small_part
 from .periodic import periodic, without_period
 from .pooled_mean import (
     CANCELLING,
+    GRIDS,
     MEANS,
     POWER,
     SHARES,
@@ -31,6 +32,7 @@ __all__ = [
     "BLOCK_PX",
     "CANCELLING",
     "FIXED_TEXTURE",
+    "GRIDS",
     "MEANS",
     "POWER",
     "SHARES",
@@ -54,6 +56,7 @@ __all__ = [
     "difference_variance",
     "filtered_noise",
     "fine_structure",
+    "fixed_lines",
     "mirror_order",
     "moved_part",
     "moved_slightly",
@@ -71,6 +74,7 @@ __all__ = [
     "slow_change",
     "small_part",
     "steady_sigmas",
+    "sum_by_blocks",
     "textures",
     "tile_steps",
     "unknown_mean",

@@ -10,7 +10,7 @@ from .difference import Difference, Finding
 from .fine_light import moved_slightly, other_contrast
 from .moved import moved_texture
 from .noise_of_sides import filtered_noise, reused_numbers, shared_numbers
-from .odd_parts import odd_lines, odd_tiles, tile_steps
+from .odd_parts import fixed_lines, odd_lines, odd_tiles, tile_steps
 from .odd_squares import moved_part, small_part
 from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
@@ -65,6 +65,7 @@ def all_patterns(
         ("grid", periodic(difference)),
         ("wave", ripple(difference, steps)),
         ("line", odd_lines(difference)),
+        ("lines", fixed_lines(difference, *cubes)),
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
         ("dark", _dark(difference, baseline, candidate, critical["dark"])),

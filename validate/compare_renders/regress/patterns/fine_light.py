@@ -16,7 +16,15 @@ from scipy.ndimage import gaussian_filter, uniform_filter
 
 from .difference import Difference, Finding, common_size, self_normalised
 
-__all__ = ["BLOCK_PX", "alike_along_edges", "block_sums", "fine_light", "moved_slightly", "other_contrast"]
+__all__ = [
+    "BLOCK_PX",
+    "alike_along_edges",
+    "block_sums",
+    "fine_light",
+    "moved_slightly",
+    "other_contrast",
+    "sum_by_blocks",
+]
 
 #: Pixels a side of the windows whose means are subtracted for the contrast: narrow filters change the finest structure
 #: alone, denoisers leave it and change wider structure.
@@ -247,6 +255,36 @@ def block_sums(terms: NDArray[np.float64]) -> NDArray[np.float64]:
     height, width = (size // BLOCK_PX for size in terms.shape)
     inner = terms[: height * BLOCK_PX, : width * BLOCK_PX]
     return np.asarray(inner.reshape(height, BLOCK_PX, width, BLOCK_PX).sum(axis=(1, 3)).ravel())
+
+
+def sum_by_blocks(
+    used: NDArray[np.bool_], terms: NDArray[np.float64], norms: NDArray[np.float64], clustering: float
+) -> tuple[float, float]:
+    """Standard deviation of a sum of terms by its blocks, and degrees of freedom.
+
+    Filters and denoisers move an edge as a whole, so that its pixels agree by chance.
+
+    Parameters
+    ----------
+    used
+        (y, x) pixels of the terms, n of them.
+    terms
+        (n,) terms.
+    norms
+        (n,) terms of a size of 1.
+    clustering
+        Number of pixels that correlation makes one.
+
+    Returns
+    -------
+    sigma, degrees : float
+        The standard deviation is infinite for few blocks.
+    """
+    pictures = np.zeros((2, *used.shape))
+    pictures[:, used] = terms, norms
+    alike = 1 + clustering / BLOCK_PX**2
+    _, sigma, degrees, _ = common_size(block_sums(pictures[0]), block_sums(pictures[1]), alike)
+    return sigma * float(norms.sum()), degrees
 
 
 def alike_along_edges(rest: NDArray[np.float64], edges: NDArray[np.bool_], smooth: NDArray[np.bool_]) -> float:

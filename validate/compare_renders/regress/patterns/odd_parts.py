@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from cboxlab.utils.distributions import student_quantile, student_tail
+from cboxlab.utils.distributions import robust_sigma, student_quantile, student_tail
 from numpy.typing import NDArray
 
-from .difference import Difference, Finding, self_normalised
+from .difference import Difference, Finding, self_normalised, sigma_of
 
-__all__ = ["odd_lines", "odd_tiles", "tile_steps"]
+__all__ = ["fixed_lines", "odd_lines", "odd_tiles", "tile_steps"]
 
 #: Edges of tiles, px.
 _TILES_PX = (4, 8, 16, 32)
@@ -35,6 +35,11 @@ _STRIP_PX = 3
 _LENGTH_PX = 4
 #: Fewest steps of a test.
 _MIN_STEPS = 16
+#: Scatters at which the mean of a line is cut: a firefly is in one cube.
+_CUT = 4.0
+#: Neighbouring lines that count as one: the difference from both neighbours correlates by -2/3 and 1/6, and products of
+#: two such by the squares, 1 + 2 (4/9 + 1/36).
+_LINES_ALIKE = 1.94
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +80,53 @@ def odd_lines(difference: Difference) -> Finding | None:
         off = mean - neighbours.mean(axis=0)
         tests.append(_Parts(name, off, noise + both.sum(axis=0) / 4, counts))
     return _most_odd(tests, lambda name, index: f"one {name}: {name} {index + 1}")
+
+
+def fixed_lines(
+    difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
+) -> Finding | None:
+    """Rows or columns of another brightness each, alike in all cubes.
+
+    Each line is compared with its two neighbours, in either half of the cubes. Noise of the halves is independent, so
+    that only a fixed pattern correlates.
+
+    Parameters
+    ----------
+    difference
+        The difference.
+    baseline, candidate
+        (b, y, x) independent cubes of each side, as many of either.
+
+    Returns
+    -------
+    Finding or None
+        The clearer of rows and columns, by Pearson's correlation of the halves; None for a single cube or few lines.
+    """
+    if len(baseline) < 2:
+        return None
+    level = np.where(difference.smooth, difference.level, 0.0)
+    halves = [np.where(difference.smooth, (candidate[i::2] - baseline[i::2]).mean(axis=0), 0.0) for i in (0, 1)]
+    findings = []
+    for axis, name in ((1, "rows"), (0, "columns")):
+        light, pixels = level.sum(axis=axis), difference.smooth.sum(axis=axis)
+        bright = (pixels >= _MIN_PIXELS) & (light > 0)
+        first, second = (np.where(bright, h.sum(axis=axis) / np.where(bright, light, 1), np.nan) for h in halves)
+        off = np.stack([part[1:-1] - (part[:-2] + part[2:]) / 2 for part in (first, second)])
+        off = off[:, np.isfinite(off).all(axis=0)]
+        degrees = off.shape[1] / _LINES_ALIKE - 2
+        scatter = np.array([robust_sigma(part) for part in off])[:, None]
+        if degrees * _LINES_ALIKE < _MIN_PARTS or not scatter.all():
+            continue
+        off = np.clip(off, -_CUT * scatter, _CUT * scatter)
+        alike = float(np.clip(np.corrcoef(off)[0, 1], 0, 1 - 1e-12))
+        statistic = alike * np.sqrt(degrees / (1 - alike**2))
+        probability = min(1.0, 2 * float(student_tail(statistic, degrees)))
+        size = float(np.sqrt(max(float(np.mean(off[0] * off[1])), 0.0) / 1.5))
+        findings.append((probability, f"a fixed pattern of {name}", int(pixels[bright].sum()), size, degrees))
+    if not findings:
+        return None
+    probability, name, pixels_used, size, degrees = min(findings)
+    return Finding(name, pixels_used, size, sigma_of(size, probability, degrees), degrees, probability)
 
 
 def odd_tiles(difference: Difference) -> Finding | None:

@@ -13,6 +13,7 @@ from .difference import Finding
 
 __all__ = [
     "CANCELLING",
+    "GRIDS",
     "MEANS",
     "POWER",
     "SHARES",
@@ -32,11 +33,13 @@ SHARES = {
     "band": 0.09,
     "stratum": 0.05,
     "pattern": 0.08,
-    "block": 0.06,
+    "block": 0.04,
+    "colour": 0.02,
     "cubes": 0.02,
     "spread": 0.01,
     "grid": 0.01,
-    "line": 0.01,
+    "line": 0.005,
+    "lines": 0.005,
     "tile": 0.01,
     "steps": 0.01,
     "texture": 0.009,
@@ -58,13 +61,16 @@ SHARES = {
 }
 
 #: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "wave", "line", "tile", "steps", "texture", "dark", "cut", "reused", "shared")
+CANCELLING = ("grid", "wave", "line", "lines", "tile", "steps", "texture", "dark", "cut", "reused", "shared")
 
 #: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure, small parts.
 STRUCTURE = ("slow", "contrast", "displacement", "filter", "part", "motion")
 
 #: Kinds of pools that are means over pixels.
-MEANS = ("whole", "even", "surface", "band", "stratum", "block", "cubes", "spread")
+MEANS = ("whole", "even", "surface", "band", "stratum", "block", "colour", "cubes", "spread")
+
+#: Kinds of pools of a grid of blocks.
+GRIDS = ("block", "colour")
 
 #: Part of all runs in which a difference of the stated detectable size is found.
 POWER = 0.9
