@@ -108,7 +108,7 @@ class StackComparison:
     means: tuple[PooledMean, ...] = ()
 
     def lines(self) -> list[str]:
-        """Largest mean difference of a plane, expected chi-square, notes.
+        """Largest mean difference of a plane, or that all values agree; expected chi-square, notes.
 
         Returns
         -------
@@ -116,6 +116,8 @@ class StackComparison:
             The sentences.
         """
         names = f"{self.first.source.name} against {self.second.source.name}"
+        if np.array_equal(self.first.values, self.second.values, equal_nan=True):
+            return [f"{names}: the same value in every pixel", *(f"• {note}" for note in self.notes)]
         bright = [row for row in self.rows if np.isfinite(row.relative_mean)]
         if bright:
             row = max(bright, key=lambda row: abs(row.relative_mean))

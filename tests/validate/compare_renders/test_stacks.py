@@ -32,6 +32,12 @@ def test_chi2_of_noise_is_that_expected_of_few_batches(batches):
     assert mean == pytest.approx(comparison.expected_chi2, rel=0.12 if degrees == 4 else 0.05)
 
 
+def test_equal_pictures_are_called_equal():
+    a, b = estimated(3, 8), estimated(4, 8)
+    assert compare_stacks(a, a).lines() == ["3 against 3: the same value in every pixel"]
+    assert "χ² per pixel" in compare_stacks(a, b).lines()[1]
+
+
 def test_the_rows_are_means_and_squares_by_hand():
     a, b = estimated(3, 8, level=10.2), estimated(4, 8)
     comparison = compare_stacks(a, b)
