@@ -361,6 +361,14 @@ class _Draft:
                 "they show a printed board, name them 'board-...'"
             )
             self.missing.append(MissingKey("[[band]]", "", why, False))
+        for group in groups:
+            sessions = list(dict.fromkeys(frame.session for frame in group.frames))
+            if len(sessions) > 1:
+                why = (
+                    f"frames of {' and '.join(sessions[:4])} are repeats in it: where light, box or camera changed "
+                    "between them, start a capture in each folder"
+                )
+                self.missing.append(MissingKey(f"[[{group.kind}]] of {group.frames[0].listed}", "", why, False))
         without_kind = dict(_WITHOUT)
         if all(any((frame.facts.black_level or {}).values()) for frame in frames):
             without_kind["dark"] = _BLACK_LEVEL_ALONE
