@@ -168,7 +168,7 @@ MALFORMED = [
     (
         "cary",
         "Wavelength (nm),%R,Wavelength (nm),%R,",
-        "Wavenumber (cm-1),%R,Wavenumber (cm-1),%R,",
+        "Wavenumber (cm-1),Counts,Wavenumber (cm-1),Counts,",
         "Wavenumber",
         "nm",
     ),
