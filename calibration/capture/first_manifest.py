@@ -8,6 +8,7 @@ What the header of a file says (FITS keywords, EXIF, camera raw) comes before wh
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -335,12 +336,20 @@ class _Draft:
         self.missing: list[MissingKey] = []
         self.counts: Counter[str] = Counter()
         self._written: dict[str, set[str]] = defaultdict(set)
+        self._corrected = ""
 
     def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
         """The whole manifest."""
         rows = [row for group in groups for row in _by_channel(group, self.pattern)]
         self._defaults = common_values([group for group, _ in rows])
-        blocks = self._head(folder, frames, any(group.kind == "reference" for group in groups))
+        kinds = {group.kind for group in groups}
+        scenes = [frame for group in groups if group.kind == "band" for frame in group.frames]
+        self._corrected = "".join(
+            letter
+            for letter, kind in (("D", "dark"), ("F", "flat"))
+            if kind not in kinds and all(letter in frame.facts.corrected for frame in scenes)
+        )
+        blocks = self._head(folder, frames, "reference" in kinds)
         bands: set[str] = set()
         for group, channel in rows:
             header = group.kind
@@ -369,7 +378,17 @@ class _Draft:
                     "between them, start a capture in each folder"
                 )
                 self.missing.append(MissingKey(f"[[{group.kind}]] of {group.frames[0].listed}", "", why, False))
+        for doubt in dict.fromkeys(doubt for frame in frames for doubt in frame.facts.doubts):
+            files = [frame.listed for frame in frames if doubt in frame.facts.doubts]
+            where = files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} others"
+            self.missing.append(MissingKey(where, "", doubt, False))
+        self._note_clock(groups)
+        self._note_darks(groups)
         without_kind = dict(_WITHOUT)
+        if self._corrected.startswith("D"):
+            del without_kind["dark"]
+        if self._corrected.endswith("F"):
+            del without_kind["flat"]
         if all(any((frame.facts.black_level or {}).values()) for frame in frames):
             without_kind["dark"] = _BLACK_LEVEL_ALONE
         self.missing += [
@@ -378,6 +397,31 @@ class _Draft:
             if not self.counts[kind]
         ]
         return "\n".join(blocks) + "\n" + _FURTHER
+
+    def _note_clock(self, groups: Sequence[FrameGroup]) -> None:
+        """Note a frame that states an earlier time than one of a smaller number."""
+        scenes = [frame for group in groups if group.kind == "band" for frame in group.frames]
+        numbers = [int(match[0]) if (match := re.search(r"\d+$", frame.stem)) else None for frame in scenes]
+        if len(set(numbers)) < len(scenes) or None in numbers:
+            return
+        ordered = sorted(zip(numbers, scenes, strict=True), key=lambda pair: pair[0] or 0)
+        for (_, before), (_, after) in itertools.pairwise(ordered):
+            times = before.facts.time, after.facts.time
+            if times[0] is not None and times[1] is not None and times[1] < times[0]:
+                why = (
+                    f"{after.listed} states an earlier time ({times[1]}) than {before.listed} ({times[0]}): if the "
+                    "clock was set back, state start_s in every [[band]]"
+                )
+                self.missing.append(MissingKey("every [[band]]", "", why, False))
+
+    def _note_darks(self, groups: Sequence[FrameGroup]) -> None:
+        """Note exposures of bands that no dark has, where there are darks of other exposures."""
+        darks = {group.exposure_s for group in groups if group.kind == "dark"} - {None}
+        of_bands = {group.exposure_s for group in groups if group.kind == "band"} - {None} - darks
+        if darks and of_bands:
+            listing = ", ".join(f"{exposure:g} s" for exposure in sorted(e for e in of_bands if e is not None))
+            why = f"no dark of {listing}, an exposure of the bands: take some, else their level is extrapolated in time"
+            self.missing.append(MissingKey("[[dark]]", "", why, False))
 
     def _agreed(self, frames: Sequence[FolderFrame], key: str, where: str, name: str) -> Any:
         """The fact that all files which state it agree on; None, with a note, if they do not."""
@@ -392,13 +436,17 @@ class _Draft:
         height, width = frames[0].shape
         top = ['format = "capture/1"', f"name = {_quoted(folder.resolve().name)}"]
         top += [] if has_references else ['scale = "free"']
+        top += ['dark = "subtracted"'] if "D" in self._corrected else []
+        top += ['flat = "divided"'] if "F" in self._corrected else []
         camera = ["[camera]", f"width_px = {width}", f"height_px = {height}"]
         white = self._agreed(frames, "white_level", "[camera]", "white level")
-        largest = max(frame.largest for frame in frames)
+        largest, zeros = max(frame.largest for frame in frames), min(frame.zero_bits for frame in frames)
         if white is not None:
             camera.append(f"bit_depth = {int(np.ceil(np.log2(max(white, largest) + 1)))}")
         else:
             why = f"bits of a count: of the camera's data sheet; the largest count found is {largest}"
+            if zeros:
+                why += f", and all are multiples of {2**zeros}: for {16 - zeros} bits in the upper ones of 16, it is 16"
             camera.append(f"# bit_depth =    # missing: {why}")
             bits = max(_EXAMPLE_BITS, int(np.ceil(np.log2(largest + 1))))
             self.missing.append(MissingKey("[camera]", f"bit_depth = {bits}", why, True))

@@ -79,6 +79,8 @@ class FolderFrame:
     band_number: int | None
     #: Largest count, DN.
     largest: int
+    #: Zero bits at the end of all counts: 4 where each is a multiple of 16.
+    zero_bits: int
     #: Digest of each picture's counts.
     digests: tuple[str, ...]
     #: (8, 8) means of blocks of the first picture, DN; empty for pictures of fewer pixels across.
@@ -127,7 +129,10 @@ def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | 
     shape = (counts.shape[1], counts.shape[2])
     blocks = _block_means(counts[0])
     folder = "-".join(name for name in listed.split("/")[:-1] if states_frames(name))
-    return FolderFrame(path, listed, stem, shape, facts, number, int(counts.max()), digests, blocks, folder, varied)
+    bits = int(np.bitwise_or.reduce(counts, axis=None))
+    zeros = (bits & -bits).bit_length() - 1 if bits else 0
+    largest = int(counts.max())
+    return FolderFrame(path, listed, stem, shape, facts, number, largest, zeros, digests, blocks, folder, varied)
 
 
 def _block_means(counts: NDArray[np.uint16]) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -122,7 +122,10 @@ class _Classified:
 
 
 def _classified(frame: FolderFrame, ignored: int, role: FrameRole | None) -> _Classified:
-    facts, name = frame.facts, parse_name(frame.stem, ignored, frame.folder)
+    facts, stem = frame.facts, frame.stem
+    if facts.filter and stem.lower().endswith(facts.filter.lower()):  # MaxIm DL: box-001F450
+        stem = stem[: -len(facts.filter)] or stem
+    name = parse_name(stem, ignored, frame.folder)
     if role is not None:
         # words of the name say nothing more; frames of one filter or of one kind are repeats
         series = name.series if role.kind == "band" and not role.filter else ""
@@ -323,6 +326,8 @@ def group_frames(
     why = "no light in it: name it 'dark-...' if the lens was covered, or name it in capture.toml"
     left_out = [LeftOut(item.frame.listed, why, is_frame=True) for item in unlit]
     left_out += [LeftOut(frame.listed, "not used, as you said", is_frame=True) for frame in unused]
+    items, other_gain = _of_one_gain(items)
+    left_out += other_gain
     groups: dict[tuple[object, ...], list[_Classified]] = defaultdict(list)
     for item in items:
         if (doubt := _doubt(item, bands)) is not None:
@@ -340,6 +345,22 @@ def group_frames(
         f_number = item.f_number if has_lens else None
         groups[item.kind, band, item.exposure_s, f_number, item.frame.facts.iso, name].append(item)
     return _sorted([_group(band, members) for (_, band, *_), members in groups.items()]), left_out
+
+
+def _of_one_gain(items: Sequence[_Classified]) -> tuple[list[_Classified], list[LeftOut]]:
+    """The frames of the most common gain, and the others: a capture has one."""
+    gains = Counter(item.frame.facts.gain_e_per_dn for item in items)
+    del gains[None]
+    if len(gains) < 2:
+        return list(items), []
+    common = gains.most_common(1)[0][0]
+    others = [item for item in items if item.frame.facts.gain_e_per_dn not in (common, None)]
+    why = f"e-/DN, and most frames {common:g}: a capture has one gain; put them into a folder for themselves"
+    left_out = [
+        LeftOut(item.frame.listed, f"its gain is {item.frame.facts.gain_e_per_dn:g} {why}", is_frame=True)
+        for item in others
+    ]
+    return [item for item in items if item not in others], left_out
 
 
 def _group(band: object, items: Sequence[_Classified]) -> FrameGroup:
