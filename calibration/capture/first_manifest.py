@@ -237,7 +237,8 @@ def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest
             hint = "Move them, or rename the subfolders."
             expected = f"frames {left_out[0].why.partition(': frames lie ')[2]}"
             raise InputError(folder, f"frames in the subfolders {names} alone", expected, hint)
-        raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
+        hint = "; ".join(f"{item.file}: {item.why}" for item in left_out[:3])
+        raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}", hint)
     require_one_size(frames)
     require_roles(folder, roles, frames)
     groups, unused = group_frames(frames, roles)

@@ -245,7 +245,10 @@ def find_table(source: InstrumentText) -> NumberTable:
         hint = "Export the spectrum as text with a header that names the columns and their units."
         if any(re.search(r"\d\s*%", line) for _, line in lines):
             hint = "Write '%' behind every value, or behind none and into the header, such as 'Reflectance (%)'."
-        raise InputError(source.path, "no table of numbers", expected, hint)
+        fault = "no table of numbers" if filled else "an empty file"
+        if lines and sum(_NUMBER_LIKE.fullmatch(line.strip()) is not None for _, line in lines) > len(lines) / 2:
+            fault = "one column of numbers"
+        raise InputError(source.path, fault, expected, hint)
     widest = max(map(len, rows.values()))
     if widest % 2 == 0 and widest > 2 and style.separator != " " and not style.has_unit:
         for number, line in lines:

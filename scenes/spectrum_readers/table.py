@@ -169,6 +169,8 @@ def _name(cells: list[str], sample: str) -> str:
 
 def _read(source: InstrumentText) -> InstrumentFile:
     if source.text.lstrip().startswith("<"):
+        if re.search(r"<(!doctype )?html", source.text[:1000], re.I):
+            raise InputError(source.path, "a web page (HTML)", "a file of spectra", "Download the file itself.")
         hint = "Export the spectrum as CxF3, TM-27-14 or text."
         raise InputError(source.path, "XML or HTML of another kind", "CxF3 or IES TM-27-14", hint)
     table = find_table(source)
