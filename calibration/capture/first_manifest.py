@@ -8,14 +8,13 @@ What the header of a file says (FITS keywords, EXIF, camera raw) comes before wh
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,16 @@ from ..frame_readers import suffixes
 from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in, mosaic_of, require_one_size
 from .folder_tables import FolderTables, tables_in
-from .frame_classes import FrameGroup, FrameRole, common_values, group_frames, numbered_alike, require_roles
+from .frame_classes import (
+    FrameGroup,
+    FrameRole,
+    by_channel,
+    common_values,
+    corrections,
+    group_frames,
+    group_notes,
+    require_roles,
+)
 from .frame_names import unread_exposure
 from .manifest import (
     BandTable,
@@ -317,16 +325,6 @@ def _as_toml(entry: ManifestEntry, example: str) -> str:
     return value if re.fullmatch(r"[+-]?[1-9][0-9]*|0", value) else repr(number)
 
 
-def _by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup, str | None]]:
-    """The tables of a group with their channels.
-
-    Frames without a filter in front of a mosaic are one table for each channel.
-    """
-    if pattern is None or group.band is None or group.has_filter:
-        return [(group, None)]
-    return [(replace(group, band=f"{group.band}-{letter}"), letter) for letter in channel_letters(pattern)]
-
-
 class _Draft:
     """The text of a manifest in the making, with the keys that it lacks."""
 
@@ -337,20 +335,13 @@ class _Draft:
         self.missing: list[MissingKey] = []
         self.counts: Counter[str] = Counter()
         self._written: dict[str, set[str]] = defaultdict(set)
-        self._corrected = ""
 
     def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
         """The whole manifest."""
-        rows = [row for group in groups for row in _by_channel(group, self.pattern)]
+        rows = [row for group in groups for row in by_channel(group, self.pattern)]
         self._defaults = common_values([group for group, _ in rows])
-        kinds = {group.kind for group in groups}
-        scenes = [frame for group in groups if group.kind == "band" for frame in group.frames]
-        self._corrected = "".join(
-            letter
-            for letter, kind in (("D", "dark"), ("F", "flat"))
-            if kind not in kinds and all(letter in frame.facts.corrected for frame in scenes)
-        )
-        blocks = self._head(folder, frames, "reference" in kinds)
+        self._corrected = corrections(groups)
+        blocks = self._head(folder, frames, any(group.kind == "reference" for group in groups))
         bands: set[str] = set()
         for group, channel in rows:
             header = group.kind
@@ -365,64 +356,16 @@ class _Draft:
         useless = [*(() if self.counts["reference"] else _OF_SCALE), *(("transmittance",) if unfiltered else ())]
         timed = all(group.time is not None for group, _ in rows if group.kind == "band")
         self._note_useful_keys(len(bands), {*useless, *(("start_s",) if timed else ())})
-        for alike in numbered_alike(groups):
-            why = (
-                f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table; if "
-                "they show a printed board, name them 'board-...'"
-            )
-            self.missing.append(MissingKey("[[band]]", "", why, False))
-        for group in groups:
-            sessions = list(dict.fromkeys(frame.session for frame in group.frames))
-            if len(sessions) > 1:
-                why = (
-                    f"frames of {' and '.join(sessions[:4])} are repeats in it: where light, box or camera changed "
-                    "between them, start a capture in each folder"
-                )
-                self.missing.append(MissingKey(f"[[{group.kind}]] of {group.frames[0].listed}", "", why, False))
-        for doubt in dict.fromkeys(doubt for frame in frames for doubt in frame.facts.doubts):
-            files = [frame.listed for frame in frames if doubt in frame.facts.doubts]
-            where = files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} others"
-            self.missing.append(MissingKey(where, "", doubt, False))
-        self._note_clock(groups)
-        self._note_darks(groups)
-        without_kind = dict(_WITHOUT)
-        if self._corrected.startswith("D"):
-            del without_kind["dark"]
-        if self._corrected.endswith("F"):
-            del without_kind["flat"]
+        self.missing += [MissingKey(where, "", why, False) for where, why in group_notes(groups)]
+        without_kind = {kind: why for kind, why in _WITHOUT if kind[0].upper() not in self._corrected}
         if all(any((frame.facts.black_level or {}).values()) for frame in frames):
-            without_kind["dark"] = _BLACK_LEVEL_ALONE
+            without_kind |= {"dark": _BLACK_LEVEL_ALONE} if "dark" in without_kind else {}
         self.missing += [
             MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
             for kind, without in without_kind.items()
             if not self.counts[kind]
         ]
         return "\n".join(blocks) + "\n" + _FURTHER
-
-    def _note_clock(self, groups: Sequence[FrameGroup]) -> None:
-        """Note a frame that states an earlier time than one of a smaller number."""
-        scenes = [frame for group in groups if group.kind == "band" for frame in group.frames]
-        numbers = [int(match[0]) if (match := re.search(r"\d+$", frame.stem)) else None for frame in scenes]
-        if len(set(numbers)) < len(scenes) or None in numbers:
-            return
-        ordered = sorted(zip(numbers, scenes, strict=True), key=lambda pair: pair[0] or 0)
-        for (_, before), (_, after) in itertools.pairwise(ordered):
-            times = before.facts.time, after.facts.time
-            if times[0] is not None and times[1] is not None and times[1] < times[0]:
-                why = (
-                    f"{after.listed} states an earlier time ({times[1]}) than {before.listed} ({times[0]}): if the "
-                    "clock was set back, state start_s in every [[band]]"
-                )
-                self.missing.append(MissingKey("every [[band]]", "", why, False))
-
-    def _note_darks(self, groups: Sequence[FrameGroup]) -> None:
-        """Note exposures of bands that no dark has, where there are darks of other exposures."""
-        darks = {group.exposure_s for group in groups if group.kind == "dark"} - {None}
-        of_bands = {group.exposure_s for group in groups if group.kind == "band"} - {None} - darks
-        if darks and of_bands:
-            listing = ", ".join(f"{exposure:g} s" for exposure in sorted(e for e in of_bands if e is not None))
-            why = f"no dark of {listing}, an exposure of the bands: take some, else their level is extrapolated in time"
-            self.missing.append(MissingKey("[[dark]]", "", why, False))
 
     def _agreed(self, frames: Sequence[FolderFrame], key: str, where: str, name: str) -> Any:
         """The fact that all files which state it agree on; None, with a note, if they do not."""
@@ -437,8 +380,7 @@ class _Draft:
         height, width = frames[0].shape
         top = ['format = "capture/1"', f"name = {_quoted(folder.resolve().name)}"]
         top += [] if has_references else ['scale = "free"']
-        top += ['dark = "subtracted"'] if "D" in self._corrected else []
-        top += ['flat = "divided"'] if "F" in self._corrected else []
+        top += [line for line in ('dark = "subtracted"', 'flat = "divided"') if line[0].upper() in self._corrected]
         camera = ["[camera]", f"width_px = {width}", f"height_px = {height}"]
         white = self._agreed(frames, "white_level", "[camera]", "white level")
         largest, zeros = max(frame.largest for frame in frames), min(frame.zero_bits for frame in frames)

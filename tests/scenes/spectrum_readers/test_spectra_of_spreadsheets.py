@@ -54,3 +54,13 @@ def test_the_mode_of_ocean_optics_states_quantity_and_unit(tmp_path):
     begin = ">>>>>Begin Processed Spectral Data<<<<<\n400\t1\n401\t2\n"
     first = content(tmp_path, f"Processing: Absolute Irradiance, µW/cm^2/nm\n{begin}").spectra[0]
     assert (first.quantity, first.unit) == ("irradiance", "µW/cm^2/nm")
+
+
+@pytest.mark.parametrize(
+    ("start", "kind"),
+    [(b"\x89PNG\0", "a picture"), (b"PK\x03\x04\0", "workbook"), (b"", "empty"), (b"nm\n4\n5\n", "one column")],
+)
+def test_a_file_that_is_no_table_is_named_for_what_it_is(tmp_path, start, kind):
+    (tmp_path / "measured.csv").write_bytes(start)
+    with pytest.raises(InputError, match=kind):
+        read_instrument_file(tmp_path / "measured.csv")
