@@ -14,7 +14,7 @@ import re
 import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,16 @@ from ..frame_readers import suffixes
 from .checks import capture_faults
 from .folder_frames import FolderFrame, LeftOut, convert_bands, frames_in, mosaic_of, require_one_size
 from .folder_tables import FolderTables, tables_in
-from .frame_classes import FrameGroup, FrameRole, common_values, group_frames, numbered_alike, require_roles
+from .frame_classes import (
+    FrameGroup,
+    FrameRole,
+    by_channel,
+    common_values,
+    corrections,
+    group_frames,
+    group_notes,
+    require_roles,
+)
 from .frame_names import unread_exposure
 from .manifest import (
     BandTable,
@@ -236,7 +245,8 @@ def _draft(folder: Path, roles: Sequence[FrameRole]) -> tuple[str, FirstManifest
             hint = "Move them, or rename the subfolders."
             expected = f"frames {left_out[0].why.partition(': frames lie ')[2]}"
             raise InputError(folder, f"frames in the subfolders {names} alone", expected, hint)
-        raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}")
+        hint = "; ".join(f"{item.file}: {item.why}" for item in left_out[:3])
+        raise InputError(folder, "no frames", f"files ending in {', '.join(suffixes())}", hint)
     require_one_size(frames)
     require_roles(folder, roles, frames)
     groups, unused = group_frames(frames, roles)
@@ -315,16 +325,6 @@ def _as_toml(entry: ManifestEntry, example: str) -> str:
     return value if re.fullmatch(r"[+-]?[1-9][0-9]*|0", value) else repr(number)
 
 
-def _by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup, str | None]]:
-    """The tables of a group with their channels.
-
-    Frames without a filter in front of a mosaic are one table for each channel.
-    """
-    if pattern is None or group.band is None or group.has_filter:
-        return [(group, None)]
-    return [(replace(group, band=f"{group.band}-{letter}"), letter) for letter in channel_letters(pattern)]
-
-
 class _Draft:
     """The text of a manifest in the making, with the keys that it lacks."""
 
@@ -338,8 +338,9 @@ class _Draft:
 
     def text(self, folder: Path, frames: Sequence[FolderFrame], groups: Sequence[FrameGroup]) -> str:
         """The whole manifest."""
-        rows = [row for group in groups for row in _by_channel(group, self.pattern)]
+        rows = [row for group in groups for row in by_channel(group, self.pattern)]
         self._defaults = common_values([group for group, _ in rows])
+        self._corrected = corrections(groups)
         blocks = self._head(folder, frames, any(group.kind == "reference" for group in groups))
         bands: set[str] = set()
         for group, channel in rows:
@@ -355,15 +356,10 @@ class _Draft:
         useless = [*(() if self.counts["reference"] else _OF_SCALE), *(("transmittance",) if unfiltered else ())]
         timed = all(group.time is not None for group, _ in rows if group.kind == "band")
         self._note_useful_keys(len(bands), {*useless, *(("start_s",) if timed else ())})
-        for alike in numbered_alike(groups):
-            why = (
-                f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table; if "
-                "they show a printed board, name them 'board-...'"
-            )
-            self.missing.append(MissingKey("[[band]]", "", why, False))
-        without_kind = dict(_WITHOUT)
+        self.missing += [MissingKey(where, "", why, False) for where, why in group_notes(groups)]
+        without_kind = {kind: why for kind, why in _WITHOUT if kind[0].upper() not in self._corrected}
         if all(any((frame.facts.black_level or {}).values()) for frame in frames):
-            without_kind["dark"] = _BLACK_LEVEL_ALONE
+            without_kind |= {"dark": _BLACK_LEVEL_ALONE} if "dark" in without_kind else {}
         self.missing += [
             MissingKey(f"[[{kind}]]", "", f"no frames found; {without}", False)
             for kind, without in without_kind.items()
@@ -384,13 +380,16 @@ class _Draft:
         height, width = frames[0].shape
         top = ['format = "capture/1"', f"name = {_quoted(folder.resolve().name)}"]
         top += [] if has_references else ['scale = "free"']
+        top += [line for line in ('dark = "subtracted"', 'flat = "divided"') if line[0].upper() in self._corrected]
         camera = ["[camera]", f"width_px = {width}", f"height_px = {height}"]
         white = self._agreed(frames, "white_level", "[camera]", "white level")
-        largest = max(frame.largest for frame in frames)
+        largest, zeros = max(frame.largest for frame in frames), min(frame.zero_bits for frame in frames)
         if white is not None:
             camera.append(f"bit_depth = {int(np.ceil(np.log2(max(white, largest) + 1)))}")
         else:
             why = f"bits of a count: of the camera's data sheet; the largest count found is {largest}"
+            if zeros:
+                why += f", and all are multiples of {2**zeros}: for {16 - zeros} bits in the upper ones of 16, it is 16"
             camera.append(f"# bit_depth =    # missing: {why}")
             bits = max(_EXAMPLE_BITS, int(np.ceil(np.log2(largest + 1))))
             self.missing.append(MissingKey("[camera]", f"bit_depth = {bits}", why, True))

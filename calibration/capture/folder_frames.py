@@ -17,7 +17,7 @@ from cboxlab.utils.files import replacing
 from numpy.typing import NDArray
 
 from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of
-from .frame_names import states_frames
+from .frame_names import is_session, states_frames
 
 __all__ = [
     "FolderFrame",
@@ -37,7 +37,9 @@ _BLOCKS = 8
 #: Largest difference of two pictures' block means, of their range, up to which they show the same scene and light.
 _SAME_PICTURE = 0.01
 #: Folders of frames, for messages.
-_WHERE_FRAMES_LIE = f"frames lie in the folder, in {FRAMES_FOLDER}/, or in one named as its frames, such as darks/"
+_WHERE_FRAMES_LIE = (
+    f"frames lie in the folder, in {FRAMES_FOLDER}/, or in one named as its frames or by their date, such as darks/"
+)
 #: Number of files whose digests and block means are remembered: a kilobyte each.
 _MAX_REMEMBERED = 4096
 
@@ -77,6 +79,8 @@ class FolderFrame:
     band_number: int | None
     #: Largest count, DN.
     largest: int
+    #: Zero bits at the end of all counts: 4 where each is a multiple of 16.
+    zero_bits: int
     #: Digest of each picture's counts.
     digests: tuple[str, ...]
     #: (8, 8) means of blocks of the first picture, DN; empty for pictures of fewer pixels across.
@@ -85,6 +89,12 @@ class FolderFrame:
     folder: str
     #: Those digests without pictures of one count everywhere, which two photographs may share.
     varied_digests: frozenset[str]
+
+    @property
+    def session(self) -> str:
+        """Folders that do not state what their frames are, such as "2026-11-02"; empty for none."""
+        folders = self.listed.removeprefix(f"{FRAMES_FOLDER}/").split("/")[:-1]
+        return "/".join(name for name in folders if not states_frames(name))
 
 
 def natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
@@ -118,9 +128,11 @@ def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | 
     varied = frozenset(d for d, picture in zip(digests, counts, strict=True) if np.any(picture != picture[0, 0]))
     shape = (counts.shape[1], counts.shape[2])
     blocks = _block_means(counts[0])
-    parents = listed.split("/")[:-1]
-    folder = "-".join(name for k, name in enumerate(parents) if k or name != FRAMES_FOLDER)
-    return FolderFrame(path, listed, stem, shape, facts, number, int(counts.max()), digests, blocks, folder, varied)
+    folder = "-".join(name for name in listed.split("/")[:-1] if states_frames(name))
+    bits = int(np.bitwise_or.reduce(counts, axis=None))
+    zeros = (bits & -bits).bit_length() - 1 if bits else 0
+    largest = int(counts.max())
+    return FolderFrame(path, listed, stem, shape, facts, number, largest, zeros, digests, blocks, folder, varied)
 
 
 def _block_means(counts: NDArray[np.uint16]) -> NDArray[np.float64]:
@@ -197,7 +209,8 @@ def _refusal(folder: Path, path: Path) -> str | None:
 def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
     """All frames of a folder and of its subfolders of frames, each photograph once.
 
-    These are ``frames`` and those whose names say what they hold, such as ``darks``.
+    These are ``frames`` and those whose names say what they hold, such as ``darks``. Others are read where their names
+    distinguish no frames, such as dates.
 
     A TIFF that holds the same counts as a file of another format was written from it, and is left out. So is one of
     two files that hold the same counts and have one name, or the name of a file manager's copy.
@@ -225,16 +238,40 @@ def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
             listed = path.relative_to(folder).as_posix().encode("utf-8", "backslashreplace").decode()
             if path.name.startswith(".") or path.suffix.lower() == ".csv" or path == folder / FRAMES_FOLDER:
                 continue
-            if path.is_dir() and states_frames(path.name) and not path.is_symlink():
-                parents.append(path)
-            elif path.is_dir():
-                if any(reader_of(p) is not None and p.is_file() for p in path.rglob("*")):
+            if path.is_dir():
+                if not _holds_frames(path):
+                    continue
+                if not path.is_symlink() and (states_frames(path.name) or _is_wrapper(path)):
+                    parents.append(path)
+                else:
                     others.append(LeftOut(f"{listed}/", f"a subfolder: {_WHERE_FRAMES_LIE}"))
             elif (why := _refusal(folder, path)) is not None:
                 others.append(LeftOut(listed, why))
             else:
                 frames += _frames_of_file(folder, path)
     return _without_copies(frames, others)
+
+
+def _holds_frames(path: Path) -> bool:
+    """Whether a path is a frame, or a folder with frames at any depth."""
+    if path.is_dir():
+        return any(reader_of(p) is not None and p.is_file() for p in path.rglob("*"))
+    return reader_of(path) is not None
+
+
+def _is_wrapper(path: Path) -> bool:
+    """Whether a folder's name distinguishes no frames.
+
+    No frame lies next to it. It is alone, says when, or it holds kinds and no folder next to it states one.
+    """
+    siblings = [other for other in path.parent.iterdir() if other != path and _holds_frames(other)]
+    if not all(other.is_dir() for other in siblings):
+        return False
+    return not siblings or is_session(path.name) or (_has_kinds(path) and not _has_kinds(path.parent))
+
+
+def _has_kinds(path: Path) -> bool:
+    return any(states_frames(other.name) and other.is_dir() for other in path.iterdir())
 
 
 def _is_tiff(frame: FolderFrame) -> bool:
@@ -248,7 +285,7 @@ def _without_copies(frames: list[FolderFrame], others: list[LeftOut]) -> tuple[l
     by_name: dict[str, FolderFrame] = {}
     photographs: list[FolderFrame] = []
     for frame in sorted(frames, key=lambda frame: (_is_tiff(frame), len(frame.stem))):
-        key = f"{frame.folder}/{frame.stem}".casefold()
+        key = f"{frame.session}/{frame.folder}/{frame.stem}".casefold()
         twin = by_name.get(key)
         if len(frame.varied_digests) == len(frame.digests):
             sources = [f for f in (originals if _is_tiff(frame) else []) if frame.varied_digests <= f.varied_digests]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -24,8 +25,18 @@ from .frame_names import (
     may_mean_dark,
     parse_name,
 )
+from .manifest import channel_letters
 
-__all__ = ["FrameGroup", "FrameRole", "common_values", "group_frames", "numbered_alike", "require_roles"]
+__all__ = [
+    "FrameGroup",
+    "FrameRole",
+    "by_channel",
+    "common_values",
+    "corrections",
+    "group_frames",
+    "group_notes",
+    "require_roles",
+]
 
 #: Range of a picture's block means over that of a frame without light, at least: a hundredth of the light is light.
 _LIT = 200.0
@@ -122,7 +133,10 @@ class _Classified:
 
 
 def _classified(frame: FolderFrame, ignored: int, role: FrameRole | None) -> _Classified:
-    facts, name = frame.facts, parse_name(frame.stem, ignored, frame.folder)
+    facts, stem = frame.facts, frame.stem
+    if facts.filter and stem.lower().endswith(facts.filter.lower()):  # MaxIm DL: box-001F450
+        stem = stem[: -len(facts.filter)] or stem
+    name = parse_name(stem, ignored, frame.folder)
     if role is not None:
         # words of the name say nothing more; frames of one filter or of one kind are repeats
         series = name.series if role.kind == "band" and not role.filter else ""
@@ -240,8 +254,62 @@ def _count_repeats(items: Sequence[_Classified]) -> bool:
     return consecutive and len({(item.exposure_s, item.f_number, item.frame.facts.iso) for item in items}) == 1
 
 
-def numbered_alike(groups: Sequence[FrameGroup]) -> list[tuple[str, ...]]:
-    """Bands whose names differ by a last number alone, which may count repeats or not.
+def _numbered_alike(groups: Sequence[FrameGroup]) -> list[tuple[str, ...]]:
+    """Bands whose names differ by a last number alone, which may count repeats or not."""
+    series: dict[tuple[str, float | None], list[str]] = defaultdict(list)
+    for group in groups:
+        number = re.fullmatch(r"(.*?)\d+", group.band or "")
+        if group.kind == "band" and number is not None and parse_name(str(group.band)).filter is None:
+            series[number[1], group.exposure_s].append(str(group.band))
+    return [tuple(dict.fromkeys(bands)) for bands in series.values() if len(set(bands)) > 1]
+
+
+def by_channel(group: FrameGroup, pattern: str | None) -> list[tuple[FrameGroup, str | None]]:
+    """The tables of a group with their channels.
+
+    Frames without a filter in front of a mosaic are one table for each channel.
+
+    Parameters
+    ----------
+    group
+        A group of a folder.
+    pattern
+        Mosaic of the frames; None without one.
+
+    Returns
+    -------
+    list
+        Groups with the letter of a channel, or None.
+    """
+    if pattern is None or group.band is None or group.has_filter:
+        return [(group, None)]
+    return [(replace(group, band=f"{group.band}-{letter}"), letter) for letter in channel_letters(pattern)]
+
+
+def corrections(groups: Sequence[FrameGroup]) -> str:
+    """Corrections that all frames of the scene have by their files.
+
+    Parameters
+    ----------
+    groups
+        The groups of a folder.
+
+    Returns
+    -------
+    str
+        "D" for the dark level, "F" for flats, unless the folder has darks or flats.
+    """
+    kinds = {group.kind for group in groups}
+    scenes = [frame for group in groups if group.kind == "band" for frame in group.frames]
+    return "".join(
+        letter
+        for letter, kind in (("D", "dark"), ("F", "flat"))
+        if kind not in kinds and all(letter in frame.facts.corrected for frame in scenes)
+    )
+
+
+def group_notes(groups: Sequence[FrameGroup]) -> list[tuple[str, str]]:
+    """Notes on what files and folders say in two ways.
 
     Parameters
     ----------
@@ -251,14 +319,58 @@ def numbered_alike(groups: Sequence[FrameGroup]) -> list[tuple[str, ...]]:
     Returns
     -------
     list
-        Identifiers of such bands, together where their names agree otherwise.
+        Table or file, and the note.
     """
-    series: dict[tuple[str, float | None], list[str]] = defaultdict(list)
+    notes = []
     for group in groups:
-        number = re.fullmatch(r"(.*?)\d+", group.band or "")
-        if group.kind == "band" and number is not None and parse_name(str(group.band)).filter is None:
-            series[number[1], group.exposure_s].append(str(group.band))
-    return [tuple(dict.fromkeys(bands)) for bands in series.values() if len(set(bands)) > 1]
+        sessions = list(dict.fromkeys(frame.session for frame in group.frames))
+        if len(sessions) > 1:
+            why = (
+                f"frames of {' and '.join(sessions[:4])} are repeats in it: where light, box or camera changed "
+                "between them, start a capture in each folder"
+            )
+            notes.append((f"[[{group.kind}]] of {group.frames[0].listed}", why))
+    frames = [frame for group in groups for frame in group.frames]
+    for doubt in dict.fromkeys(doubt for frame in frames for doubt in frame.facts.doubts):
+        files = [frame.listed for frame in frames if doubt in frame.facts.doubts]
+        notes.append((files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} others", doubt))
+    for alike in _numbered_alike(groups):
+        why = (
+            f"{alike[0]} to {alike[-1]} differ by a number alone: if they are repeats, list them in one table; if "
+            "they show a printed board, name them 'board-...'"
+        )
+        notes.append(("[[band]]", why))
+    return [*notes, *_clock_notes(groups), *_dark_notes(groups)]
+
+
+def _clock_notes(groups: Sequence[FrameGroup]) -> list[tuple[str, str]]:
+    """Frames that state an earlier time than one of a smaller number, where one counter runs."""
+    scenes = [frame for group in groups if group.kind == "band" for frame in group.frames]
+    numbers = [int(match[0]) if (match := re.search(r"\d+$", frame.stem)) else None for frame in scenes]
+    if len(set(numbers)) < len(scenes) or None in numbers:
+        return []
+    notes = []
+    ordered = sorted(zip(numbers, scenes, strict=True), key=lambda pair: pair[0] or 0)
+    for (_, before), (_, after) in itertools.pairwise(ordered):
+        times = before.facts.time, after.facts.time
+        if times[0] is not None and times[1] is not None and times[1] < times[0]:
+            why = (
+                f"{after.listed} states an earlier time ({times[1]}) than {before.listed} ({times[0]}): if the clock "
+                "was set back, state start_s in every [[band]]"
+            )
+            notes.append(("every [[band]]", why))
+    return notes
+
+
+def _dark_notes(groups: Sequence[FrameGroup]) -> list[tuple[str, str]]:
+    """Exposures of bands that no dark has, where there are darks of other exposures."""
+    darks = {group.exposure_s for group in groups if group.kind == "dark"} - {None}
+    of_bands = {group.exposure_s for group in groups if group.kind == "band"} - {None} - darks
+    if not darks or not of_bands:
+        return []
+    listing = ", ".join(f"{exposure:g} s" for exposure in sorted(e for e in of_bands if e is not None))
+    why = f"no dark of {listing}, an exposure of the bands: take some, else their level is extrapolated in time"
+    return [("[[dark]]", why)]
 
 
 def common_values(groups: Sequence[FrameGroup]) -> dict[str, float]:
@@ -323,6 +435,8 @@ def group_frames(
     why = "no light in it: name it 'dark-...' if the lens was covered, or name it in capture.toml"
     left_out = [LeftOut(item.frame.listed, why, is_frame=True) for item in unlit]
     left_out += [LeftOut(frame.listed, "not used, as you said", is_frame=True) for frame in unused]
+    items, other_gain = _of_one_gain(items)
+    left_out += other_gain
     groups: dict[tuple[object, ...], list[_Classified]] = defaultdict(list)
     for item in items:
         if (doubt := _doubt(item, bands)) is not None:
@@ -340,6 +454,22 @@ def group_frames(
         f_number = item.f_number if has_lens else None
         groups[item.kind, band, item.exposure_s, f_number, item.frame.facts.iso, name].append(item)
     return _sorted([_group(band, members) for (_, band, *_), members in groups.items()]), left_out
+
+
+def _of_one_gain(items: Sequence[_Classified]) -> tuple[list[_Classified], list[LeftOut]]:
+    """The frames of the most common gain, and the others: a capture has one."""
+    gains = Counter(item.frame.facts.gain_e_per_dn for item in items)
+    del gains[None]
+    if len(gains) < 2:
+        return list(items), []
+    common = gains.most_common(1)[0][0]
+    others = [item for item in items if item.frame.facts.gain_e_per_dn not in (common, None)]
+    why = f"e-/DN, and most frames {common:g}: a capture has one gain; put them into a folder for themselves"
+    left_out = [
+        LeftOut(item.frame.listed, f"its gain is {item.frame.facts.gain_e_per_dn:g} {why}", is_frame=True)
+        for item in others
+    ]
+    return [item for item in items if item not in others], left_out
 
 
 def _group(band: object, items: Sequence[_Classified]) -> FrameGroup:

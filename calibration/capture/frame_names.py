@@ -17,6 +17,7 @@ __all__ = [
     "FrameName",
     "common_words",
     "doubtful_word",
+    "is_session",
     "is_setting",
     "kind_in_words",
     "may_mean_dark",
@@ -73,26 +74,32 @@ _BARE_FILTER = re.compile(r"[1-9]\d\d")
 _MAKERS_FILTER = re.compile(r"(?:fb|fbh|fl|flh|bp|nb|bn|nf|lp|sp|et|hq|xbpa)\d{3,4}")
 #: A number before a unit; with zeros in front it counts frames.
 _AMOUNT = r"(?:0|[1-9]\d*)(?:[.,]\d+)?"
-_EXPOSURE = re.compile(rf"(?:exp|exposure)?({_AMOUNT})(us|µs|ms|s|secs?)")
+_UNIT = "us|µs|ms|s|secs?|mins?"
+_EXPOSURE = re.compile(rf"(?:exp|exposure)?({_AMOUNT})({_UNIT})")
 #: Units that programs write behind a separator: 300_secs, 550 nm.
 _UNIT_PARTS = frozenset({"us", "µs", "ms", "sec", "secs", "nm"})
+#: A number and a unit behind one blank: 2 min, 0.5 s. Behind another separator, these may be words.
+_BLANK_BEFORE_UNIT = re.compile(rf"(?<![0-9a-z.,])({_AMOUNT}) ({_UNIT})(?![0-9a-z])")
 #: Seconds in the units of exposures.
-_UNIT_S = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "secs": 1.0}
-#: Words before seconds that are no exposure: a wait, or the model of a telephone.
-_NOT_EXPOSED = frozenset({"after", "delay", "every", "interval", "iphone", "t", "timer", "wait", "warmup"})
+_UNIT_S = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "secs": 1.0, "min": 60.0, "mins": 60.0}
+#: Words before or behind a time that is no exposure: a wait, or the model of a telephone.
+_NOT_EXPOSED = frozenset(
+    {"after", "at", "delay", "every", "interval", "iphone", "later", "on", "t", "timer", "up", "wait", "waited", "warm"}
+    | {"warmed", "warmup"}
+)
 #: Words of pictures that add up several exposures, whose seconds are those of all together.
 _SUMMED = re.compile(r"(?:live)?stack(?:ed)?|integrated|sum(?:med)?|total|\d+(?:frames|subs)")
 #: A number before an exposure by which it is a fraction or a decimal: 1-30s, 1_4s, 1e-3s.
 _PART_OF_NUMBER = re.compile(r"\d{1,2}|\d+(?:[.,]\d+)?e")
 #: Two exposures as a range: 0.5-4s.
-_RANGE = re.compile(r"\d[.,]\d+-\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)(?![a-z])")
+_RANGE = re.compile(r"\d[.,]\d+-\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?|mins?)(?![a-z])")
 #: What may be an exposure, whatever it is read as: t100ms, 1-30s, 4_s, 2min, 1h.
 _LIKE_EXPOSURE = re.compile(
     r"(?<![0-9a-z])t?\d+(?:(?:[-_.,]|e-?)\d+)*[-_\s]?(?:us|µs|ms|secs?|s|mins?|m|hrs?|h)(?![a-z0-9])"
 )
 #: A comma before three digits, which may separate thousands: 1,000s.
 _THOUSANDS = re.compile(r"[1-9]\d*,\d{3}")
-_NUMBERED_KIND = re.compile(r"([a-z]+?)(\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?)?)")
+_NUMBERED_KIND = re.compile(r"([a-z]+?)(\d+(?:[.,]\d+)?(?:us|µs|ms|s|secs?|mins?)?)")
 #: Things that differ by the number behind them, or are set to it: filter_2 is no repeat of filter_1.
 _COUNTED = frozenset(
     {"band", "ch", "channel", "exp", "exposure", "filter", "fw", "lamp", "led", "pos", "position", "slot", "wheel"}
@@ -106,6 +113,14 @@ _NUMBERED_REPEAT = re.compile(r"(?:rep|repeat|frame|shot)(\d{1,2})")
 _STATE = re.compile(r"\d+(?:\.\d+)?c|\d+\.\d+|(?:bin)?\dx\d|bin\d")
 #: A setting of the camera, which no frame is named after: gain100, ISO800.
 _SETTING = re.compile(r"(?:gain|iso|offset)\d+")
+#: Parts of the names of folders that say when: dates, times of day, sessions. And the folders of cameras.
+_SESSION_PARTS = re.compile(
+    r"(?<![0-9a-z])(?:(?:19|20)\d\d[-_. ]?[01]\d[-_. ]?[0-3]\d|[0-3]?\d[-_. ][01]?\d[-_. ](?:19|20)\d\d"
+    r"|[0-2]\d[-_:.h ]?[0-5]\d[-_:.m ]?[0-5]\d(?:s|[-_.]\d+z?)?|[0-2]?\d[h:][0-5]\d"
+    r"|(?:session|night|evening|day|run|sitzung|séance|seance|nuit|nacht|sesión|sesion)[-_ ]?\d{0,3}"
+    r"|dcim|\d{3}(?:canon|eos\w\w|msdcf|olymp|_fuji|_pana|apple|nikon|nc[dz]\w\w|d\d{4}|ricoh|pentx|leica))"
+    r"(?![0-9a-z])"
+)
 #: Wavelengths of filters that silicon sees, nm.
 _FILTER_RANGE_NM = (250, 1200)
 #: Digits of a number that counts repeats, at most: longer ones count a camera's photographs.
@@ -165,9 +180,10 @@ def _exposure(parts: list[str]) -> tuple[float | None, list[int]]:
         if match is None:
             continue
         positions.append(index)
-        before = parts[index - 1] if index else ""
+        before, behind = parts[index - 1] if index else "", parts[index + 1] if index + 1 < len(parts) else ""
         # '1-30s' and '1_4s': a fraction, a decimal, or a repeat and whole seconds
-        ambiguous = _PART_OF_NUMBER.fullmatch(before) or _THOUSANDS.fullmatch(match[1]) or before in _NOT_EXPOSED
+        ambiguous = _PART_OF_NUMBER.fullmatch(before) or _THOUSANDS.fullmatch(match[1])
+        ambiguous = ambiguous or not _NOT_EXPOSED.isdisjoint((before, behind))
         values.add(None if ambiguous else float(match[1].replace(",", ".")) * _UNIT_S[match[2]])
     summed = any(_SUMMED.fullmatch(part) for part in parts)
     value = values.pop() if len(values) == 1 and not summed else None
@@ -271,11 +287,28 @@ def states_frames(folder: str) -> bool:
     bool
         True for "darks", "550nm", "flats 1s" and "lights"; False for "session2" and for dates.
     """
-    parts = _with_units([part for part in _SEPARATORS.split(folder.lower()) if part])
+    parts = _with_units([part for part in _SEPARATORS.split(_without_blank(folder.lower())) if part])
     return bool(parts) and all(
         _kind_of_word(part) or part in SCENE_WORDS or _FILTER.fullmatch(part) or _EXPOSURE.fullmatch(part)
         for part in parts
     )
+
+
+def is_session(folder: str) -> bool:
+    """Whether the name of a folder says when its frames were taken, or a camera wrote it.
+
+    Parameters
+    ----------
+    folder
+        Name of the folder.
+
+    Returns
+    -------
+    bool
+        True for "2026-11-02", "02.11.2026 22h10", "session2", "night 1" and "100CANON".
+    """
+    text = _SESSION_PARTS.sub(" ", folder.lower())
+    return not re.search(r"\w", text)
 
 
 def parse_name(stem: str, ignored: int = 0, folder: str = "") -> FrameName:
@@ -295,7 +328,7 @@ def parse_name(stem: str, ignored: int = 0, folder: str = "") -> FrameName:
     FrameName
         The properties that the name states with certainty.
     """
-    lowered = stem.lower()
+    lowered = _without_blank(stem.lower())
     dates = list(_DATE.finditer(lowered))
     # digits behind a time of day may be thousandths of a second
     timed = any(date["time"] for date in dates)
@@ -330,7 +363,7 @@ def parse_name(stem: str, ignored: int = 0, folder: str = "") -> FrameName:
 
 def _folder_parts(folder: str) -> list[str]:
     """Parts of the names of folders, kinds of frames first."""
-    parts = [part for part in _SEPARATORS.split(folder.lower()) if part and part not in SCENE_WORDS]
+    parts = [part for part in _SEPARATORS.split(_without_blank(folder.lower())) if part and part not in SCENE_WORDS]
     return sorted(parts, key=lambda part: _kind_of_word(part) is None)
 
 
@@ -349,6 +382,11 @@ def _repeat(parts: list[str], filter_parts: list[int], ignored: int) -> int | No
     photograph = last - 1 not in filter_parts and _PHOTOGRAPH.fullmatch(before)
     other = unread or photograph or before in _COUNTED or _MAKERS_FILTER.fullmatch(before)
     return None if other else int(parts[last])
+
+
+def _without_blank(text: str) -> str:
+    """A name with units behind their numbers: '2 min' as '2min'."""
+    return _BLANK_BEFORE_UNIT.sub(r"\1\2", text)
 
 
 def _with_units(parts: list[str]) -> list[str]:

@@ -20,6 +20,8 @@ from .whole_manifest import Manifest
 __all__ = ["checked_keys", "raise_faults", "read_manifest"]
 
 
+#: Hint for a folder without a manifest.
+_NO_MANIFEST = "A capture is a folder with a capture.toml in it; `cbox calibrate --init FOLDER` writes a first one."
 #: Faults listed in one message: more would hide the first ones.
 _MAX_FAULTS_LISTED = 20
 
@@ -114,7 +116,9 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
     if error["type"] == "extra_forbidden":
         keys = list(_table_at(location[:-1]).model_fields)
         return InputError(where, "an unknown key", f"one of {', '.join(keys)}", suggestion(str(location[-1]), keys))
-    return InputError(where, value_text(error["input"]), expectation(error))
+    is_unit = isinstance(error["input"], str) and re.fullmatch(r"[\d.,]+\s*[a-zµ%]+", error["input"].strip())
+    hint = "Write the number alone, without quotation marks: its unit is that of the key." if is_unit else ""
+    return InputError(where, value_text(error["input"]), expectation(error), hint)
 
 
 def _without_misspelt(failure: ValidationError) -> list[Mapping[str, Any]]:
@@ -160,7 +164,7 @@ def read_manifest(path: Path) -> Manifest:
         One error that lists every faulty key.
     """
     expected = "the manifest of a capture in TOML"
-    text = read_text(path, expected, "A capture is a folder with a capture.toml in it.")
+    text = read_text(path, expected, _NO_MANIFEST)
     try:
         data = parse_toml(path, text, expected)
     except InputError:

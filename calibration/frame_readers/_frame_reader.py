@@ -69,6 +69,10 @@ class FrameFacts(FrozenMappings):
     pixel_pitch_um: float | None = None
     #: Electrons per count, e-/DN.
     gain_e_per_dn: float | None = None
+    #: Corrections that the counts have: "D" for the dark level, "F" for flats.
+    corrected: str = ""
+    #: What the file says in two ways, or what its counts mean otherwise than usual, for the user to decide.
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

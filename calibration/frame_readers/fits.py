@@ -33,6 +33,10 @@ _BLOCK = 2880
 _MAX_HEADER_BYTES = 2**20
 #: Headers of a file, at most.
 _MAX_HEADERS = 64
+#: Names of no filter.
+_NO_FILTER = frozenset({"", "none", "no filter", "no_filter", "nofilter", "n/a", "unknown", "-"})
+#: Largest relative difference of EXPTIME and EXPOSURE that is rounding.
+_SAME_EXPOSURE = 0.01
 #: Bytes skipped at a time in a packed file.
 _CHUNK = 2**20
 #: Zeros after a packed file, bytes: the library reads each of them alone. Tapes have up to 10 KiB.
@@ -175,6 +179,13 @@ def _time(text: str) -> datetime | None:
         return None
 
 
+def _exposure(exptime: float | None, exposure: float | None) -> tuple[float | None, tuple[str, ...]]:
+    """Exposure by two keywords, s, and a doubt where they differ; then it is None."""
+    if exptime is None or exposure is None or np.isclose(exptime, exposure, rtol=_SAME_EXPOSURE):
+        return exptime or exposure, ()
+    return None, (f"EXPTIME is {exptime:g} s and EXPOSURE {exposure:g} s: state the exposure of one picture",)
+
+
 def _header(path: Path) -> FrameHeader:
     with _opened(path) as (unit, first):
         _require_complete(path, unit)
@@ -192,18 +203,24 @@ def _header(path: Path) -> FrameHeader:
 
         f_number = positive_number(get("FOCRATIO", "F-NUMBER", "FNUMBER"))
         shift = offset("YBAYROFF", "BAYOFFY"), offset("XBAYROFF", "BAYOFFX")
+        exposure_s, doubts = _exposure(positive_number(get("EXPTIME")), positive_number(get("EXPOSURE")))
+        pedestal, filter_name = get("PEDESTAL"), text("FILTER")
+        if isinstance(pedestal, int | float) and pedestal:
+            doubts += (f"PEDESTAL is {pedestal:g}: without light the frames show {-pedestal:g} DN; subtract them",)
         facts = FrameFacts(
-            exposure_s=positive_number(get("EXPTIME", "EXPOSURE")),
+            exposure_s=exposure_s,
             f_number=f_number,
             iso=positive_number(get("ISOSPEED")),
             pattern=_pattern(path, text("BAYERPAT").upper(), shift),
             focal_length_mm=positive_number(get("FOCALLEN")),
             time=_time(text("DATE-OBS")),
             kind=text("IMAGETYP", "FRAME").lower() or None,
-            filter=text("FILTER") or None,
+            filter=None if filter_name.lower() in _NO_FILTER else filter_name,
             model=text("INSTRUME") or None,
             pixel_pitch_um=positive_number(get("XPIXSZ", "PIXSIZE1")),
             gain_e_per_dn=positive_number(get("EGAIN")),
+            corrected=text("CALSTAT").upper(),
+            doubts=doubts,
         )
         return FrameHeader((height, width), pictures, facts)
 

@@ -5,18 +5,27 @@ from __future__ import annotations
 import hashlib
 import itertools
 import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import BandTable, Capture
+from ..capture import BandTable, Capture, split_name
 from ..correction import DarkLibrary, NoiseModel
+from ..frame_readers import frame_header
 from .frame_checks import Stack, Suspicion
 from .tables import stated_columns
 
-__all__ = ["check_frame_content", "check_names", "check_same_view", "check_spectra_content", "named_pass_band"]
+__all__ = [
+    "check_frame_content",
+    "check_names",
+    "check_same_view",
+    "check_spectra_content",
+    "check_stated_exposures",
+    "named_pass_band",
+]
 
 #: Smallest share of pixels that differ from the most common count: clipped darks below it may be equal by chance.
 SMALLEST_VARIED_SHARE = 0.05
@@ -46,6 +55,9 @@ EXPOSURE = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]?\d+)?)(ms|s)")
 
 #: Largest factor between an exposure and that in its file's name: names hold rounded numbers.
 LARGEST_NAME_FACTOR = 1.25
+
+#: Milliseconds in a second.
+_MS_PER_S = 1000.0
 
 #: Fewest frames off by one factor that are one error of all exposures, not one error each.
 FEWEST_ALIKE = 4
@@ -185,6 +197,40 @@ def check_spectra_content(capture: Capture) -> Iterator[Suspicion]:
                     f"{key} ({reference})",
                     f"Its {spectrum.values.size} values equal those of {other}.",
                 )
+
+
+def check_stated_exposures(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:
+    """Detect exposures that contradict what the files of their frames state.
+
+    Parameters
+    ----------
+    capture
+        A capture.
+    stacks
+        All its frames.
+
+    Yields
+    ------
+    Suspicion
+        For the exposures off by one factor, together.
+    """
+    off_by: dict[float, list[tuple[Stack, float]]] = defaultdict(list)
+    for stack in stacks:
+        file = split_name(capture.folder, stack.paths[0])[0]
+        stated_s = frame_header(capture.folder / file).facts.exposure_s
+        if stated_s is None or stack.exposure_s <= 0:
+            continue
+        factor = stack.exposure_s / stated_s
+        if max(factor, 1 / factor) > LARGEST_NAME_FACTOR:
+            off_by[float(f"{factor:.2g}")].append((stack, stated_s))
+    for factor, pairs in off_by.items():
+        stack, stated_s = pairs[0]
+        yield Suspicion(
+            f"exposures that their files contradict, by a factor of {factor:g}",
+            f"{stack.key}.exposure_s" + (f" and {len(pairs) - 1} others" if len(pairs) > 1 else ""),
+            f"It is {stack.exposure_s:g} s, and {stack.paths[0]} states {stated_s:g} s."
+            + (" Is it in ms?" if factor == _MS_PER_S else ""),
+        )
 
 
 def check_names(capture: Capture, stacks: Sequence[Stack]) -> Iterator[Suspicion]:

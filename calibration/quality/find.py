@@ -8,7 +8,7 @@ from ..capture import Capture
 from ..correction import CorrectedBands, DarkLibrary, NoiseModel
 from ..geometry import CameraFit
 from ..radiometry import Radiometry
-from .content import check_frame_content, check_names, check_same_view, check_spectra_content
+from .content import check_frame_content, check_names, check_same_view, check_spectra_content, check_stated_exposures
 from .filters import check_filter_shift
 from .frame_checks import (
     Stack,
@@ -163,6 +163,7 @@ def find_suspicions(
         *check_same_view(capture, stacks, dark, noise),
         *check_spectra_content(capture),
         *check_names(capture, stacks),
+        *check_stated_exposures(capture, stacks),
         *check_exposures(stacks),
         *check_brackets(bands),
         *check_schedule(stacks),

@@ -65,7 +65,11 @@ def plot_noise(calibration: Calibration, path: Path) -> None:
     figure = _new_figure(7, 5)
     axes = figure.subplots()
     noise, capture = calibration.noise, calibration.capture
-    charge = np.geomspace(0.5, capture.saturation_dn, 200)
+    if capture.is_merged:  # no full scale: four decades below the brightest value
+        brightest = max(float(capture.frames(band).max()) for band in capture.manifest.band)
+        charge = np.geomspace(1e-4 * brightest, brightest, 200)
+    else:
+        charge = np.geomspace(0.5, capture.saturation_dn, 200)
     few_bands = len(capture.manifest.band) <= _MOST_NAMED
     axes.loglog(charge, np.sqrt(noise.variance(charge)), color="black", label="shot, read and rounding noise")
     for index, band in enumerate(capture.manifest.band):

@@ -57,6 +57,16 @@ _INT64 = 2**63
 _FULL_SCALE = {"L": 255.0, "RGB": 255.0, "I": 65535.0, "I;16": 65535.0}
 
 #: Marks with which UTF-16 begins, little and big end first.
+#: By the first bytes of a file that is no text, what it is.
+_OTHER_FILES = {
+    b"\x89PNG": "a picture (PNG)",
+    b"\xff\xd8\xff": "a picture (JPEG)",
+    b"II*\0": "a picture (TIFF or camera raw)",
+    b"MM\0*": "a picture (TIFF or camera raw)",
+    b"PK\x03\x04": "a ZIP file, such as an Excel workbook",
+    b"\xd0\xcf\x11\xe0": "an Office document, such as an Excel workbook",
+    b"%PDF": "a PDF document",
+}
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 #: Number of bytes at the beginning in which a 0 shows that a file is no UTF-8 text.
 _PROBED_BYTES = 1024
@@ -206,6 +216,9 @@ def read_text(
         if size > largest:
             raise InputError(path, f"{size} bytes", f"{expected} of at most {largest} bytes")
         content = path.read_bytes()
+        for start, kind in _OTHER_FILES.items():
+            if content.startswith(start):
+                raise InputError(path, kind, f"{expected} in UTF-8", "Export or save it as text, such as CSV.")
         if of_windows and (text := _windows_text(content)) is not None:
             return text
         if content.startswith(_UTF16_MARKS) or b"\0" in content[:_PROBED_BYTES]:

@@ -66,7 +66,7 @@ class NumberTable:
 
     #: Spelling of the table.
     style: Style
-    #: Line and numbers of each row, as many in each.
+    #: Line and numbers of each row, as many in each; nan for a pair of cells of a trace that has ended.
     rows: list[tuple[int, list[float]]]
     #: Line and text of the lines before the first row that are not blank and no comments.
     header: list[tuple[int, str]]
@@ -195,6 +195,24 @@ def _rows_in_per_cent(source: InstrumentText, lines: Sequence[tuple[int, str]]) 
     return style, {number: [cells[0], *(value / 100 for value in cells[1:])] for number, cells in rows.items()}
 
 
+def _pairs(line: str, style: Style, width: int) -> list[float] | None:
+    """Wavelengths and values of a row of several traces; nan for those that have ended."""
+    cells = split_cells(line, style.separator)
+    cells += [""] * (width - len(cells))
+    pairs = [cells[k : k + 2] for k in range(0, width, 2)]
+    ended = [pair == ["", ""] for pair in pairs]
+    if len(cells) > width or not any(ended) or all(ended):
+        return None
+    try:
+        return [
+            float("nan") if end else decimal_number(cell, "", style.decimal)
+            for pair, end in zip(pairs, ended, strict=True)
+            for cell in pair
+        ]
+    except InputError:
+        return None
+
+
 def find_table(source: InstrumentText) -> NumberTable:
     """The table of a file: the longest block of rows of numbers.
 
@@ -227,7 +245,15 @@ def find_table(source: InstrumentText) -> NumberTable:
         hint = "Export the spectrum as text with a header that names the columns and their units."
         if any(re.search(r"\d\s*%", line) for _, line in lines):
             hint = "Write '%' behind every value, or behind none and into the header, such as 'Reflectance (%)'."
-        raise InputError(source.path, "no table of numbers", expected, hint)
+        fault = "no table of numbers" if filled else "an empty file"
+        if lines and sum(_NUMBER_LIKE.fullmatch(line.strip()) is not None for _, line in lines) > len(lines) / 2:
+            fault = "one column of numbers"
+        raise InputError(source.path, fault, expected, hint)
+    widest = max(map(len, rows.values()))
+    if widest % 2 == 0 and widest > 2 and style.separator != " " and not style.has_unit:
+        for number, line in lines:
+            if len(rows.get(number, [])) < widest and (numbers_of_pairs := _pairs(line, style, widest)) is not None:
+                rows[number] = numbers_of_pairs
     blocks: list[list[int]] = [[]]
     for number, _ in lines:
         if number in rows:

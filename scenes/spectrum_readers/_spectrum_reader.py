@@ -19,6 +19,7 @@ __all__ = [
     "MeasuredSpectrum",
     "SpectrumReader",
     "decimal_number",
+    "doubtful_values",
     "is_fraction",
     "last_spectrum",
     "measured_spectrum",
@@ -37,6 +38,10 @@ _LARGEST_FRACTION = 2.0
 #: value. Noise around zero is not.
 _MISSING = -999.0
 _MISSING_RATIO = -10.0
+#: Fewest equal largest values in a row that are a saturated detector: a peak of whole counts may have two or three.
+_FEWEST_SATURATED = 5
+#: Least count of a saturated detector: that of 8 bits.
+_LEAST_SATURATED = 255.0
 #: Characters of a number, at most: twice those of a double in full.
 _LONGEST_NUMBER = 48
 #: Quantities that are fractions of the incident light.
@@ -46,14 +51,19 @@ _QUANTITIES = {
     "reflectance": r"reflect|reflexion|remission|(?<![a-z0-9])(%\s*r|r\s*%|r\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
     "transmittance": r"transmi|(?<![a-z0-9])(%\s*t|t\s*%|t\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
     "absorbance": r"absorban|extinktion|optical density|(?<![a-z])o\.?d\.?(?![a-z0-9])|(?<![a-z0-9])abs\.?(?![a-z0-9])",
-    "irradiance": r"irradiance",
-    "radiance": r"(?<!ir)radiance",
+    "irradiance": r"irradiance|bestrahlungsst[äa]e?rke",
+    "radiance": r"(?<!ir)radiance|strahldichte",
 }
 _PER_CENT = re.compile(r"%|per\s?cent|(?<![a-z])pct(?![a-z])", re.I)
 #: Number with a decimal point, and with a decimal comma.
 _NUMBERS = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?"),
     ",": re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d{1,3})?"),
+}
+#: The same with separators of thousands, which are certain next to the decimal mark: 16.050,01 and 16,050.01.
+_GROUPED = {
+    ".": re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+\.\d+"),
+    ",": re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+,\d+"),
 }
 
 
@@ -203,6 +213,8 @@ def decimal_number(cell: str, where: str, decimal: str = ".") -> float:
         For any other text, such as "nan", "OVER" or an empty cell.
     """
     text = cell.strip()
+    if _GROUPED[decimal].fullmatch(text):
+        text = text.replace("." if decimal == "," else ",", "")
     spelled = len(text) <= _LONGEST_NUMBER and _NUMBERS[decimal].fullmatch(text) is not None
     value = float(text.replace(",", ".")) if spelled else float("nan")
     if not np.isfinite(value):
@@ -306,6 +318,38 @@ def measured_spectrum(
     order = slice(None) if sign > 0 else slice(None, None, -1)
     scaled = values / 100.0 if per_cent else values
     return MeasuredSpectrum(name, wavelength[order].copy(), scaled[order].copy(), quantity, unit, factor)
+
+
+def doubtful_values(spectra: Sequence[MeasuredSpectrum]) -> list[str]:
+    """Sentences about values that are read as the file states them, and look wrong.
+
+    Parameters
+    ----------
+    spectra
+        Spectra of a file.
+
+    Returns
+    -------
+    list of str
+        For numbers up to 1 that are stated in per cent, and for a flat top, as of a saturated detector.
+    """
+    sentences = []
+    for spectrum in spectra:
+        name, largest = f"'{spectrum.name[:60]}'", float(spectrum.values.max())
+        if spectrum.factor != 1.0 and 0 < largest <= spectrum.factor:
+            sentences.append(
+                f"{name} is stated in per cent, and its largest number is {largest / spectrum.factor:g}: if these are "
+                "fractions, remove the '%' from the file."
+            )
+        top = np.flatnonzero(spectrum.values == largest)
+        in_a_row = bool(top.size >= _FEWEST_SATURATED and top[-1] - top[0] == top.size - 1)
+        if in_a_row and largest >= _LEAST_SATURATED and top.size < spectrum.values.size:
+            ends = f"{spectrum.wavelength_nm[top[0]]:g} to {spectrum.wavelength_nm[top[-1]]:g} nm"
+            sentences.append(
+                f"{name} is {largest:g} in all {top.size} samples from {ends}: the detector was saturated. Measure "
+                "again with a shorter integration time."
+            )
+    return sentences
 
 
 def unique_names(source: InstrumentText, spectra: Sequence[MeasuredSpectrum]) -> tuple[MeasuredSpectrum, ...]:

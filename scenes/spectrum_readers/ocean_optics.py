@@ -7,9 +7,18 @@ import re
 from cboxlab.utils.errors import InputError
 
 from ._delimited import numeric_rows
-from ._spectrum_reader import InstrumentFile, InstrumentText, SpectrumReader, measured_spectrum
+from ._spectrum_reader import (
+    InstrumentFile,
+    InstrumentText,
+    SpectrumReader,
+    doubtful_values,
+    measured_spectrum,
+    quantity_named,
+)
 
 _BEGIN = re.compile(r"\s*>>>>>\s*Begin (Processed )?Spectral Data\s*<<<<<\s*")
+#: Unit of a processed spectrum in the line of its mode: Absolute Irradiance, uW/cm^2/nm.
+_UNIT = re.compile(r"[uµμm]?W/[^,;()\s]*nm")
 _END = re.compile(r"\s*>>>>>\s*End (Processed )?Spectral Data\s*<<<<<\s*")
 
 
@@ -48,11 +57,21 @@ def _read(source: InstrumentText) -> InstrumentFile:
     if pixels and pixels[1] != str(len(rows)):
         fault, hint = f"{pixels[1][:20]} pixels by the header", "The file is truncated: export it again."
         raise InputError(source.at(pixels[0]), fault, f"{len(rows)}, the rows of the file", hint)
+    mode = next((value for key, (_, value) in header.items() if key in ("processing", "yaxis mode")), "")
+    unit = (_UNIT.search(mode) or [""])[0]
+    quantity = quantity_named(mode) if unit else ""
     spectra = tuple(
-        measured_spectrum(source, name, [(number, values[0], values[k]) for number, values in rows])
+        measured_spectrum(
+            source,
+            name,
+            [(number, values[0], values[k]) for number, values in rows],
+            quantity=quantity if name in ("value", "P") else "",
+            unit=unit if name in ("value", "P") else "",
+        )
         for k, name in enumerate(names[1:], start=1)
     )
-    return InstrumentFile(READER.name, spectra, ("The file states neither quantity nor unit of its values.",))
+    notes = [] if unit else ["The file states neither quantity nor unit of its values."]
+    return InstrumentFile(READER.name, spectra, (*notes, *doubtful_values(spectra)))
 
 
 READER = SpectrumReader("ocean_optics", "Ocean Optics text", _recognises, _read)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
@@ -13,6 +14,8 @@ from ._spectrum_reader import (
     InstrumentText,
     MeasuredSpectrum,
     SpectrumReader,
+    doubtful_values,
+    is_fraction,
     measured_spectrum,
     quantity_named,
     states_per_cent,
@@ -29,6 +32,12 @@ _LENGTHS = {
 _WAVELENGTH = re.compile(r"wave\s*-?_?length|wellenl|longueur d.onde|(?<![a-z])wv?l(?![a-z])|(?<!\()(?:λ|lambda)", re.I)
 #: Header of a column of wavenumbers, energies or frequencies.
 _OTHER_AXIS = re.compile(r"wave\s*-?_?number|cm\s*(\^|\*\*)?\s*[-−⁻]\s*[1¹]|1/cm|(?<![a-z])(ev|thz|hz)(?![a-z])", re.I)
+#: Header of a column of wavenumbers in 1/cm.
+_PER_CM = re.compile(r"cm\s*(\^|\*\*)?\s*[-−⁻]\s*[1¹]|1/cm", re.I)
+#: In place of a factor to nm, for wavenumbers: values per wavelength and per wavenumber differ, fractions do not.
+_WAVENUMBER = -1.0
+#: Nanometres in a centimetre.
+_NM_PER_CM = 1e7
 #: First cell of a header that is no name of wavelengths, and has their unit: "Wvlgth nm", "x [um]".
 _ENDS_IN_LENGTH = re.compile(r"[\s_([](nm|um|[µμ]m|[åÅ])[\])]?$", re.I)
 #: Unit in brackets, or a cell that is a radiometric unit itself.
@@ -116,8 +125,10 @@ def _is_unit(text: str) -> bool:
     return bool(_RADIOMETRIC.fullmatch(bare)) or any(re.fullmatch(unit, bare, re.I) for unit in _LENGTHS)
 
 
-def _axis_factor(source: InstrumentText, text: str, preamble: str) -> float:
-    """Factor to nm of a column of wavelengths."""
+def _axis_factor(source: InstrumentText, text: str, preamble: str, *, is_dimensionless: bool) -> float:
+    """Factor to nm of a column of wavelengths; ``_WAVENUMBER`` for wavenumbers of fractions."""
+    if _PER_CM.search(text) and is_dimensionless:
+        return _WAVENUMBER
     if _OTHER_AXIS.search(text):
         hint = "Export the table against wavelength: the bands of a wavenumber are not those of a wavelength."
         raise InputError(source.path, f"the axis '{text[:60]}'", "wavelengths in nm, um or Angstrom", hint)
@@ -158,6 +169,8 @@ def _name(cells: list[str], sample: str) -> str:
 
 def _read(source: InstrumentText) -> InstrumentFile:
     if source.text.lstrip().startswith("<"):
+        if re.search(r"<(!doctype )?html", source.text[:1000], re.I):
+            raise InputError(source.path, "a web page (HTML)", "a file of spectra", "Download the file itself.")
         hint = "Export the spectrum as CxF3, TM-27-14 or text."
         raise InputError(source.path, "XML or HTML of another kind", "CxF3 or IES TM-27-14", hint)
     table = find_table(source)
@@ -178,13 +191,16 @@ def _read(source: InstrumentText) -> InstrumentFile:
     notes: list[str] = []
     factors = set()
     values = [cells for k, cells in enumerate(columns) if k not in axes]
+    only_fractions = bool(values) and all(
+        is_fraction(quantity_named(" ".join(cells)) or quantity_named(_title(preamble))) for cells in values
+    )
     only_absorbance = all(quantity_named(" ".join(cells)) == "absorbance" for cells in values)
     factor, sample, axis = 1.0, "", 0
     for k, cells in enumerate(columns):
         if k in axes:
             axis, sample = k, next((cell for cell in cells if cell and not _is_axis(cell)), "")
             sample = "" if _length_factor(sample) else sample
-            factor = _axis_factor(source, " ".join(cells), preamble)
+            factor = _axis_factor(source, " ".join(cells), preamble, is_dimensionless=only_fractions)
             factors.add(factor)
             continue
         if quantity_named(" ".join(cells)) == "absorbance" and not (plain or only_absorbance):
@@ -193,15 +209,22 @@ def _read(source: InstrumentText) -> InstrumentFile:
         spectra.append(_column(source, table, (axis, k), factor, cells, sample, None if plain else preamble))
     if plain:
         return InstrumentFile("plain CSV", unique_names(source, spectra), ("Values as they stand in the file.",))
-    notes += [f"Wavelengths times {factor:g}, to nm." for factor in sorted(factors) if factor != 1.0]
+    notes += [f"Wavelengths times {factor:g}, to nm." for factor in sorted(factors - {1.0, _WAVENUMBER})]
+    notes += ["Wavelengths from wavenumbers, 1e7 nm over their value in 1/cm."] if _WAVENUMBER in factors else []
+    notes += doubtful_values(spectra)
     notes += ["Values in per cent, by the sign in each cell, as fractions."] if table.from_per_cent else []
-    first, last = table.rows[0][1][0], table.rows[-1][1][0]
-    if first > last:
+    first, second = (values[0] for _, values in table.rows[:2])
+    if first > second:
         notes.append("Wavelengths descend in the file.")
     separators = {"\t": "tabs", ";": "semicolons", ",": "commas", " ": "white space"}
     mark = "comma" if table.style.decimal == "," else "point"
     notes.append(f"Columns separated by {separators[table.style.separator]}, decimal {mark}.")
     return InstrumentFile(READER.name, unique_names(source, spectra), tuple(notes))
+
+
+def _in_nm(x: float, factor: float) -> float:
+    """A wavelength in nm, from the axis times its factor, or from a wavenumber in 1/cm."""
+    return factor * x if factor != _WAVENUMBER else (_NM_PER_CM / x if x > 0 else 0.0)
 
 
 def _column(
@@ -218,7 +241,13 @@ def _column(
     Without a ``preamble`` the values are taken as they are, whatever the header says of per cent.
     """
     axis, index = indices
-    rows = [(number, values[axis] * factor, values[index]) for number, values in table.rows]
+    rows = [(number, values[axis], values[index]) for number, values in table.rows]
+    rows = [row for row in rows if not (math.isnan(row[1]) and math.isnan(row[2]))]
+    for number, wavelength, value in rows:
+        if math.isnan(wavelength) or math.isnan(value):
+            fault, expected = f"an empty cell in '{_name(cells, sample)[:40]}'", "finite numbers"
+            raise InputError(source.at(number), fault, expected, "Remove or correct the row.")
+    rows = [(number, _in_nm(x, factor), value) for number, x, value in rows]
     if preamble is None:
         return measured_spectrum(source, _name(cells, sample), rows)
     text = " ".join(cells)

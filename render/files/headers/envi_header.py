@@ -92,7 +92,8 @@ class EnviHeader(FrozenMappings):
         number = whole_number_of(text or "")
         if number is None:
             value = "nothing" if text is None else repr(text[:80])
-            raise InputError(f"{self.path}: {key}", value, "a whole number")
+            hint = "Write 0 for little-endian samples (PCs), 1 for big-endian ones." if key == "byte order" else ""
+            raise InputError(f"{self.path}: {key}", value, "a whole number", hint)
         return number
 
     def numbers(self, key: str) -> NDArray[np.float64]:

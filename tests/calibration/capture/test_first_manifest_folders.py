@@ -36,10 +36,31 @@ def test_folders_say_what_frames_in_them_are(tmp_path):
 
 
 def test_other_folders_are_named(tmp_path):
-    """Dates and numbers of photographs are no filters."""
-    tiffs(tmp_path, "550/0", "2024_05_12/550", "darkroom/0")
-    with pytest.raises(InputError, match="frames in the subfolders 550/, 2024_05_12/, darkroom/ alone"):
+    """Numbers of photographs are no filters."""
+    tiffs(tmp_path, "550/0", "darkroom/0")
+    with pytest.raises(InputError, match="frames in the subfolders 550/, darkroom/ alone"):
         write_first_manifest(tmp_path)
+
+
+def test_folders_of_dates_and_cameras_are_read(tmp_path):
+    """They say nothing of a frame; repeats of several sessions are named."""
+    names = ("2026-11-02/LIGHT/f550_2 min", "02.11.2026/LIGHT/f550_2 min", "DCIM/100CANON/f600_1s", "night 2/DARK/1s")
+    tiffs(tmp_path, *names, "rejected/f550_2 min")
+    manifest, first = written(tmp_path)
+    assert {t["id"]: (len(t["frames"]), t["exposure_s"]) for t in manifest["band"]} == {
+        "f550": (2, 120),
+        "f600": (1, 1),
+    }
+    assert [t["frames"] for t in manifest["dark"]] == [["night 2/DARK/1s.tif"]]
+    assert [item.file for item in first.left_out] == ["rejected/"]
+    notes = [key.why for key in first.missing if "are repeats in it" in key.why]
+    assert len(notes) == 1 and "02.11.2026" in notes[0] and "2026-11-02" in notes[0]
+
+
+def test_a_folder_whose_name_distinguishes_nothing_is_read(tmp_path):
+    tiffs(tmp_path, "Autorun/Light/My box/f550_1s", "Autorun/Dark/dark_1s")
+    manifest, first = written(tmp_path)
+    assert (len(manifest["band"]), len(manifest["dark"]), first.left_out) == (1, 1, ())
 
 
 def test_dark_words_of_other_languages_need_a_dark_picture(tmp_path):

@@ -81,7 +81,7 @@ TABLE = [
     (
         (None, "f550", None, None),
         "scan_0550nm | 550-10_4s | LCTF_550.0nm | 550nm_10nm | filter_5_550nm | iso400_f550 | 100W_f550 | "
-        "exp_250_f550 | f550_4 s | f550_1_4 s | f550_1e-3s | f550_2.5e-3s | f550_0.5-4s | "
+        "exp_250_f550 | f550_1_4 s | f550_1e-3s | f550_2.5e-3s | f550_0.5-4s | "
         "f550_0p25s | f550_1,000s | f550_1⁄30s | f550_1over30s | f550_t4s | f550_4s_2s | f550_after_60s | "
         "f550_delay_10s | interval_10s_f550 | iphone_5s_f550 | warmup_30s_f550 | white_f550 | noflat_f550 | "
         "f550 | 550nm | t+30s_f550 | f550_run2 | f550_v2 | f550_pass550 | 2024_f550 | 20240512_f550 | "
@@ -136,10 +136,11 @@ TABLE = [
     ),
     (
         (None, "f550", 4.0, None),
-        "LIGHT_2024-05-12_22-10-30_f550_-10.00_4.00s_0003 | Box_4000ms_f550_0003 | 箱_f550_4s | f550, 4s | 550 nm; 4s",
+        "LIGHT_2024-05-12_22-10-30_f550_-10.00_4.00s_0003 | Box_4000ms_f550_0003 | 箱_f550_4s | f550, 4s | "
+        "550 nm; 4s | 550 nm, 4 s | f550_4 s",
     ),
     ((None, "f550", 4.0, 2), "550 nm; 4s; 2"),
-    ((None, "f550", None, None), "Pos 5 (550 nm) | 550 nm, 4 s | Box.00000004.f550.LIGHT | 2024-05-12-2210_3-f550-Box"),
+    ((None, "f550", None, None), "Pos 5 (550 nm) | Box.00000004.f550.LIGHT | 2024-05-12-2210_3-f550-Box"),
     (("dark", None, None, None), "dark.0003 | BIAS_2024-05-12__-10.00_0.00s_0011"),
     (("dark", None, 4.0, 3), "Dark-frames 4s (3)"),
 ]

@@ -10,6 +10,7 @@ import tifffile
 from cboxlab.calibration.capture import load_capture
 from cboxlab.calibration.correction.merged_noise import _line
 from cboxlab.calibration.result.calibrate import calibrate_capture
+from cboxlab.calibration.result.plots import plot_noise
 from cboxlab.utils.errors import InputError
 
 SHAPE = (60, 160)
@@ -141,3 +142,10 @@ def test_the_line_of_noise_weighs_variances_by_their_own_scatter_in_any_unit(uni
     expected, errors = np.linalg.lstsq(design, variance * weight)[0], np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
     line = _line([*zip(level, unit * variance, np.full(60, degrees), strict=True)]) / unit
     np.testing.assert_array_less(np.abs(line - expected), 0.2 * errors)
+
+
+def test_results_of_merged_pictures_are_written(tmp_path):
+    """The plot of their noise has no full scale."""
+    result = calibrate_capture(load_capture(capture(tmp_path / "c", POISSON, repeats=2)))
+    plot_noise(result, tmp_path / "noise.png")
+    assert (tmp_path / "noise.png").stat().st_size > 0

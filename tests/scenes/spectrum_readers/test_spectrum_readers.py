@@ -168,7 +168,7 @@ MALFORMED = [
     (
         "cary",
         "Wavelength (nm),%R,Wavelength (nm),%R,",
-        "Wavenumber (cm-1),%R,Wavenumber (cm-1),%R,",
+        "Wavenumber (cm-1),Counts,Wavenumber (cm-1),Counts,",
         "Wavenumber",
         "nm",
     ),
@@ -214,7 +214,7 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, locat
     ("text", "fault"),
     [
         ("nm\tR\n400\t1,234\n410\t2,345\n", "thousands"),
-        ("<html><body>400 1</body></html>", "XML or HTML"),
+        ("<html><body>400 1</body></html>", "a web page"),
         ("Model Name\tx\n380nm\t1\n381nm\t1\nBEGIN_DATA_FORMAT\n", "the marks of"),
         ("nothing here", "no table of numbers"),
         (
