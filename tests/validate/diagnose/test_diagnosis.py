@@ -32,11 +32,7 @@ from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearise
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import residual_data_of
-from cboxlab.validation.report.diagnosis import (
-    diagnosis_record,
-    path_steps,
-    write_diagnosis,
-)
+from cboxlab.validation.report.diagnosis import diagnosis_record, path_steps, write_diagnosis
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import story
 from helpers.captures.glare_capture import glare_capture
@@ -320,16 +316,8 @@ def test_a_capped_frame_separates_an_offset_from_glare(outcome):
         for name, h in hypotheses_by_id.items()
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
-    effect = SelectedEffect(
-        offset,
-        (replace(glare, chi2=offset.chi2),),
-        linearised.model.chi2,
-        1.0,
-        1.0,
-        0.01,
-        linearised.model.count,
-        1.0,
-    )
+    rivals = (replace(glare, chi2=offset.chi2),)
+    effect = SelectedEffect(offset, rivals, linearised.model.chi2, 1.0, 1.0, 0.01, linearised.model.count, 1.0)
     (separation,) = separations(validation.prepared, linearised, [effect])
     assert (separation.effect, separation.alternative, separation.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)
