@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import pickle
 import tempfile
 import time
 from collections.abc import Callable
@@ -36,12 +37,7 @@ from cboxlab.rendering.integrators import render_image
 from cboxlab.rendering.model import labelled_cube
 from cboxlab.rendering.perturbation import PatchLight
 from cboxlab.scenes import Camera, Scene, cornell_box, cornell_camera
-from cboxlab.validation.compare_renders.regress import (
-    Side,
-    regress_sides,
-    side_of,
-    transport_explanations,
-)
+from cboxlab.validation.compare_renders.regress import Side, regress_sides, side_of
 from cboxlab.validation.compare_renders.regress.naming import named_changes
 from cboxlab.validation.compare_renders.regress.variants import Variants, build_variants
 from cboxlab.validation.compare_renders.renderers import missing, run_renderer
@@ -322,7 +318,7 @@ def naming(seeds: int, size: int, rows: str) -> None:
 
 def remember_pictures() -> None:
     """Pictures of the scene's changes are the same for all seeds: computed once, here and not in `cbox regress`."""
-    plain, build, pictures = PatchLight.picture, transport_explanations.build_variants, dict[object, object]()
+    plain, build, pictures = PatchLight.picture, Variants.rebuilt, dict[object, object]()
 
     def picture(light: PatchLight) -> NDArray:
         arrays = (
@@ -338,14 +334,14 @@ def remember_pictures() -> None:
             pictures[key] = plain(light)
         return pictures[key]  # type: ignore[return-value]
 
-    def built(scene: Scene, camera: Camera, side: Side) -> Variants:
-        key = scene.lamp.surface.vertices_mm.tobytes()
+    def rebuilt(variants: Variants, scene: Scene) -> Variants:
+        key = pickle.dumps(scene)
         if key not in pictures:
-            pictures[key] = build(scene, camera, side)
+            pictures[key] = build(variants, scene)
         return pictures[key]  # type: ignore[return-value]
 
     PatchLight.picture = picture  # type: ignore[method-assign]
-    transport_explanations.build_variants = built
+    Variants.rebuilt = rebuilt  # type: ignore[method-assign]
 
 
 def digest(array: NDArray) -> bytes:

@@ -18,15 +18,17 @@ __all__ = ["GLARE", "glare_capture"]
 GLARE = 0.02
 
 
-def glare_capture(folder: Path, size: int = 32) -> Path:
+def glare_capture(folder: Path, size: int = 32, fraction: float = GLARE, relative_error: float = 0.05) -> Path:
     """Writes the capture into a new folder, which is returned; it is rendered once a process."""
-    return shutil.copytree(f"{_written(size).name}/capture", folder)
+    return shutil.copytree(f"{_written(size, fraction, relative_error).name}/capture", folder)
 
 
 @cache
-def _written(size: int) -> TemporaryDirectory:
-    folder, glare = TemporaryDirectory(), apply_checked("veiling-glare", {"fraction": GLARE}, "test")
+def _written(size: int, fraction: float, relative_error: float) -> TemporaryDirectory:
+    folder, glare = TemporaryDirectory(), apply_checked("veiling-glare", {"fraction": fraction}, "test")
     model, camera = Model(effects=(glare,)), perturbed_camera(size, 3)
     with large_patches():
-        write_model_capture(Path(folder.name, "capture"), model, camera, CaptureSettings(), 3, relative_error=0.05)
+        write_model_capture(
+            Path(folder.name, "capture"), model, camera, CaptureSettings(), 3, relative_error=relative_error
+        )
     return folder

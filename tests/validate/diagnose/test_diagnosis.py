@@ -1,4 +1,7 @@
-"""The demo end to end: the hidden effect of the bundled capture is named, sized, added, and the error falls."""
+"""The demo end to end: the hidden effect of a capture is named, sized, added, and the error falls.
+
+The capture has a quarter of the pixels of the bundled one, whose glare app/commands/test_demo.py finds.
+"""
 
 import importlib
 import json
@@ -18,8 +21,7 @@ from cboxlab.scenes import cornell_box
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.progress import NO_PROGRESS
 from cboxlab.validation.api import verify
-from cboxlab.validation.app.commands import console
-from cboxlab.validation.app.commands.demo_chain import run_demo
+from cboxlab.validation.app.commands import console, demo_chain
 from cboxlab.validation.compare.pipeline import validate_prepared
 from cboxlab.validation.diagnose.alternatives import SelectedEffect
 from cboxlab.validation.diagnose.evidence import first_significant, prior_pull
@@ -30,13 +32,10 @@ from cboxlab.validation.diagnose.linearised_fit import _by_lamp_scale, linearise
 from cboxlab.validation.diagnose.search import screen, signature
 from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.diagnose.unexplained import residual_data_of
-from cboxlab.validation.report.diagnosis import (
-    diagnosis_record,
-    path_steps,
-    write_diagnosis,
-)
+from cboxlab.validation.report.diagnosis import diagnosis_record, path_steps, write_diagnosis
 from cboxlab.validation.report.plots import MapRow
 from cboxlab.validation.report.story import story
+from helpers.captures.glare_capture import glare_capture
 from helpers.files.raw_frames import read_raw
 from helpers.programs.manual_commands import described
 from PIL import Image
@@ -46,14 +45,19 @@ from scipy.ndimage import convolve
 diagnosis_module = importlib.import_module("cboxlab.validation.diagnose.diagnosis")
 pytestmark = pytest.mark.usefixtures("large_patches")
 
+#: Side of the capture's pictures, px, and its veiling glare.
+SIZE, GLARE = 64, 0.008
+
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
     """One demo, with a rougher render and larger patches than a user's: what was found, its folder, its text."""
     folder = tmp_path_factory.mktemp("demo") / "report"
-    with warnings.catch_warnings(), console.console.capture() as text:
+    capture = glare_capture(folder.parent / "capture", SIZE, GLARE, relative_error=0.004)
+    with warnings.catch_warnings(), console.console.capture() as text, pytest.MonkeyPatch.context() as patch:
         warnings.simplefilter("ignore")
-        diagnosis = run_demo(folder, Model(render=RenderSettings(noise=1.0)))
+        patch.setattr(demo_chain, "DEMO_CAPTURE", capture)
+        diagnosis = demo_chain.run_demo(folder, Model(render=RenderSettings(noise=1.0)))
     return diagnosis, folder, text.get()
 
 
@@ -72,12 +76,12 @@ def test_the_demo_leaves_a_report_and_a_raw_frame(demo):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "<html" in page and "The same light in another camera: Kodak DCS-200" in page
     counts, notes = read_raw(folder / "raw.tif")
-    assert counts.shape == (128, 128) and counts.dtype == np.uint16
+    assert counts.shape == (SIZE, SIZE) and counts.dtype == np.uint16
     assert notes["camera"] == "Kodak DCS-200"
     preview = np.asarray(Image.open(folder / "raw.png"))
-    assert preview.shape == (128, 128, 3)
+    assert preview.shape == (SIZE, SIZE, 3)
     # The red wall stands on the left, the green one on the right.
-    left, right = preview[40:90, 4:12].mean(axis=(0, 1)), preview[40:90, -12:-4].mean(axis=(0, 1))
+    left, right = preview[20:45, 2:6].mean(axis=(0, 1)), preview[20:45, -6:-2].mean(axis=(0, 1))
     assert left[0] > 1.5 * left[1] and right[1] > 1.2 * right[0]
 
 
@@ -97,13 +101,13 @@ def test_the_demo_prints_its_parts_in_order(demo):
 
 
 def test_hidden_glare_is_found_and_sized(outcome):
-    """The bundled capture hides veiling glare of 0.004: 0.4 % of all light, 20 times its measurement's error."""
+    """Veiling glare of 0.8 % of all light, 20 times its measurement's error."""
     _, diagnosis = outcome
     assert not diagnosis.adequate
     assert diagnosis.selected == ("veiling-glare",)
     assert diagnosis.ranking[0].effect == "veiling-glare"
     fraction = diagnosis.path[-1].effects[0].values["fraction"]
-    assert fraction == pytest.approx(0.004, rel=0.05)
+    assert fraction == pytest.approx(GLARE, rel=0.05)
     assert diagnosis.heldout_pixels > 0.9
     assert diagnosis.heldout_bands > 0.9
 
@@ -165,7 +169,7 @@ def test_final_model_is_written_and_read_back(outcome, tmp_path):
 
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [("camera-pose", {"rz_deg": 0.1, "tx_mm": 2.0}), ("lens-distortion", {"k1": -0.02})],
+    [("camera-pose", {"rz_deg": 0.1, "tx_mm": 2.0}), ("lens-distortion", {"k1": -0.08})],
 )
 def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, effect, values):
     """The picture fits the fitted camera whatever the survey says: moving the survey's moves only what strains it.
@@ -176,7 +180,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
     moved = apply_checked(effect, values, "test")
     surveyed = validation.prepared.calibrated_camera
     before = surveyed.with_parameters(surveyed.parameters - displacement(surveyed, (), (moved,)))
-    glare = apply_checked("veiling-glare", {"fraction": 0.004}, "test")
+    glare = apply_checked("veiling-glare", {"fraction": GLARE}, "test")
     surveyed_there = replace(validation.prepared.camera_fit, camera=before)
     prepared = replace(validation.prepared, camera_fit=surveyed_there)
     linearised = linearised_fit(prepared, validation.rendered, (glare,))
@@ -202,7 +206,7 @@ def test_a_camera_that_moved_after_the_survey_is_named_and_measured(outcome, eff
     "linearised",
     [
         None,
-        ("veiling-glare", {"fraction": 0.004}),
+        ("veiling-glare", {"fraction": GLARE}),
         ("wall-reflectance", {"material": "red", "scale": 1.2}),
         ("ambient-light", {"radiance": 2e-7, "spectrum": "daylight"}),
         ("dark-offset", {"dn": 150.0}),
@@ -312,16 +316,8 @@ def test_a_capped_frame_separates_an_offset_from_glare(outcome):
         for name, h in hypotheses_by_id.items()
     }
     glare, offset = fitted["veiling-glare"], fitted["dark-offset"]
-    effect = SelectedEffect(
-        offset,
-        (replace(glare, chi2=offset.chi2),),
-        linearised.model.chi2,
-        1.0,
-        1.0,
-        0.01,
-        linearised.model.count,
-        1.0,
-    )
+    rivals = (replace(glare, chi2=offset.chi2),)
+    effect = SelectedEffect(offset, rivals, linearised.model.chi2, 1.0, 1.0, 0.01, linearised.model.count, 1.0)
     (separation,) = separations(validation.prepared, linearised, [effect])
     assert (separation.effect, separation.alternative, separation.enough) == ("dark-offset", "veiling-glare", True)
     capped = next(c for c in further_captures(validation.prepared, linearised) if c.capped)

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from .evidence import Evidence, Fit
 from .explanations import FittedChange, group_name
-from .variants import Variants, build_variants, with_lamp_size
+from .variants import Variants, with_lamp_size
 
 __all__ = ["coats", "from_scene", "smooth_over_surfaces"]
 
@@ -199,10 +199,7 @@ def smooth_over_surfaces(evidence: Evidence, variants: Variants) -> tuple[Fit, i
 
 def _lamp_size(evidence: Evidence, variants: Variants) -> Iterator[FittedChange]:
     """Larger or smaller edges of the lamp, with its radiance, to first order."""
-    grown, smaller = (
-        build_variants(with_lamp_size(variants.scene, 1 + step), variants.camera, variants.side)
-        for step in (_LAMP_STEP, -_LAMP_STEP)
-    )
+    grown, smaller = (variants.rebuilt(with_lamp_size(variants.scene, 1 + step)) for step in (_LAMP_STEP, -_LAMP_STEP))
     fitted = []
     for picture, step in ((grown.picture, _LAMP_STEP), (smaller.picture, -_LAMP_STEP)):
         change = np.clip(variants.ratio(picture) - 1, -1, _LAMP_RATIO) * evidence.baseline

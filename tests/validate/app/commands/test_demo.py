@@ -1,4 +1,4 @@
-"""The bundled capture is what it is said to be. (What the demo makes of it: diagnose/test_diagnosis.py.)"""
+"""The bundled capture is what it is said to be, and its effect stands out. (The demo: diagnose/test_diagnosis.py.)"""
 
 import json
 import re
@@ -7,10 +7,17 @@ import tomllib
 import pytest
 from cboxlab.calibration.capture.capture import load_capture
 from cboxlab.calibration.result.calibrate import calibrate_capture
+from cboxlab.rendering.chain.settings import RenderSettings
 from cboxlab.rendering.effects import apply_checked
 from cboxlab.rendering.model.model_file import Model
 from cboxlab.rendering.synthetic.photographer import CaptureSettings
 from cboxlab.validation.app.commands.demo_chain import DEMO_CAPTURE
+from cboxlab.validation.compare.pipeline import validate_capture
+from cboxlab.validation.diagnose.evidence import first_significant
+from cboxlab.validation.diagnose.hypotheses import hypotheses
+from cboxlab.validation.diagnose.linearised_fit import linearised_fit
+from cboxlab.validation.diagnose.search import signature
+from cboxlab.validation.diagnose.selection import best_singles
 from cboxlab.validation.synthetic.blind import open_seal
 from cboxlab.validation.synthetic.model_capture import perturbed_camera, write_model_capture
 
@@ -59,3 +66,22 @@ def test_the_stated_command_makes_the_bundled_capture(tmp_path):
     for band in range(again.sizes["band"]):
         means = [images["signal"].values[band][used[band]].mean() for images in (again, bundled)]
         assert means[0] == pytest.approx(means[1], rel=2e-3)
+
+
+@pytest.mark.usefixtures("large_patches")
+@pytest.mark.filterwarnings("ignore")
+def test_the_bundled_captures_glare_is_named_and_sized():
+    """Among effects of filters, optics and counts, from a rougher render than a user's: 0.4 % of all light."""
+    validation = validate_capture(load_capture(DEMO_CAPTURE), Model(render=RenderSettings(noise=1.0)))
+    fit = linearised_fit(validation.prepared, validation.rendered, ())
+    model, residual = fit.model, fit.model.residual
+    assert model.chi2 / model.count > 1.3
+    signatures = [
+        signature(fit.predictor, (), model.used, hypothesis)
+        for hypothesis in hypotheses(fit.predictor.sensing.curves.bands, fit.predictor.scene, RenderSettings())
+        if hypothesis.effect.stage in ("filter", "optics", "counts")
+    ]
+    singles = best_singles(fit.problem(()), [each for each in signatures if each is not None], residual, 3)
+    significant = first_significant(singles, residual, model, residual, residual)
+    assert significant.hypothesis.effect.id == "veiling-glare"
+    assert significant.numbers["fraction"] == pytest.approx(0.004, rel=0.05)

@@ -2,7 +2,7 @@
 
 import pickle
 from dataclasses import fields, replace
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 from cboxlab.rendering.image import RenderJob
@@ -35,7 +35,7 @@ class RememberedVariants(Variants):
         return _rebuilt(pickle.dumps((scene, self.camera, self.side)))
 
 
-@lru_cache(maxsize=64)
+@cache
 def _rebuilt(pickled):
     """Variants of a scene, pickled since bytes compare by value."""
     return build_variants(*pickle.loads(pickled))

@@ -6,6 +6,7 @@ probability below 4e-5; none is seen with these seeds.
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,6 +31,12 @@ def verdict(first, second):
     return regress_sides(first, second)[0]
 
 
+@cache
+def of_equal_pictures(number):
+    """Verdict on a pair of equal pictures, which several tests count."""
+    return verdict(noisy(2 * number), noisy(2 * number + 1))
+
+
 def test_means_of_areas_are_those_of_the_verdict():
     """A comparison without a verdict takes less time; its means, errors and thresholds are the same to the bit."""
     sides = noisy(1), noisy(2, 1.01 * rendered()[0])
@@ -43,7 +50,6 @@ def test_means_of_areas_are_those_of_the_verdict():
 @pytest.mark.parametrize(
     "kind",
     [
-        {},
         {"tails": 0.03},
         {"fireflies": 0.001},
         {"with_errors": False, "mapped": False},
@@ -54,6 +60,10 @@ def test_means_of_areas_are_those_of_the_verdict():
 def test_equal_pictures_are_the_same(kind):
     outcomes = [verdict(noisy(2 * s, **kind), noisy(2 * s + 1, **kind)) for s in range(12)]
     assert all(outcome.same for outcome in outcomes)
+
+
+def test_equal_pictures_with_errors_are_the_same():
+    assert all(of_equal_pictures(number).same for number in range(12))
 
 
 @pytest.mark.parametrize("noises", [(0.02, 0.3), (0.3, 0.02)], ids=str)
@@ -74,7 +84,7 @@ def test_a_side_of_another_scale_is_different_without_a_warning(scale):
 
 def test_statistics_of_equal_pictures_have_unit_variance():
     """z of 20 pairs x 7 surfaces: its mean square is 1 within four standard deviations, 4 sqrt(2/140)."""
-    rows = [row for s in range(20) for row in verdict(noisy(2 * s), noisy(2 * s + 1)).of_kind("surface")]
+    rows = [row for number in range(20) for row in of_equal_pictures(number).of_kind("surface")]
     assert 0.5 < np.mean([row.statistic**2 for row in rows]) < 1.48
 
 
@@ -337,7 +347,7 @@ def test_a_picture_in_colour_is_compared_with_a_cube_in_xyz():
 def test_patterns_of_equal_pictures_scatter_as_stated():
     """80 pairs, seeds fixed: the standard deviation of a statistic is 1 +- 0.08, its mean 0 +- 0.11. Noise of the mean
     light, which all edges share, is in none of them."""
-    results = [regress_sides(noisy(2 * k), noisy(2 * k + 1))[0].of_kind("pattern") for k in range(80)]
+    results = [of_equal_pictures(number).of_kind("pattern") for number in range(80)]
     statistics = {
         name: [p.statistic for row in results for p in row if p.name == name] for name in ("magnification", "turn")
     }
