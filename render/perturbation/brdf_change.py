@@ -457,9 +457,9 @@ def with_reflection(
     inputs = (transport.light, transport.camera, radiance, reflectances, light.lamp_shares, reflection)
     seen_in = transport.pixels_of(material)
     added = transport.cached(
-        (*of, material, *samples, light.small_px, radiance, reflectances, light.lamp_shares),
+        (*of, material, *samples, radiance, reflectances, light.lamp_shares),
         lambda: changed_reflection(
-            *inputs, material=material, seen_in=seen_in, samples=samples, spread=transport.spread(light.small_px)
+            *inputs, material=material, seen_in=seen_in, samples=samples, spread=transport.spread
         ),
     )
     changed = light.change(added=light.added + added)
