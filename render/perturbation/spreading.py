@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, diags_array
 
-__all__ = ["grid_step", "spreading"]
+__all__ = ["fewer_rays", "grid_step", "spreading"]
 
 #: Rows and columns of traced pixels on the grid: in a larger picture fewer rays of each pixel say as much.
 _GRID = 64
@@ -38,6 +38,24 @@ def grid_step(pixels: int) -> int:
         In pixels; 1 traces all.
     """
     return max(1, round(float(np.sqrt(pixels)) / _GRID))
+
+
+def fewer_rays(rays: int, pixels: int) -> int:
+    """Rays of each traced pixel in a picture whose grid has a larger step than two pixels.
+
+    Parameters
+    ----------
+    rays
+        Rays in a smaller picture.
+    pixels
+        Number of pixels of the picture.
+
+    Returns
+    -------
+    int
+        At least 1. Together they are as many rays of a surface as before.
+    """
+    return max(1, 2 * rays // max(2, grid_step(pixels)))
 
 
 def spreading(face: NDArray[np.int64], light: NDArray[np.floating], step: int) -> csr_array:

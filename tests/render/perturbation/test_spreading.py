@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cboxlab.rendering.perturbation.spreading import grid_step, spreading
+from cboxlab.rendering.perturbation.spreading import fewer_rays, grid_step, spreading
 
 SIDE = 184
 
@@ -36,4 +36,6 @@ def test_the_edge_of_a_shadow_is_traced_and_a_gradient_is_not():
 
 
 def test_small_pictures_are_traced_everywhere_and_large_ones_on_as_many_rows():
-    assert [grid_step(side**2) for side in (8, 64, 90, 128, 256, 512)] == [1, 1, 1, 2, 4, 8]
+    sides = (8, 64, 90, 128, 256, 512)
+    assert [grid_step(side**2) for side in sides] == [1, 1, 1, 2, 4, 8]
+    assert [fewer_rays(256, side**2) for side in sides] == [256, 256, 256, 256, 128, 64]
