@@ -6,11 +6,9 @@ from .edge_blur import build_edge_blur
 from .haze import STEPS, AirTransport, air_transport
 from .patch_light import PatchLight, band_shares, patch_light, with_albedo
 from .patch_transport import PatchTransport, build_patch_transport
-from .spreading import SMALL_PICTURE_PX
 from .warp import Warp, build_warp, pixels_per_unit, warp_change, warp_derivatives
 
 __all__ = [
-    "SMALL_PICTURE_PX",
     "STEPS",
     "AirTransport",
     "Coat",

@@ -20,6 +20,7 @@ from ..radiosity import LampSampler, PatchedScene, lamp_point, lamp_seen, patch_
 from ..visibility import RAY_OFFSET_MM, Hit, intersect, pixel_rays, visible
 from .coat import Coat
 from .patch_light import PatchLight
+from .spreading import fewer_rays
 
 __all__ = ["Reflection", "changed_reflection", "coat_light", "with_reflection"]
 
@@ -453,13 +454,14 @@ def with_reflection(
         The light with the change added to its picture, and the coat's part to its specular light.
     """
     transport, radiance = light.transport, light.patch_radiance()
+    samples = fewer_rays(samples[0], transport.covered.size), fewer_rays(samples[1], transport.covered.size)
     reflectances = light.scene.reflectances(light.wavelength_nm)
     inputs = (transport.light, transport.camera, radiance, reflectances, light.lamp_shares, reflection)
     seen_in = transport.pixels_of(material)
     added = transport.cached(
-        (*of, material, *samples, light.small_px, radiance, reflectances, light.lamp_shares),
+        (*of, material, *samples, radiance, reflectances, light.lamp_shares),
         lambda: changed_reflection(
-            *inputs, material=material, seen_in=seen_in, samples=samples, spread=transport.spread(light.small_px)
+            *inputs, material=material, seen_in=seen_in, samples=samples, spread=transport.spread
         ),
     )
     changed = light.change(added=light.added + added)

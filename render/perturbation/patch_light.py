@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..radiosity import solve_exchange
 from .patch_transport import PatchTransport
-from .spreading import SMALL_PICTURE_PX
 
 __all__ = ["PatchLight", "band_shares", "patch_light", "with_albedo"]
 
@@ -54,8 +53,6 @@ class PatchLight:
     max_bounces: int | None
     #: Rays of effects that trace additional ones.
     samples: int
-    #: Number of pixels up to which they trace all pixels, see ``PatchTransport.spread``.
-    small_px: int
     #: (w, y, x) light of coats at the surfaces seen, a part of the picture; None where it is not asked for.
     specular: NDArray[np.float64] | None = None
 
@@ -157,7 +154,6 @@ def patch_light(
     *,
     max_bounces: int | None = None,
     samples: int = 256,
-    small_px: int = SMALL_PICTURE_PX,
 ) -> PatchLight:
     """Light of a scene with its materials and lamps alone.
 
@@ -179,8 +175,6 @@ def patch_light(
         Largest number of reflections between lamp and camera; None for no limit.
     samples
         Rays of effects that trace additional ones.
-    small_px
-        Number of pixels up to which they trace all pixels, see ``PatchTransport.spread``.
 
     Returns
     -------
@@ -206,7 +200,6 @@ def patch_light(
         added=np.zeros(shape),
         max_bounces=max_bounces,
         samples=samples,
-        small_px=small_px,
     )
 
 

@@ -26,7 +26,7 @@ from scipy.sparse import csr_array, vstack
 from ..device import SobolPoints, cosine_hemisphere, device_array, dr, lanes_per_call, mi
 from ..radiosity import PatchedScene, direct_light, lamp_seen, patch_of
 from ..visibility import RAY_OFFSET_MM, Tracer, facet_coverage, intersect, pixel_rays
-from .spreading import SMALL_PICTURE_PX, spreading
+from .spreading import grid_step, spreading
 
 __all__ = ["PatchTransport", "build_patch_transport"]
 
@@ -104,24 +104,17 @@ class PatchTransport:
         face.flat[self.pixel[alone]] = self.face[alone]
         return face
 
-    def spread(self, small_px: int = SMALL_PICTURE_PX) -> csr_array | None:
-        """Weights by which traced pixels stand for all.
-
-        Parameters
-        ----------
-        small_px
-            Number of pixels up to which all are traced.
-
-        Returns
-        -------
-        csr_array or None
-            As of ``spreading``; None for a small picture.
-        """
-        return None if self.covered.size <= small_px else self._spread
-
     @cached_property
-    def _spread(self) -> csr_array:
-        return spreading(self.face_alone)
+    def spread(self) -> csr_array | None:
+        """Weights by which traced pixels stand for all (``spreading``); None where all are."""
+        step = grid_step(self.covered.size)
+        if step == 1:
+            return None
+        light, alone = np.zeros(self.covered.shape), self.coverage == 1
+        # the light that white patches reflect makes up for the depth of shadows
+        arriving = (self.direct + self.gather @ self.light.exchange.direct).sum(axis=1)
+        light.flat[self.pixel[alone]] = arriving[alone]
+        return spreading(self.face_alone, light, step)
 
     @property
     def _triangle(self) -> NDArray[np.int64]:

@@ -29,7 +29,6 @@ from cboxlab.rendering.effects import AppliedEffect
 from cboxlab.rendering.image import RenderedImage
 from cboxlab.rendering.model import with_further_distortion
 from cboxlab.rendering.perturbation import (
-    SMALL_PICTURE_PX,
     PatchLight,
     PatchTransport,
     Warp,
@@ -61,10 +60,9 @@ _SAMPLES = 256
 #: Rays of each pixel for screening.
 _SCREENING_SAMPLES = 64
 
-#: Number of pixels up to which a picture that moves with a slider has additional rays in all of them. With rays in
-#: every other row and column a coat takes half the time at 128 x 128. The root mean square error of four coats is 0.87
-#: to 0.96 times as large, since a pixel without rays is the mean of others; that of a rough paint 1.06 times.
-_SMALL_SKETCH_PX = 2**13
+#: Number of pixels up to which screening uses the transports of the complete prediction: in a larger picture fewer rays
+#: of each pixel say as much.
+_SMALL_PICTURE_PX = 2**15
 
 #: Rays of each pixel for a draft where geometry has moved: three times as fast, twice the noise.
 _DRAFT_SAMPLES = 64
@@ -158,8 +156,6 @@ class Predictor:
     warp: Warp
     #: Rays per pixel for light that patches do not describe.
     samples: int = 256
-    #: Number of pixels up to which they start in all pixels.
-    small_px: int = SMALL_PICTURE_PX
     #: Rays per pixel of patch transport where geometry has moved.
     gather_samples: int = _SAMPLES
     #: Rays from each patch where geometry has moved.
@@ -197,21 +193,11 @@ class Predictor:
             As of `rough`. In a large picture its transports have fewer rays, too: all such predictors of this one share
             them.
         """
-        if self.camera.width_px * self.camera.height_px <= SMALL_PICTURE_PX:
+        if self.camera.width_px * self.camera.height_px <= _SMALL_PICTURE_PX:
             return self.rough()
         drafted = replace(self.draft(), patch_samples=self.patch_samples)
         object.__setattr__(drafted, "_traced", self._traced.drafted)
         return drafted
-
-    def sketch(self) -> Predictor:
-        """The same for a picture that moves with a slider, where patches do not describe the light.
-
-        Returns
-        -------
-        Predictor
-            That of `rough` with rays in every other row and column.
-        """
-        return self.rough()._sharing("_traced", small_px=_SMALL_SKETCH_PX)
 
     def draft(self) -> Predictor:
         """The same with fewer rays per pixel, for moved geometry also.
@@ -226,7 +212,6 @@ class Predictor:
         return replace(
             self,
             samples=_SCREENING_SAMPLES,
-            small_px=_SMALL_SKETCH_PX,
             gather_samples=_DRAFT_SAMPLES,
             patch_samples=_DRAFT_PATCH_SAMPLES,
         )
@@ -472,7 +457,6 @@ class Predictor:
             scene.lamp_radiance(WAVELENGTH_NM),
             max_bounces=settings.max_bounces,
             samples=self.samples,
-            small_px=self.small_px,
         )
         return after_stage(light, effects, "transport")
 

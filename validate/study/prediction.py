@@ -108,7 +108,7 @@ class Base:
 
     @cached_property
     def _rough(self) -> Predictor:
-        return self.rendered.predictor.sketch()
+        return self.rendered.predictor.rough()
 
     @cached_property
     def refit_change(self) -> NDArray[np.float64]:

@@ -132,6 +132,8 @@ def _best_rival(
 
 def _marginal_products(data: ResidualData, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """(k, k) products of vectors (k, n), the errors that many samples share marginalised."""
-    shared = data.nuisances[data.used][:, data.num_free_nuisances :]
-    along = vectors @ shared
+    bands = np.split(vectors, np.cumsum(data.used.sum(axis=(1, 2)))[:-1], axis=1)
+    along = np.zeros((len(vectors), data.nuisances.shape[-1] - data.num_free_nuisances))
+    for band, nuisances, used in zip(bands, data.nuisances, data.used, strict=True):  # all at once need a gigabyte
+        along += band @ nuisances[used, data.num_free_nuisances :]
     return vectors @ vectors.T - along @ along.T

@@ -168,7 +168,7 @@ def _coated(
             material=int(material),
             seen_in=traced.pixels_of(material),
             samples=(_COAT_SAMPLES, 0),
-            spread=traced.spread(),
+            spread=traced.spread,
         )
         for material in materials
     ]
