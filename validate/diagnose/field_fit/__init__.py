@@ -16,7 +16,7 @@ from .field import (
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
 from .light_exchange import light_exchange
-from .residual_data import ChargeExchange, ResidualData, Transport
+from .residual_data import LEAST_DIVISOR, ChargeExchange, ResidualData, Transport
 from .spot_appearance import (
     CORE_WEIGHT,
     PENALTY_IMPOSSIBLE,
@@ -32,6 +32,7 @@ from .waves import Wave, strongest_waves
 
 __all__ = [
     "CORE_WEIGHT",
+    "LEAST_DIVISOR",
     "PENALTY_IMPOSSIBLE",
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",
