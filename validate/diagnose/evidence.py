@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.chain import Stage, stages_between
-from cboxlab.utils.distributions import chi2_quantile
+from cboxlab.utils.distributions import chi2_quantile, normal_quantile
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
@@ -60,9 +60,6 @@ _MIN_GAIN_PER_SAMPLE_OVER_ERRORS = 0.0005
 #: Minimum share of an effect's chi2 that rendering errors leave, for it to be tried with them in the covariance. Below
 #: it, noise that the model's pictures share decides what is left.
 _MIN_VISIBLE_PART = 0.1
-
-#: Standard deviations above a threshold at which 90 % of a normal distribution lie beyond it.
-_NINE_OF_TEN_SIGMA = 1.2816
 
 #: Share of its chi2 that errors of its shape leave of an effect that is computed exactly: the warp to the fitted camera
 #: is wrong by up to 3 % of its change.
@@ -180,7 +177,7 @@ def limit_of(
 
 def _nine_of_ten(least: float, spread: float) -> float:
     """The chi2 at which nine of ten gain ``least``; spread of amplitudes in standard deviations."""
-    return (least**0.5 + _NINE_OF_TEN_SIGMA * spread) ** 2
+    return (least**0.5 + normal_quantile(0.1) * spread) ** 2
 
 
 def first_significant(
