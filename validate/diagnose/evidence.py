@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compare import Nuisances
 from .explain import noise_level
-from .hypotheses import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
+from .hypotheses import EXACT_SHAPE_ERROR, INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate, Signature
 
@@ -60,10 +60,6 @@ _MIN_GAIN_PER_SAMPLE_OVER_ERRORS = 0.0005
 #: Minimum share of an effect's chi2 that rendering errors leave, for it to be tried with them in the covariance. Below
 #: it, noise that the model's pictures share decides what is left.
 _MIN_VISIBLE_PART = 0.1
-
-#: Share of its chi2 that errors of its shape leave of an effect that is computed exactly: the warp to the fitted camera
-#: is wrong by up to 3 % of its change.
-_EXACT_SHAPE_ERROR = 0.001
 
 #: False-alarm probability for effects that camera or lamp imitate, judged by the penalty of the priors alone, and for
 #: effects whose numbers have a tolerance.
@@ -226,7 +222,7 @@ def gain_of_shape_errors(residual: NDArray, exact: NDArray, start: NDArray) -> f
         Chi2.
     """
     approximate, computed = square(exact) - square(residual), square(start) - square(exact)
-    return max(SHAPE_ERROR * approximate, 0.0) + max(_EXACT_SHAPE_ERROR * computed, 0.0)
+    return max(SHAPE_ERROR * approximate, 0.0) + max(EXACT_SHAPE_ERROR * computed, 0.0)
 
 
 def shape_error_of(stage: Stage) -> float:
@@ -242,7 +238,7 @@ def shape_error_of(stage: Stage) -> float:
     float
         A hundredth where light is traced, a thousandth for what is computed exactly.
     """
-    return SHAPE_ERROR if stage in stages_between("scene", "transport") else _EXACT_SHAPE_ERROR
+    return SHAPE_ERROR if stage in stages_between("scene", "transport") else EXACT_SHAPE_ERROR
 
 
 def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, by_shapes: float) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..families import families
 from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
-from ..hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SHAPE_ERROR
+from ..hypotheses import CERTAIN_SIGMA, EXACT_SHAPE_ERROR, INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .as_field import fitted_field
 from .explanation import NO_FORM, NONE, Explanation, Rival
 from .noise import noise_level
@@ -28,12 +28,6 @@ __all__ = ["MIN_SHARE", "explain", "explain_masked_families"]
 #: exchange between patches and first derivatives are approximate. Forms in one place are made of the same bells and
 #: share the errors of an outline: ``SHAPE_ERROR`` counts there.
 _SHAPE_ERROR_OF_EXCHANGE = 0.03
-
-#: Smallest difference of two scores by which families are distinguished: odds of 400 to 1.
-_MIN_SCORE_DIFFERENCE = 12.0
-
-#: The same, relative to the winner's gain.
-_MIN_SCORE_DIFFERENCE_PART = 0.002
 
 #: Smallest part of the excess that a family must explain, or a kind of pattern where no family holds.
 MIN_SHARE = 0.2
@@ -186,7 +180,7 @@ def _compare(
         for share, score, candidate in ranked
     )
     _, score, winner = ranked[0]
-    margin = max(_MIN_SCORE_DIFFERENCE, _MIN_SCORE_DIFFERENCE_PART * winner.fit.gain)
+    margin = max(INDISTINGUISHABLE_CHI2, EXACT_SHAPE_ERROR * winner.fit.gain)
     holds = winner.fit.predicts >= MIN_HELDOUT_GAIN
     registered = registration(data)
     odds = probabilities(rivals, registered) if continued else {}

@@ -1,6 +1,14 @@
 """Odds, significance and errors of shapes that all tests of a diagnosis share."""
 
-__all__ = ["CERTAIN_SIGMA", "INDISTINGUISHABLE_CHI2", "LIKELY", "MIN_HELDOUT_GAIN", "SHAPE_ERROR", "SIGNIFICANT_SIGMA"]
+__all__ = [
+    "CERTAIN_SIGMA",
+    "EXACT_SHAPE_ERROR",
+    "INDISTINGUISHABLE_CHI2",
+    "LIKELY",
+    "MIN_HELDOUT_GAIN",
+    "SHAPE_ERROR",
+    "SIGNIFICANT_SIGMA",
+]
 
 #: Standard deviations from which a difference is certain: its square is a difference in chi2, or 2 ln of the evidence.
 CERTAIN_SIGMA = 5.0
@@ -19,6 +27,9 @@ MIN_HELDOUT_GAIN = 0.3
 #: a tenth, or of a twentieth each in two effects that replace each other. A further effect must gain more than this
 #: share of what the selected ones explain.
 SHAPE_ERROR = 0.01
+
+#: The same of a cause that is computed exactly: the warp to the fitted camera is wrong by up to 3 % of its change.
+EXACT_SHAPE_ERROR = 0.001
 
 #: Standard deviations by which two numbers must differ to count as different: 3 of 1,000 by chance.
 SIGNIFICANT_SIGMA = 3.0
