@@ -41,9 +41,6 @@ _MIN_FURTHER_SHARE = 0.05
 #: Cosine of the bands' chi2 of two spots above which they may be one cause.
 _SAME_BANDS = 0.8
 
-#: Part of the excess after which no further form is sought.
-_ALL_EXPLAINED = 0.95
-
 #: Smallest 2 ln evidence of an explanation over noise alone.
 _MIN_EVIDENCE = 40.0
 
@@ -110,7 +107,7 @@ def _continued(
     further: list[str] = []
     for _ in range(_MAX_FURTHER_FORMS):
         remaining = data.with_change(-change)
-        if remaining.chi2 < data.chi2 - _ALL_EXPLAINED * total:
+        if remaining.chi2 < data.chi2 - (1 - _MIN_FURTHER_SHARE) * total:
             break
         alike = [form for form in winner.family.generate(FitInput.of(remaining)) if _alike(winner, form)]
         form = max(alike, key=lambda candidate: candidate.evidence, default=None)
