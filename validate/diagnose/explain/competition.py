@@ -41,9 +41,6 @@ _MIN_FURTHER_SHARE = 0.05
 #: Cosine of the bands' chi2 of two spots above which they may be one cause.
 _SAME_BANDS = 0.8
 
-#: Smallest 2 ln evidence of an explanation over noise alone.
-_MIN_EVIDENCE = 40.0
-
 #: A band shows the cause if its chi2 is at least this part of the strongest band's.
 _MIN_BAND_PART = 0.02
 
@@ -111,7 +108,7 @@ def _continued(
             break
         alike = [form for form in winner.family.generate(FitInput.of(remaining)) if _alike(winner, form)]
         form = max(alike, key=lambda candidate: candidate.evidence, default=None)
-        if form is None or form.evidence < _MIN_EVIDENCE or not form.fit.predicts >= MIN_HELDOUT_GAIN:
+        if form is None or form.evidence < CERTAIN_SIGMA**2 or not form.fit.predicts >= MIN_HELDOUT_GAIN:
             break
         if _share(remaining, form, total) < _MIN_FURTHER_SHARE:
             break
@@ -181,7 +178,7 @@ def _compare(
     holds = winner.fit.predicts >= MIN_HELDOUT_GAIN
     registered = registration(data)
     odds = probabilities(rivals, registered) if continued else {}
-    if winner.evidence < _MIN_EVIDENCE or rivals[0].share < min_share or not holds:
+    if winner.evidence < CERTAIN_SIGMA**2 or rivals[0].share < min_share or not holds:
         return _no_explanation(data, rivals, len(candidates), registered, odds)
     change = change_dn(data, winner)
     change, further = _continued(data, winner, change, total) if continued else (change, [])
