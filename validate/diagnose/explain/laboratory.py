@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from ..field_fit import Advice, advice_for
+from ..field_fit import OTHER_SIGN, Advice, advice_for
 from .competition import MIN_SHARE
 from .explanation import Explanation
 from .registration import Registration
 
 __all__ = ["advice", "appearance"]
-
-#: Part of the excess below or above which counts are missing, or too many.
-_ONE_SIGN = 0.25
 
 #: Share of the best scaling that a second one reaches at the most to differ from it.
 _SCALES_ALIKE = 0.97
@@ -124,9 +121,9 @@ def advice(explanation: Explanation) -> Advice:
 
 def _sign(registration: Registration) -> str:
     """Sign of a residual: counts that are missing, too many, or both."""
-    if registration.missing > 1 - _ONE_SIGN:
+    if registration.missing > 1 - OTHER_SIGN:
         return "missing"
-    return "too many" if registration.missing < _ONE_SIGN else "both"
+    return "too many" if registration.missing < OTHER_SIGN else "both"
 
 
 def appearance(registration: Registration) -> str:

@@ -19,6 +19,7 @@ from .light_exchange import light_exchange
 from .residual_data import LEAST_DIVISOR, ChargeExchange, ResidualData, Transport
 from .spot_appearance import (
     CORE_WEIGHT,
+    OTHER_SIGN,
     PENALTY_IMPOSSIBLE,
     PENALTY_ODD,
     PENALTY_UNLIKELY,
@@ -33,6 +34,7 @@ from .waves import Wave, strongest_waves
 __all__ = [
     "CORE_WEIGHT",
     "LEAST_DIVISOR",
+    "OTHER_SIGN",
     "PENALTY_IMPOSSIBLE",
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",
