@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..compare import Nuisances
 from .explain import noise_level
-from .hypotheses import EXACT_SHAPE_ERROR, INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
+from .hypotheses import EXACT_SHAPE_ERROR, FALSE_ALARM, INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate, Signature
 
@@ -60,10 +60,6 @@ _MIN_GAIN_PER_SAMPLE_OVER_ERRORS = 0.0005
 #: Minimum share of an effect's chi2 that rendering errors leave, for it to be tried with them in the covariance. Below
 #: it, noise that the model's pictures share decides what is left.
 _MIN_VISIBLE_PART = 0.1
-
-#: False-alarm probability for effects that camera or lamp imitate, judged by the penalty of the priors alone, and for
-#: effects whose numbers have a tolerance.
-_PRIOR_FALSE_ALARM = 3e-4
 
 #: Minimum excess of interior block means over noise for a remainder, chi2 per sample. Sound captures by an independent
 #: simulator show 0.010 to 0.019.
@@ -295,7 +291,7 @@ def relieves(relief: float, candidate: Candidate) -> bool:
     bool
         By the number of its free numbers.
     """
-    return bool(relief > chi2_quantile(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free)))
+    return bool(relief > chi2_quantile(FALSE_ALARM, len(candidate.hypothesis.free)))
 
 
 def beyond_tolerance(candidate: Candidate) -> bool:
@@ -354,7 +350,7 @@ def tolerance_notes(candidates: Sequence[Candidate], residual: NDArray, model: L
 
 def _beyond_chance(count: int) -> float:
     """Distance from null, in tolerances, that ``count`` numbers rarely exceed by chance."""
-    return float(np.sqrt(chi2_quantile(_PRIOR_FALSE_ALARM, count))) if count else 0.0
+    return float(np.sqrt(chi2_quantile(FALSE_ALARM, count))) if count else 0.0
 
 
 def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> float:

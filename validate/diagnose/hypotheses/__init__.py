@@ -7,6 +7,7 @@ from .hypothesis import (
 from .levels import (
     CERTAIN_SIGMA,
     EXACT_SHAPE_ERROR,
+    FALSE_ALARM,
     INDISTINGUISHABLE_CHI2,
     LIKELY,
     MIN_HELDOUT_GAIN,
@@ -17,6 +18,7 @@ from .levels import (
 __all__ = [
     "CERTAIN_SIGMA",
     "EXACT_SHAPE_ERROR",
+    "FALSE_ALARM",
     "INDISTINGUISHABLE_CHI2",
     "LIKELY",
     "MIN_HELDOUT_GAIN",

@@ -3,6 +3,7 @@
 __all__ = [
     "CERTAIN_SIGMA",
     "EXACT_SHAPE_ERROR",
+    "FALSE_ALARM",
     "INDISTINGUISHABLE_CHI2",
     "LIKELY",
     "MIN_HELDOUT_GAIN",
@@ -12,6 +13,10 @@ __all__ = [
 
 #: Standard deviations from which a difference is certain: its square is a difference in chi2, or 2 ln of the evidence.
 CERTAIN_SIGMA = 5.0
+
+#: False-alarm probability of what is judged by noise and priors alone: an effect that camera or lamp imitate, numbers
+#: with a tolerance, and a pattern of any family.
+FALSE_ALARM = 3e-4
 
 #: Difference in chi2 below which two fits do not distinguish two causes: odds of about 100 to 1.
 INDISTINGUISHABLE_CHI2 = 9.2
