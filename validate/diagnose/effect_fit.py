@@ -25,7 +25,7 @@ __all__ = ["fit_effect", "fit_effects"]
 #: (benchmarks/measured/history.md).
 _PREDICTED_TRANSPORT_ERROR = 0.03
 
-#: Number of times that each of several effects is fitted with the others in place.
+#: Numerics: number of times that each of several effects is fitted with the others in place.
 _ROUNDS = 2
 
 

@@ -60,7 +60,7 @@ _MIN_FLAW = 0.01
 #: Number of effects with which the widths of flaws are fitted again, best ones at the widths before.
 _MAX_REFITTED = 4
 
-#: Number of hypotheses that stand for all where the cost in power is computed.
+#: Numerics: number of hypotheses that stand for all where the cost in power is computed.
 _NUM_SAMPLED = 25
 
 #: Reflectance by which light is divided, at least.

@@ -26,7 +26,7 @@ _MIN_PROMISED_PART = 0.4
 #: Number of sets of each size that are extended by one more effect, the best ones.
 _MAX_EXTENDED_SETS = 100
 
-#: Share of the identity added to the products of unit columns: effects that are alike get no huge numbers.
+#: Numerics: share of the identity added to the products of unit columns: effects that are alike get no huge numbers.
 _RIDGE = 1e-6
 
 

@@ -41,13 +41,13 @@ _MIN_WIDTH = 0.01
 #: Largest relative deviation of single pixels: a flaw is small, or it is a cause.
 _MAX_PIXEL_ERROR = 0.005
 
-#: Rounds of the widths' fit.
+#: Numerics: rounds of the widths' fit.
 _ROUNDS = 12
 
-#: Rounds of the fit of an effect's numbers and the widths in turn.
+#: Numerics: rounds of the fit of an effect's numbers and the widths in turn.
 _ROUNDS_WITH_EFFECT = 2
 
-#: Columns that are projected at once, to bound the memory.
+#: Numerics: columns that are projected at once, to bound the memory.
 _COLUMNS_PER_BLOCK = 8
 
 #: Side of the blocks of pixels that are held out in turn, px.

@@ -11,7 +11,7 @@ __all__ = ["noise_level"]
 #: Squares of differences over their level are cut off at this value: edges that the model misses are no noise.
 _MAX_SQUARE = 9.0
 
-#: Largest distance of the pixels whose differences are taken, px: the largest repeat of a mosaic.
+#: Numerics: largest distance of the pixels whose differences are taken, px: the largest repeat of a mosaic.
 _LARGEST_STEP_PX = 16
 
 

@@ -20,7 +20,7 @@ from ..hypotheses import MIN_HELDOUT_GAIN
 
 __all__ = ["Lead", "lead_of_forms", "rival_forms"]
 
-#: Part of an effect's square, next to a form, that rounding leaves of the same pattern.
+#: Numerics: part of an effect's square, next to a form, that rounding leaves of the same pattern.
 _ROUNDING = 1e-6
 
 

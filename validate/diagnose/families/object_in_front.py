@@ -29,7 +29,7 @@ from ..field_fit import (
 
 __all__ = ["FAMILY"]
 
-#: Rounds of the alternating fit of an object's outline and radiance.
+#: Numerics: rounds of the alternating fit of an object's outline and radiance.
 _ROUNDS = 3
 
 

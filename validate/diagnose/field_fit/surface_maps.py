@@ -24,10 +24,10 @@ _MAX_ORDER = 4
 #: Order at which the prior amplitude of a map falls to one half.
 _CORNER_ORDER = 2.0
 
-#: Angles from 0 to 90 degrees at which a matte lobe is a free number, every 15 degrees; linear in between.
+#: Numerics: angles from 0 to 90 degrees at which a matte lobe is a free number, every 15 degrees; linear in between.
 _LOBE_ANGLES = 7
 
-#: Relative extent below which a surface is flat in a direction.
+#: Numerics: relative extent below which a surface is flat in a direction.
 _FLAT_EXTENT = 0.01
 
 #: Least cosine of the angle of emission in a logarithm.

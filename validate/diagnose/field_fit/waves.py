@@ -21,10 +21,10 @@ _MIN_WAVES = 3
 #: Smallest side of an image with rings, px: smaller ones hold no rings of several waves that pixels resolve.
 _MIN_SIDE_FOR_RINGS_PX = 48
 
-#: Side to which images are averaged to find the curvature of rings, px: limits the time.
+#: Numerics: side to which images are averaged to find the curvature of rings, px: limits the time.
 _COARSE_SIDE_PX = 128
 
-#: Halvings of the steps in frequency and curvature when a wave is refined.
+#: Numerics: halvings of the steps in frequency and curvature when a wave is refined.
 _REFINEMENTS = 6
 
 
