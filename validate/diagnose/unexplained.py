@@ -262,7 +262,7 @@ def parts_notes(verdicts: Sequence[Verdict], judged: Container[str]) -> tuple[st
         One for each effect, with two of its amplitudes.
     """
     return tuple(
-        f"{verdict.effect}: its size is {unlike}, over the fitted one. A true effect has one size in all parts: "
+        f"{verdict.effect}: relative to the fitted size, it is {unlike}. A true effect has one size in all parts: "
         "photograph again from another place, and give both captures."
         for verdict in verdicts
         if verdict.effect in judged and (unlike := verdict.by_part.unlike)

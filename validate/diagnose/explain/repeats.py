@@ -172,5 +172,5 @@ def _advice(band: FrameAmplitudes) -> Advice:
         "",
         "in time: frames of one band differ",
         ("a lamp that flickered", "a shutter that stuck", "a table that was pushed, a door that opened"),
-        f"Photograph band {band.band} again with at least three frames: what acts in all of them is no event.",
+        f"Photograph band {band.band} again with at least three frames: what all of them show is no event.",
     )

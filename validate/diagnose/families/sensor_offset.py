@@ -141,7 +141,7 @@ _ADVICE = (
         "every second",
         "in the read-out",
         ("two amplifiers of unlike offset", "two converters that read in turn", "a changed read-out setting"),
-        "Cover the lens and take frames of the shortest exposure: rows or columns in turn differ there as well.",
+        "Cover the lens and take frames of the shortest exposure: an offset differs there as well.",
     ),
     Advice(
         "quarters",
@@ -193,7 +193,7 @@ _ADVICE = (
         "a wave",
         "in the read-out",
         ("mains hum", "radio interference of a supply", "a loose ground"),
-        "Cover the lens and take two frames of the shortest exposure: hum has another phase in each.",
+        "Cover the lens and take two frames of the shortest exposure: waves of hum lie elsewhere in each.",
     ),
     Advice(
         "rings",
