@@ -101,6 +101,6 @@ def spot_log_odds(data: ResidualData, candidate: FittedExplanation, soft: bool) 
 
 
 def _is_possible(data: ResidualData, candidate: FittedExplanation, coefficients: NDArray[np.float64]) -> bool:
-    """Whether a film or a paint could cover a place as fitted: nowhere less than nothing, nor more than two coats."""
+    """Whether a film or a paint could cover a place as fitted: from nothing to two coats."""
     covered = coefficients @ cast("ImageMaps", candidate.maps).matrix(data.shape)
     return bool(-_MAX_RINGING * covered.max() < covered.min() and covered.max() < _MAX_COVERED)
