@@ -144,7 +144,7 @@ def appearance(registration: Registration) -> str:
     )
     scalings = {
         "in proportion to the signal": registration.by_signal,
-        "by the same number in all bands": registration.by_count,
+        "the same number in all bands": registration.by_count,
         "in proportion to the exposure time": registration.by_exposure,
     }
     first, second = sorted(scalings, key=lambda name: -scalings[name])[:2]
