@@ -169,7 +169,7 @@ def limit_of(
 
 def _nine_of_ten(least: float, spread: float) -> float:
     """The chi2 at which nine of ten gain ``least``; spread of amplitudes in standard deviations."""
-    return (least**0.5 + normal_quantile(0.1) * spread) ** 2
+    return float(least**0.5 + normal_quantile(0.1) * spread) ** 2
 
 
 def first_significant(
