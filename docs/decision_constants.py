@@ -54,7 +54,7 @@ class DecisionConstant:
 
 
 def decision_constants(root: Path = ROOT) -> list[DecisionConstant]:
-    """All constants of `FOLDERS`.
+    """Constants of `FOLDERS` that decide; those of numerics say so in the first word of their reason.
 
     Parameters
     ----------
@@ -67,7 +67,8 @@ def decision_constants(root: Path = ROOT) -> list[DecisionConstant]:
         By folder, module and line.
     """
     paths = [path for folder in FOLDERS for path in sorted((root / folder).rglob("*.py"))]
-    return [constant for path in paths for constant in _of_module(path, path.relative_to(root).as_posix())]
+    constants = [constant for path in paths for constant in _of_module(path, path.relative_to(root).as_posix())]
+    return [constant for constant in constants if not constant.reason.startswith("Numerics:")]
 
 
 def _text_of(lines: list[str], node: ast.expr) -> str:

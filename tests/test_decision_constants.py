@@ -46,6 +46,7 @@ def test_the_page_holds_all_constants(constants):
         ("#: A reason\n#: in two lines.\n_A = 0.5", [("_A", "0.5", "A reason in two lines.")]),
         ("# a remark\nA: float = 1e-3", [("A", "1e-3", "")]),
         ("#: Both.\nA, B = 1, -2.0", [("A", "1", "Both."), ("B", "-2.0", "Both.")]),
+        ("#: Numerics: rounds of a fit.\nA = 4", []),
         ("#: Far.\n\nA = {'x': (1, 2)}", [("A", "{'x': (1, 2)}", "")]),
         ("A = NAMES[0]\nB = 'text'\nC = True\nd = 1\nE = lambda x: x + 1\nF = Family(share=0.1)", []),
         ("def f():\n    A = 1", []),

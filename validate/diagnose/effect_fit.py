@@ -16,18 +16,16 @@ from .fitting import fit
 from .hypotheses import Hypothesis, hypotheses
 from .linearised_fit import linearised_fit
 from .search import Candidate, FitProblem, Signature, judged_by_priors, screen, signature
+from .selection import NUM_FITTED
 from .several_captures import JointFit
 
 __all__ = ["fit_effect", "fit_effects"]
-
-#: Number of combinations of choices and starting values that are fitted in full, the best ones to first order.
-_MAX_FITTED = 3
 
 #: Relative error of predicted light transport, of the change by an effect: 1 to 7 % by effect
 #: (benchmarks/measured/history.md).
 _PREDICTED_TRANSPORT_ERROR = 0.03
 
-#: Number of times that each of several effects is fitted with the others in place.
+#: Numerics: number of times that each of several effects is fitted with the others in place.
 _ROUNDS = 2
 
 
@@ -197,7 +195,7 @@ def _best_fit(problem: FitProblem, signatures: Iterable[Signature | None], resid
     """The best full fit, from the starts that are best to first order."""
     residual = problem.model.project(residual)
     screened = sorted(screen(problem, [s for s in signatures if s is not None], residual), key=lambda c: c.chi2)
-    return min((fit(problem, c, residual) for c in screened[:_MAX_FITTED]), key=lambda c: c.chi2)
+    return min((fit(problem, c, residual) for c in screened[:NUM_FITTED]), key=lambda c: c.chi2)
 
 
 def _from_null(

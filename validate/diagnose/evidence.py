@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from cboxlab.rendering.chain import Stage, stages_between
-from cboxlab.utils.distributions import chi2_quantile
+from cboxlab.utils.distributions import chi2_quantile, normal_quantile
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
 from ..compare import Nuisances
 from .explain import noise_level
-from .hypotheses import INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
+from .hypotheses import EXACT_SHAPE_ERROR, FALSE_ALARM, INDISTINGUISHABLE_CHI2, SHAPE_ERROR, SIGNIFICANT_SIGMA
 from .linear_model import LinearModel, smooth_excess, smooth_part
 from .search import Candidate, Signature
 
@@ -60,17 +60,6 @@ _MIN_GAIN_PER_SAMPLE_OVER_ERRORS = 0.0005
 #: Minimum share of an effect's chi2 that rendering errors leave, for it to be tried with them in the covariance. Below
 #: it, noise that the model's pictures share decides what is left.
 _MIN_VISIBLE_PART = 0.1
-
-#: Standard deviations above a threshold at which 90 % of a normal distribution lie beyond it.
-_NINE_OF_TEN_SIGMA = 1.2816
-
-#: Share of its chi2 that errors of its shape leave of an effect that is computed exactly: the warp to the fitted camera
-#: is wrong by up to 3 % of its change.
-_EXACT_SHAPE_ERROR = 0.001
-
-#: False-alarm probability for effects that camera or lamp imitate, judged by the penalty of the priors alone, and for
-#: effects whose numbers have a tolerance.
-_PRIOR_FALSE_ALARM = 3e-4
 
 #: Minimum excess of interior block means over noise for a remainder, chi2 per sample. Sound captures by an independent
 #: simulator show 0.010 to 0.019.
@@ -180,7 +169,7 @@ def limit_of(
 
 def _nine_of_ten(least: float, spread: float) -> float:
     """The chi2 at which nine of ten gain ``least``; spread of amplitudes in standard deviations."""
-    return (least**0.5 + _NINE_OF_TEN_SIGMA * spread) ** 2
+    return float(least**0.5 + normal_quantile(0.1) * spread) ** 2
 
 
 def first_significant(
@@ -229,7 +218,7 @@ def gain_of_shape_errors(residual: NDArray, exact: NDArray, start: NDArray) -> f
         Chi2.
     """
     approximate, computed = square(exact) - square(residual), square(start) - square(exact)
-    return max(SHAPE_ERROR * approximate, 0.0) + max(_EXACT_SHAPE_ERROR * computed, 0.0)
+    return max(SHAPE_ERROR * approximate, 0.0) + max(EXACT_SHAPE_ERROR * computed, 0.0)
 
 
 def shape_error_of(stage: Stage) -> float:
@@ -245,7 +234,7 @@ def shape_error_of(stage: Stage) -> float:
     float
         A hundredth where light is traced, a thousandth for what is computed exactly.
     """
-    return SHAPE_ERROR if stage in stages_between("scene", "transport") else _EXACT_SHAPE_ERROR
+    return SHAPE_ERROR if stage in stages_between("scene", "transport") else EXACT_SHAPE_ERROR
 
 
 def _significant(candidate: Candidate, residual: NDArray, model: LinearModel, by_shapes: float) -> bool:
@@ -302,7 +291,7 @@ def relieves(relief: float, candidate: Candidate) -> bool:
     bool
         By the number of its free numbers.
     """
-    return bool(relief > chi2_quantile(_PRIOR_FALSE_ALARM, len(candidate.hypothesis.free)))
+    return bool(relief > chi2_quantile(FALSE_ALARM, len(candidate.hypothesis.free)))
 
 
 def beyond_tolerance(candidate: Candidate) -> bool:
@@ -361,7 +350,7 @@ def tolerance_notes(candidates: Sequence[Candidate], residual: NDArray, model: L
 
 def _beyond_chance(count: int) -> float:
     """Distance from null, in tolerances, that ``count`` numbers rarely exceed by chance."""
-    return float(np.sqrt(chi2_quantile(_PRIOR_FALSE_ALARM, count))) if count else 0.0
+    return float(np.sqrt(chi2_quantile(FALSE_ALARM, count))) if count else 0.0
 
 
 def dispersion(model: LinearModel, predicted: NDArray, residual: NDArray) -> float:

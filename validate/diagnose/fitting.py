@@ -14,11 +14,11 @@ from .search import Candidate, FitModel, FitProblem, NumberStep, least_squares, 
 
 __all__ = ["Fitted", "fit", "gauss_newton", "parameter_variance", "with_all_numbers"]
 
-#: Largest number of Gauss-Newton rounds of a fit: each round predicts the picture once per number.
+#: Numerics: largest number of Gauss-Newton rounds of a fit: each round predicts the picture once per number.
 _ROUNDS = 4
 
-#: Bound on the chi2 that all further rounds gain, over the gain of the last round. A fit ends early where even this
-#: would not reach a rival's chi2.
+#: Numerics: bound on the chi2 that all further rounds gain, over the gain of the last round. A fit ends early where
+#: even this would not reach a rival's chi2.
 _MOST_FURTHER_GAIN = 2.0
 
 

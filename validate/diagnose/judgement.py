@@ -48,9 +48,6 @@ __all__ = [
     "verdict_of",
 ]
 
-#: Minimum 2 ln evidence of flaws over none, for them to count: odds of a hundred thousand million to one.
-_MIN_FLAW_EVIDENCE = 50.0
-
 #: Largest relative change of an amplitude by fitting flaws with it, if three standard deviations do not allow more.
 _MAX_INSTABILITY = 0.4
 
@@ -63,7 +60,7 @@ _MIN_FLAW = 0.01
 #: Number of effects with which the widths of flaws are fitted again, best ones at the widths before.
 _MAX_REFITTED = 4
 
-#: Number of hypotheses that stand for all where the cost in power is computed.
+#: Numerics: number of hypotheses that stand for all where the cost in power is computed.
 _NUM_SAMPLED = 25
 
 #: Reflectance by which light is divided, at least.
@@ -131,7 +128,7 @@ class FlawsWithEffects:
     @property
     def evident(self) -> bool:
         """Whether the base has flaws larger than chance makes."""
-        return self.evidence > _MIN_FLAW_EVIDENCE
+        return self.evidence > CERTAIN_SIGMA**2
 
     @property
     def small(self) -> bool:

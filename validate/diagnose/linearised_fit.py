@@ -35,7 +35,7 @@ __all__ = [
     "residual_with_rendered",
 ]
 
-#: Relative step of the lamp's scale for the derivative by it: the signal is linear but for offsets of counts.
+#: Numerics: relative step of the lamp's scale for the derivative by it: the signal is linear but for offsets of counts.
 _LAMP_STEP = 0.01
 
 #: Stages whose effects enter the rendering itself when it is repeated: their shapes then have no error.

@@ -49,12 +49,12 @@ __all__ = [
 #: for the evidence that it otherwise gives.
 _MIN_LEFT_SHARE = 0.01
 
-#: Largest change of the picture that counts as rounding, relative to the largest signal used.
+#: Numerics: largest change of the picture that counts as rounding, relative to the largest signal used.
 _ROUNDING = 1e-9
 
 
-#: Signatures whose columns are whitened at once: one by one each column takes four times as long, since the bases are
-#: read for each; more of them do not fit the cache.
+#: Numerics: signatures whose columns are whitened at once: one by one each column takes four times as long, since the
+#: bases are read for each; more of them do not fit the cache.
 _SIGNATURES_AT_ONCE = 4
 
 

@@ -19,21 +19,14 @@ __all__ = ["NUM_FITTED", "NormalEquations", "backward_elimination", "best_set", 
 #: Number of effects in a role that are fitted in full, best to first order first: further ones, and replacements.
 NUM_FITTED = 3
 
-#: Number of selected effects from which two of them may be replaced: of fewer, every single one has been compared.
-_MIN_SELECTED_FOR_REPLACEMENT = 3
-
-#: Minimum first-order gain of a candidate to be fitted in full, over the gain of the best fitted one: a full fit is
-#: taken to gain at most 2.5 times as much.
-_MIN_PROMISED_PART_OF_BEST = 0.4
-
-#: Minimum first-order gain of a candidate to be fitted in full, over the gain that any effect needs: an effect as
-#: small as that is nearly linear.
-_MIN_PROMISED_PART_OF_NEEDED = 0.6
+#: Minimum first-order gain of a candidate to be fitted in full, over the gain of the best fitted one, or over the gain
+#: that any effect needs: a full fit is taken to gain at most 2.5 times as much.
+_MIN_PROMISED_PART = 0.4
 
 #: Number of sets of each size that are extended by one more effect, the best ones.
 _MAX_EXTENDED_SETS = 100
 
-#: Share of the identity added to the products of unit columns: effects that are alike get no huge numbers.
+#: Numerics: share of the identity added to the products of unit columns: effects that are alike get no huge numbers.
 _RIDGE = 1e-6
 
 
@@ -86,7 +79,7 @@ def best_singles(
     for index, candidate in enumerate(ranked[:refined]):
         lowest = min(fitted_chi2, default=rival_chi2)
         rival_gain = start - lowest if np.isfinite(lowest) else 0.0
-        needed = max(_MIN_PROMISED_PART_OF_BEST * rival_gain, _MIN_PROMISED_PART_OF_NEEDED * least)
+        needed = _MIN_PROMISED_PART * max(rival_gain, least)
         if start - candidate.chi2 < needed:
             break
         if np.isfinite(rival_chi2) or beyond_tolerance(candidate):
@@ -280,7 +273,7 @@ def pairs_replaced(
     list of Candidate
         The effects, or two of them fitted together.
     """
-    if len(selected) < _MIN_SELECTED_FOR_REPLACEMENT or any(c.by_priors for c in selected):
+    if len(selected) < 3 or any(c.by_priors for c in selected):
         return list(selected)
     together = residual_with(linearised, selected)
     limit = square(together) + largest_gain_of_errors(linearised.model)

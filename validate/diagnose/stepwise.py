@@ -50,15 +50,16 @@ _CANDIDATES_FITTED_FIRST = 6
 #: Stages whose changes of the picture depend on random numbers.
 _TRACED = stages_between("scene", "transport")
 
-#: Motion of the box's corners by a refit (rms), px, above which the picture is rendered again; below, it is warped.
+#: Numerics: motion of the box's corners by a refit (rms), px, above which the picture is rendered again; below, it is
+#: warped.
 _MAX_WARP_PX = 0.01
 
-#: Motion of the corners by the fit up to which its camera is settled for the picture that is rendered again, px rms. It
-#: is that of a draft.
+#: Numerics: motion of the corners by the fit up to which its camera is settled for the picture that is rendered again,
+#: px rms. It is that of a draft.
 _MAX_SETTLED_PX = 0.1
 
-#: Largest number of renderings of a refit. A model that lacks half of the light may have moved the corners by more than
-#: a pixel, so that one rendering is not enough.
+#: Numerics: largest number of renderings of a refit. A model that lacks half of the light may have moved the corners by
+#: more than a pixel, so that one rendering is not enough.
 _MAX_RENDERINGS = 3
 
 #: Minimum share of the excess left by the selected effects that a set of effects must promise, to be fitted in full.

@@ -30,7 +30,7 @@ from .explain import (
     lead_of_frames,
 )
 from .field_fit import ChargeExchange, ResidualData, light_exchange
-from .hypotheses import INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
+from .hypotheses import FALSE_ALARM, INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .judgement import Verdict
 from .linear_model import LinearModel, NuisanceColumns, nuisance_columns
 from .linearised_fit import LinearisedFit, refitted_together, residual_with
@@ -47,10 +47,6 @@ __all__ = [
     "parts_notes",
     "residual_data_of",
 ]
-
-#: False-alarm probability of an explanation by noise alone, all families and their forms together: bound by evidence,
-#: not measured.
-_FALSE_ALARM = 0.005
 
 #: Minimum size of a pattern fixed on the sensor inside faces, over its size everywhere. Errors of edges along rows or
 #: columns, as those of a ceiling, look like rows or columns and have none there.
@@ -266,7 +262,7 @@ def parts_notes(verdicts: Sequence[Verdict], judged: Container[str]) -> tuple[st
         One for each effect, with two of its amplitudes.
     """
     return tuple(
-        f"{verdict.effect}: its size is {unlike}, over the fitted one. A true effect has one size in all parts: "
+        f"{verdict.effect}: relative to the fitted size, it is {unlike}. A true effect has one size in all parts: "
         "photograph again from another place, and give both captures."
         for verdict in verdicts
         if verdict.effect in judged and (unlike := verdict.by_part.unlike)
@@ -322,7 +318,7 @@ def is_significant_pattern(
     if everywhere and not _holds_inside(change, model, residual):
         return False
     least = max(least_gain_of(change, model), explanation.effects_leave * by_effects)
-    evident = explanation.evidence > 2 * np.log(explanation.num_forms / _FALSE_ALARM)
+    evident = explanation.evidence > 2 * np.log(explanation.num_forms / FALSE_ALARM)
     return evident and min(_gain(explanation, model, residual), explanation.gain) > least
 
 

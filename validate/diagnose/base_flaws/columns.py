@@ -131,7 +131,7 @@ def flaw_columns(
         *(_crease(picture, *pair) for pair in touching),
         *(_edge(picture, warp, *pair) for pair in pairs),
         *(_shading(picture, face) for face in np.unique(picture.face[picture.face >= 0])),
-        slopes(signal, signal - indirect * reflectance, used, face, transport),
+        slopes(signal - indirect * reflectance, used, face, transport),
         paints(signal, used, light),
         soft_corners(blurred, used, warp, picture.level_over(warp)),
         _field(picture),
@@ -220,7 +220,7 @@ def _edge(picture: _Picture, warp: Warp, first: int, second: int) -> Iterator[tu
     shares = warp.coverage[..., [first, second]]
     on_border = np.minimum(1.0, 6 * shares[..., 0] * shares[..., 1])
     rows, columns = np.nonzero(on_border)
-    if len(rows) < _MIN_CONTACT_PX:
+    if not len(rows):
         return
     apart = np.stack([rows - rows.mean(), columns - columns.mean()])
     along = np.linalg.eigh(apart @ apart.T)[1][:, -1] @ apart

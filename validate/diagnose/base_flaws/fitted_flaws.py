@@ -41,16 +41,13 @@ _MIN_WIDTH = 0.01
 #: Largest relative deviation of single pixels: a flaw is small, or it is a cause.
 _MAX_PIXEL_ERROR = 0.005
 
-#: Smallest chi2 of one standard deviation of a flaw that counts as an error: less widens no fit.
-_MIN_ERROR_CHI2 = 0.1
-
-#: Rounds of the widths' fit.
+#: Numerics: rounds of the widths' fit.
 _ROUNDS = 12
 
-#: Rounds of the fit of an effect's numbers and the widths in turn.
+#: Numerics: rounds of the fit of an effect's numbers and the widths in turn.
 _ROUNDS_WITH_EFFECT = 2
 
-#: Columns that are projected at once, to bound the memory.
+#: Numerics: columns that are projected at once, to bound the memory.
 _COLUMNS_PER_BLOCK = 8
 
 #: Side of the blocks of pixels that are held out in turn, px.
@@ -428,7 +425,7 @@ class FlawModel(Generic[W]):
     def errors_of(self, plain: W, fitted: FittedFlaws) -> list[NDArray[np.floating]]:
         """The flaws as errors that many samples share.
 
-        Single pixels, and flaws too small to count, are left out.
+        Single pixels are left out.
 
         Parameters
         ----------
@@ -443,9 +440,8 @@ class FlawModel(Generic[W]):
             (n,) over sigma each, one standard deviation.
         """
         prior = self._prior(fitted.width)
-        counts = (self.kind != _SHARED) & (prior**2 * np.diag(self.products) > _MIN_ERROR_CHI2)
-        each = ((width * self.change[i] / plain.sigma) for i, width in enumerate(prior) if counts[i])
-        return [error.astype(np.float32) for error in each]
+        flaws = np.flatnonzero(self.kind != _SHARED)
+        return [(prior[i] * self.change[i] / plain.sigma).astype(np.float32) for i in flaws]
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a residual.

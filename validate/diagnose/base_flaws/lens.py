@@ -30,8 +30,8 @@ _ROUND_POWERS = (2, 4, 8)
 #: The same of the length of a line towards the axis, less 1.
 _FURTHER_RADIAL_POWERS = (0, 1)
 
-#: Motion of the farthest corner by which lines are computed, px: by less, the steps in which coverage is known count
-#: (cosine with the change by motions of 0.3 px everywhere: 0.77 at 0.25 px, 0.94 at 0.4 px).
+#: Numerics: motion of the farthest corner by which lines are computed, px: by less, the steps in which coverage is
+#: known count (cosine with the change by motions of 0.3 px everywhere: 0.77 at 0.25 px, 0.94 at 0.4 px).
 _STEP_PX = 0.4
 
 

@@ -26,7 +26,7 @@ _WAVE_ORDER = 4
 #: Wavelengths between which a wave of order 1 goes from its highest to its lowest value, nm: the visible range.
 _RANGE_NM = (400.0, 700.0)
 
-#: Relative change of reflectance by which the derivative is taken: far from the rounding of single precision.
+#: Numerics: relative change of reflectance by which the derivative is taken: far from the rounding of single precision.
 _STEP = 0.01
 
 

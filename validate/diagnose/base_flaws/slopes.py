@@ -22,9 +22,6 @@ _GRAZING = 0.1
 #: Fewest pixels of a face for its slopes.
 MIN_FACE_PX = 20
 
-#: Smallest share of direct light in a face's light: less shows no slope.
-_MIN_DIRECT = 0.1
-
 #: Turn of a wall that leans, radians: a millimetre over the wall of the published box.
 _LEAN = 0.002
 
@@ -33,7 +30,6 @@ _BULGE = 0.004
 
 
 def slopes(
-    signal: NDArray[np.float64],
     direct: NDArray[np.float64],
     used: NDArray[np.bool_],
     face: NDArray[np.int64],
@@ -43,8 +39,6 @@ def slopes(
 
     Parameters
     ----------
-    signal
-        (band, y, x) predicted signal, DN.
     direct
         (band, y, x) part of it that comes from the lamps without any reflection before, DN.
     used
@@ -69,8 +63,7 @@ def slopes(
     is_wall = np.bincount(of_surface)[of_surface] == 1
     for index in np.unique(face[face >= 0]):
         where = (face == index).ravel()
-        total, direct_sum = (float(picture.reshape(len(signal), -1)[:, where].sum()) for picture in (signal, direct))
-        if not is_wall[index] or where.sum() < MIN_FACE_PX or direct_sum < _MIN_DIRECT * total:
+        if not is_wall[index] or where.sum() < MIN_FACE_PX:
             continue
         points = position[where]
         to_lamp = lamp - points

@@ -13,7 +13,7 @@ from ..field_fit import FittedExplanation, ResidualData, change_dn, lamp_dn
 
 __all__ = ["fitted_field"]
 
-#: Part of a map's largest value below which a point is left out.
+#: Numerics: part of a map's largest value below which a point is left out.
 _MIN_POINT_PART = 1e-3
 
 

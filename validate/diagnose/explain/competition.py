@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..families import families
 from ..field_fit import Family, FitInput, FittedExplanation, ResidualData, change_dn
-from ..hypotheses import CERTAIN_SIGMA, MIN_HELDOUT_GAIN, SHAPE_ERROR
+from ..hypotheses import CERTAIN_SIGMA, EXACT_SHAPE_ERROR, INDISTINGUISHABLE_CHI2, MIN_HELDOUT_GAIN, SHAPE_ERROR
 from .as_field import fitted_field
 from .explanation import NO_FORM, NONE, Explanation, Rival
 from .noise import noise_level
@@ -29,12 +29,6 @@ __all__ = ["MIN_SHARE", "explain", "explain_masked_families"]
 #: share the errors of an outline: ``SHAPE_ERROR`` counts there.
 _SHAPE_ERROR_OF_EXCHANGE = 0.03
 
-#: Smallest difference of two scores by which families are distinguished: odds of 400 to 1.
-_MIN_SCORE_DIFFERENCE = 12.0
-
-#: The same, relative to the winner's gain.
-_MIN_SCORE_DIFFERENCE_PART = 0.002
-
 #: Smallest part of the excess that a family must explain, or a kind of pattern where no family holds.
 MIN_SHARE = 0.2
 
@@ -46,12 +40,6 @@ _MIN_FURTHER_SHARE = 0.05
 
 #: Cosine of the bands' chi2 of two spots above which they may be one cause.
 _SAME_BANDS = 0.8
-
-#: Part of the excess after which no further form is sought.
-_ALL_EXPLAINED = 0.95
-
-#: Smallest 2 ln evidence of an explanation over noise alone.
-_MIN_EVIDENCE = 40.0
 
 #: A band shows the cause if its chi2 is at least this part of the strongest band's.
 _MIN_BAND_PART = 0.02
@@ -116,11 +104,11 @@ def _continued(
     further: list[str] = []
     for _ in range(_MAX_FURTHER_FORMS):
         remaining = data.with_change(-change)
-        if remaining.chi2 < data.chi2 - _ALL_EXPLAINED * total:
+        if remaining.chi2 < data.chi2 - (1 - _MIN_FURTHER_SHARE) * total:
             break
         alike = [form for form in winner.family.generate(FitInput.of(remaining)) if _alike(winner, form)]
         form = max(alike, key=lambda candidate: candidate.evidence, default=None)
-        if form is None or form.evidence < _MIN_EVIDENCE or not form.fit.predicts >= MIN_HELDOUT_GAIN:
+        if form is None or form.evidence < CERTAIN_SIGMA**2 or not form.fit.predicts >= MIN_HELDOUT_GAIN:
             break
         if _share(remaining, form, total) < _MIN_FURTHER_SHARE:
             break
@@ -186,11 +174,11 @@ def _compare(
         for share, score, candidate in ranked
     )
     _, score, winner = ranked[0]
-    margin = max(_MIN_SCORE_DIFFERENCE, _MIN_SCORE_DIFFERENCE_PART * winner.fit.gain)
+    margin = max(INDISTINGUISHABLE_CHI2, EXACT_SHAPE_ERROR * winner.fit.gain)
     holds = winner.fit.predicts >= MIN_HELDOUT_GAIN
     registered = registration(data)
     odds = probabilities(rivals, registered) if continued else {}
-    if winner.evidence < _MIN_EVIDENCE or rivals[0].share < min_share or not holds:
+    if winner.evidence < CERTAIN_SIGMA**2 or rivals[0].share < min_share or not holds:
         return _no_explanation(data, rivals, len(candidates), registered, odds)
     change = change_dn(data, winner)
     change, further = _continued(data, winner, change, total) if continued else (change, [])

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from ..field_fit import Advice, advice_for
+from ..field_fit import OTHER_SIGN, Advice, advice_for
 from .competition import MIN_SHARE
 from .explanation import Explanation
 from .registration import Registration
 
 __all__ = ["advice", "appearance"]
-
-#: Part of the excess below or above which counts are missing, or too many.
-_ONE_SIGN = 0.25
 
 #: Share of the best scaling that a second one reaches at the most to differ from it.
 _SCALES_ALIKE = 0.97
@@ -24,19 +21,19 @@ _WITHOUT_FAMILY = {
         "",
         "along the rows of the sensor",
         ("a fault of the read-out", "a frame whose transfer broke off", "a shutter that opens unevenly"),
-        "Photograph again with the camera turned by 90 degrees: what stays in the rows is the sensor's.",
+        "Photograph again with the camera turned by 90 degrees: what still runs along rows is made by the sensor.",
     ),
     "in_columns": Advice(
         "",
         "along the columns of the sensor",
         ("a fault of the column amplifiers", "trapped charge", "a frame whose transfer broke off"),
-        "Photograph again with the camera turned by 90 degrees: what stays in the columns is the sensor's.",
+        "Photograph again with the camera turned by 90 degrees: what still runs along columns is made by the sensor.",
     ),
     "in_pixels": Advice(
         "",
         "in single pixels",
         ("pixels that changed since darks and flats", "ice or dust on the sensor", "a lossy file format"),
-        "Take darks and flats again right after the scene: what goes with them was in the pixels.",
+        "Take darks and flats again right after the scene: what they take away was in the pixels.",
     ),
     "in_bands": Advice(
         "",
@@ -60,7 +57,7 @@ _WITHOUT_FAMILY = {
         "",
         "in a few places",
         ("a thing that was left in the box", "dirt on the sensor or a filter", "a reflex of the lamp"),
-        "Turn the camera a little and photograph again: what keeps its pixel is in the camera.",
+        "Turn the camera a little and photograph again: what stays at its pixel is in the camera.",
     ),
 }
 
@@ -76,14 +73,14 @@ _OF_ONE_SIGN = {
         "",
         "in a few places",
         ("a stain or a dark thing in the box", "a thing in front of it", "dirt on the sensor or a filter"),
-        "Turn the camera a little and photograph again: what keeps its pixel is in the camera.",
+        "Turn the camera a little and photograph again: what stays at its pixel is in the camera.",
     ),
     ("in_places", "too many"): Advice(
         "",
         "in a few places",
         ("light from another source", "a reflex of the lamp", "a bright thing in the box or near the camera"),
         "Photograph with the box's lamp off, with the same exposure: what stays is other light. Then turn the camera "
-        "a little and photograph again: what keeps its pixel is in the camera.",
+        "a little and photograph again: what stays at its pixel is in the camera.",
     ),
 }
 
@@ -124,9 +121,9 @@ def advice(explanation: Explanation) -> Advice:
 
 def _sign(registration: Registration) -> str:
     """Sign of a residual: counts that are missing, too many, or both."""
-    if registration.missing > 1 - _ONE_SIGN:
+    if registration.missing > 1 - OTHER_SIGN:
         return "missing"
-    return "too many" if registration.missing < _ONE_SIGN else "both"
+    return "too many" if registration.missing < OTHER_SIGN else "both"
 
 
 def appearance(registration: Registration) -> str:
@@ -147,12 +144,12 @@ def appearance(registration: Registration) -> str:
     )
     scalings = {
         "in proportion to the signal": registration.by_signal,
-        "alike in all bands, whatever the signal": registration.by_count,
+        "the same number in all bands": registration.by_count,
         "in proportion to the exposure time": registration.by_exposure,
     }
     first, second = sorted(scalings, key=lambda name: -scalings[name])[:2]
     if scalings[first] < MIN_SHARE:
         return f"{sign}, differently in each band"
     if scalings[second] > _SCALES_ALIKE * scalings[first]:
-        return f"{sign}, {first} or {second}"
+        return f"{sign}, either {first} or {second}"
     return f"{sign}, {first}"

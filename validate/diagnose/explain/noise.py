@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 
-__all__ = ["MEDIAN_OF_NORMAL", "noise_level"]
-
-#: Median of the absolute value of a standard normal variable.
-MEDIAN_OF_NORMAL = 0.6745
+__all__ = ["noise_level"]
 
 #: Squares of differences over their level are cut off at this value: edges that the model misses are no noise.
 _MAX_SQUARE = 9.0
 
-#: Largest distance of the pixels whose differences are taken, px: the largest repeat of a mosaic.
+#: Numerics: largest distance of the pixels whose differences are taken, px: the largest repeat of a mosaic.
 _LARGEST_STEP_PX = 16
 
 
@@ -48,5 +46,5 @@ def noise_level(residual: NDArray[np.floating], used: NDArray[np.bool_]) -> floa
     mixed = np.concatenate([_mixed_differences(picture, where) for picture, where in pairs])
     if not mixed.size:
         return 1.0
-    level = (np.median(np.abs(mixed)) / MEDIAN_OF_NORMAL) ** 2
+    level = robust_sigma(mixed) ** 2
     return float(min(level * np.minimum(mixed**2 / level, _MAX_SQUARE).mean(), 1.0))

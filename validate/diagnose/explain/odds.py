@@ -45,7 +45,7 @@ _PREDICTS = (-1.0, 1.2)
 #: Smallest excess per sample that counts, chi2: below the allowances of the pictures.
 _LEAST_EXCESS = 0.005
 
-#: Number of draws of the weights, over which probabilities are means: their errors are below 0.02.
+#: Numerics: number of draws of the weights, over which probabilities are means: their errors are below 0.02.
 _DRAWS = 1000
 
 #: Variance of the offset of a family that the simulations lack: that of its prior.

@@ -24,17 +24,12 @@ __all__ = ["soft_outline", "spot_log_odds"]
 #: have 0.7 to 2.3 (one of 14: 3.5), the light of a small lamp on a wall 2 to 8.
 _MAX_OUTLINE_WIDTH = 2.6
 
-#: Largest factor of a coat's map: each of the two faces of a film reflects at most as much as a coat.
-_MAX_COATS = 2.0
+#: Largest value of the map of a coat or of another paint: each of the two faces of a film reflects at most as much as a
+#: coat, and a paint covers all of a place at most.
+_MAX_COVERED = 2.0
 
-#: Largest negative value of a coat's map, over its maximum: fitted maps ring below 0.
-_MAX_COAT_RINGING = 0.5
-
-#: Largest part of a place that another paint covers: 1, and the ringing of a fitted map.
-_MAX_COVERED = 1.3
-
-#: Largest negative part that another paint covers, over its maximum: the ringing of a fitted map.
-_MAX_COVER_RINGING = 0.3
+#: Largest negative value of such a map, over its maximum: fitted maps ring below 0.
+_MAX_RINGING = 0.5
 
 
 def soft_outline(data: ResidualData, candidates: Sequence[FittedExplanation]) -> bool:
@@ -87,9 +82,11 @@ def spot_log_odds(data: ResidualData, candidate: FittedExplanation, soft: bool) 
     if not candidate.local:
         return 0.0
     if candidate.mirrored_dn is not None:
-        return 0.0 if _is_possible_coat(data, candidate) else -candidate.fit.gain
+        return 0.0 if _is_possible(data, candidate, candidate.fit.coefficients[0]) else -candidate.fit.gain
     if candidate.paint_change is not None:
-        return -PENALTY_ODD if _is_possible_paint(data, candidate, candidate.paint_change) else -candidate.fit.gain
+        band = int(np.argmax(np.abs(candidate.paint_change)))
+        part = candidate.fit.coefficients[band] / candidate.paint_change[band]
+        return -PENALTY_ODD if _is_possible(data, candidate, part) else -candidate.fit.gain
     change = change_dn(data, candidate)
     weight = np.sum((change * data.weight) ** 2, axis=0)
     if not weight.any():
@@ -103,15 +100,7 @@ def spot_log_odds(data: ResidualData, candidate: FittedExplanation, soft: bool) 
     return odds
 
 
-def _is_possible_coat(data: ResidualData, candidate: FittedExplanation) -> bool:
-    """Whether a film of plastic could reflect as fitted: nowhere less than nothing."""
-    mirrors = candidate.fit.coefficients[0] @ cast("ImageMaps", candidate.maps).matrix(data.shape)
-    return bool(-_MAX_COAT_RINGING * mirrors.max() < mirrors.min() and mirrors.max() < _MAX_COATS)
-
-
-def _is_possible_paint(data: ResidualData, candidate: FittedExplanation, paint_change: NDArray[np.float64]) -> bool:
-    """Whether the part of a place that another paint covers lies between nothing and all."""
-    band = int(np.argmax(np.abs(paint_change)))
-    bells = cast("ImageMaps", candidate.maps).matrix(data.shape)
-    part = candidate.fit.coefficients[band] / paint_change[band] @ bells
-    return bool(-_MAX_COVER_RINGING * part.max() < part.min() and part.max() < _MAX_COVERED)
+def _is_possible(data: ResidualData, candidate: FittedExplanation, coefficients: NDArray[np.float64]) -> bool:
+    """Whether a film or a paint could cover a place as fitted: from nothing to two coats."""
+    covered = coefficients @ cast("ImageMaps", candidate.maps).matrix(data.shape)
+    return bool(-_MAX_RINGING * covered.max() < covered.min() and covered.max() < _MAX_COVERED)

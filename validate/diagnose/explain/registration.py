@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from ..field_fit import ResidualData
+from ..field_fit import LEAST_DIVISOR, ResidualData
 from .noise import noise_level
 
 __all__ = ["Registration", "registration"]
@@ -70,7 +70,7 @@ def registration(data: ResidualData) -> Registration:
     rows, columns = np.indices(data.shape)
     bands = np.arange(len(data.bands))[:, None, None]
     surfaces = data.surface - data.surface.min() + 1
-    flat = 1 / np.maximum(data.flat, 0.05)
+    flat = 1 / np.maximum(data.flat, LEAST_DIVISOR)
     exposure = data.exposure_s[:, None, None] / data.exposure_s.max()
 
     def share(operator: NDArray[Any], labels: NDArray[Any]) -> float:

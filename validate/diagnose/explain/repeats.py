@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
 
 from ..field_fit import Advice
 from ..hypotheses import CERTAIN_SIGMA, INDISTINGUISHABLE_CHI2
-from .noise import MEDIAN_OF_NORMAL
 from .rival_form import Lead
 
 __all__ = ["FrameAmplitudes", "flicker_of", "frame_amplitudes", "lead_of_frames"]
@@ -79,7 +79,7 @@ def flicker_of(levels: NDArray[np.float64]) -> float:
         Standard deviation by the median, which an event in one band does not change; 0 without repeats.
     """
     several = levels[np.isfinite(levels)]
-    return float(np.median(np.abs(several))) / MEDIAN_OF_NORMAL if several.size else 0.0
+    return robust_sigma(several) if several.size else 0.0
 
 
 def frame_amplitudes(
@@ -172,5 +172,5 @@ def _advice(band: FrameAmplitudes) -> Advice:
         "",
         "in time: frames of one band differ",
         ("a lamp that flickered", "a shutter that stuck", "a table that was pushed, a door that opened"),
-        f"Photograph band {band.band} again with at least three frames: what acts in all of them is no event.",
+        f"Photograph band {band.band} again with at least three frames: what all of them show is no event.",
     )

@@ -20,11 +20,8 @@ from ..hypotheses import MIN_HELDOUT_GAIN
 
 __all__ = ["Lead", "lead_of_forms", "rival_forms"]
 
-#: Part of an effect's square, next to a form, that rounding leaves of the same pattern.
+#: Numerics: part of an effect's square, next to a form, that rounding leaves of the same pattern.
 _ROUNDING = 1e-6
-
-#: Number of forms, those with the largest evidence, whose pattern is compared with the effect's.
-_MAX_COMPARED = 12
 
 
 @dataclass(frozen=True)
@@ -122,7 +119,7 @@ def _best_rival(
     shape : (n,) the effect's change over sigma. alike : part of its square by which a pattern that is alike differs; 0
     where none counts as alike.
     """
-    for form in rival_forms(data)[:_MAX_COMPARED]:
+    for form in rival_forms(data):
         change = data.whitened(change_dn(data, form))[data.used]
         ((of_shape, cross), (_, of_change)) = _marginal_products(data, np.array([shape, change]))
         if not alike or cross**2 < (1 - alike) * of_shape * of_change:

@@ -23,6 +23,7 @@ from ..field_fit import (
     equations_in_all_bands,
     fixed_spectrum,
 )
+from ..hypotheses import SHAPE_ERROR
 from ..shared_forms import TRAILS, copies, forms_by_spectrum, moved_charge
 
 __all__ = ["FAMILY"]
@@ -32,10 +33,6 @@ _UNEVEN_ORDER = 2
 
 #: Radius of the exchange with neighbours by an even blur, px.
 _EVEN_RADIUS_PX = 2
-
-#: Part of a defocus' chi2 that errors of its shape leave along a line: at most 0.006 in captures of another simulator,
-#: where a smear of 0.7 px along a diagonal leaves 0.03.
-_ROUND_LEAVES = 0.01
 
 #: Directions of streaks that are tried, degrees from the rows, downwards.
 _STREAKS_DEG = tuple(range(0, 180, 15))
@@ -114,7 +111,7 @@ def smears(data: ResidualData) -> Iterator[FittedExplanation]:
     for explanation in forms_by_spectrum(FAMILY, "along a line", n, columns, "moments", ImageMaps("cosines")):
         fit = replace(explanation.fit, coefficients=explanation.fit.coefficients @ parts)
         form = explanation.form.replace("along a line", f"along {_direction(explanation.fit)}")
-        yield replace(explanation, form=form, fit=fit, sharp=True, effects_leave=_ROUND_LEAVES)
+        yield replace(explanation, form=form, fit=fit, sharp=True, effects_leave=SHAPE_ERROR)
 
 
 def _lines(data: ResidualData) -> Iterator[FittedExplanation]:

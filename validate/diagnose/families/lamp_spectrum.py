@@ -85,7 +85,7 @@ _ADVICE = (
         "part of the lamp",
         "in a part of the lamp",
         ("tubes or diodes that aged unlike", "a stained or bleached part of the cover", "one source of another colour"),
-        "Photograph the lamp itself in each band, short enough not to saturate: its colour must be even.",
+        "Photograph the lamp itself in each band, short enough not to saturate: its colour must be the same all over.",
     ),
     Advice(
         "line",

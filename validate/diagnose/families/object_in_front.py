@@ -13,6 +13,7 @@ from scipy.sparse import csr_matrix
 
 from ..field_fit import (
     CORE_WEIGHT,
+    LEAST_DIVISOR,
     PENALTY_UNLIKELY,
     Advice,
     Columns,
@@ -28,11 +29,8 @@ from ..field_fit import (
 
 __all__ = ["FAMILY"]
 
-#: Rounds of the alternating fit of an object's outline and radiance.
+#: Numerics: rounds of the alternating fit of an object's outline and radiance.
 _ROUNDS = 3
-
-#: Share of a pixel that the outline covers at the least where the radiance is determined.
-_MIN_COVERED = 0.05
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
@@ -68,7 +66,7 @@ def _fitted(
         weight = (data.weight.reshape(num_bands, -1) * outline) ** 2
         behind = data.signal.reshape(num_bands, -1)
         emitted = (measured - data.signal).reshape(num_bands, -1) + outline * behind
-        per_outline = np.where(outline > _MIN_COVERED, weight / np.maximum(outline, _MIN_COVERED), 0.0)
+        per_outline = np.where(outline > LEAST_DIVISOR, weight / np.maximum(outline, LEAST_DIVISOR), 0.0)
         radiance = np.sum(per_outline * emitted, axis=1) / np.maximum(weight.sum(axis=1), 1e-30)
     penalty = num_bands * np.log(max(fit.gain, 2.0))
     fit = replace(fit, evidence=fit.evidence - penalty)

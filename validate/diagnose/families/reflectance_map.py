@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..field_fit import (
+    OTHER_SIGN,
     PENALTY_ODD,
     PENALTY_UNLIKELY,
     Advice,
@@ -30,10 +31,6 @@ from ..field_fit import (
 )
 
 __all__ = ["FAMILY"]
-
-#: Largest distance of the darker part of a stain's chi2 from a half, at which it may be a bump: bright on one side and
-#: dark on the other.
-_MAX_BUMP_IMBALANCE = 0.3
 
 #: Least difference of the change of reflectance between bands, relative to the largest, by which a paint is recognised.
 _MIN_COLOUR_CONTRAST = 0.5
@@ -58,7 +55,7 @@ def _stains(spot: SurfaceSpot) -> Iterator[FittedExplanation]:
     stain = FittedExplanation(
         FAMILY, "a stain", spot.fit, spot.relative_change, "reflectance", spot.maps, spot.name, local=True
     )
-    if abs(darker_part(data, change_dn(data, stain)) - 0.5) < _MAX_BUMP_IMBALANCE:
+    if OTHER_SIGN < darker_part(data, change_dn(data, stain)) < 1 - OTHER_SIGN:
         stain = replace(stain, form="a stain, or a bump or dent that is lit on one side")
     yield stain
     yield from _other_paints(spot, stain)

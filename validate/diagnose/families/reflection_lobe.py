@@ -153,7 +153,7 @@ _ADVICE = (
         "not Lambertian",
         "in a paint, by the angle",
         ("a paint with a sheen", "rough or fibrous paint", "dust on horizontal faces"),
-        "Photograph a painted card at five angles to the lamp.",
+        "Photograph a painted card at five angles to the lamp: matte paint follows the cosine of the angle.",
     ),
     Advice(
         "place",

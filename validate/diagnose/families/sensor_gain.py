@@ -90,19 +90,19 @@ _ADVICE = (
             "neighbours of unlike colour that leak charge",
             "a raw file whose channels were scaled otherwise",
         ),
-        "Photograph an evenly lit card through a narrow filter: the channel's pixels then differ by amplifiers alone.",
+        "Photograph an evenly lit card through a narrow filter: what still differs is made by amplifiers.",
     ),
     Advice(
         "every second",
         "in the read-out",
         ("two amplifiers of unlike gain", "two converters that read in turn", "gains that drifted since the flats"),
-        "Photograph an evenly lit card at two exposures: rows or columns in turn differ by the same part.",
+        "Photograph an evenly lit card at two exposures: unlike gains differ by the same percentage in both.",
     ),
     Advice(
         "quarters",
         "in the read-out",
         ("four amplifiers of unlike gain", "a gain that drifted since the flats", "a shutter of two halves"),
-        "Photograph an evenly lit card at two exposures: quarters differ by the same part, with straight borders.",
+        "Photograph an evenly lit card at two exposures: unlike gains differ by the same percentage in both.",
     ),
     Advice(
         "mosaic's repeat",
@@ -156,7 +156,7 @@ _ADVICE = (
         "a spot",
         "on the sensor or its window",
         ("dust on the sensor's window", "a fibre on the sensor", "a drop that dried"),
-        "Turn the camera a little and photograph again: a spot that keeps its pixel is on the sensor.",
+        "Turn the camera a little and photograph again: a spot that stays at its pixel is on the sensor.",
     ),
     Advice(
         "",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..field_fit import (
+    LEAST_DIVISOR,
     PENALTY_UNLIKELY,
     Advice,
     Family,
@@ -28,9 +29,6 @@ from ..shared_forms import SensorPatterns
 
 __all__ = ["FAMILY"]
 
-#: Smallest flat field by which counts are divided: keeps dark corners finite.
-_MIN_FLAT = 0.05
-
 #: Percentile of the variance that stands for pixels without light.
 _WITHOUT_LIGHT = 1
 
@@ -41,7 +39,7 @@ def _patterns(fit_input: FitInput) -> SensorPatterns:
         FAMILY,
         "offset",
         fit_input,
-        operator=1 / np.maximum(data.flat, _MIN_FLAT),
+        operator=1 / np.maximum(data.flat, LEAST_DIVISOR),
         by_exposure=data.exposure_s,
         exposure_form="that grows with the exposure",
         common_variance=_variance_of_darks(data),
@@ -82,7 +80,7 @@ def _by_level(data: ResidualData) -> FittedExplanation:
     most = float(counts[data.used].max())
 
     def columns(band: int) -> NDArray[Any] | csr_matrix:
-        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(data.flat[band], _MIN_FLAT))
+        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(data.flat[band], LEAST_DIVISOR))
 
     fit = fixed_spectrum(equations_in_all_bands(data, columns), np.ones(len(data.bands)))
     form = "steps or bends of the counts by their level"
@@ -95,7 +93,7 @@ def _bends(data: ResidualData) -> Iterator[FittedExplanation]:
     most = float(counts[data.used].max())
 
     def columns(band: int) -> NDArray[Any] | csr_matrix:
-        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(data.flat[band], _MIN_FLAT))
+        return scaled(parts_of_levels(counts[band].ravel(), most), 1 / np.maximum(data.flat[band], LEAST_DIVISOR))
 
     level = np.linspace(0.0, most, LEVELS)
     # flats and reference bend as well, which leaves another level of the channel
@@ -143,7 +141,7 @@ _ADVICE = (
         "every second",
         "in the read-out",
         ("two amplifiers of unlike offset", "two converters that read in turn", "a changed read-out setting"),
-        "Cover the lens and take frames of the shortest exposure: rows or columns in turn differ there as well.",
+        "Cover the lens and take frames of the shortest exposure: an offset differs there as well.",
     ),
     Advice(
         "quarters",
@@ -195,7 +193,7 @@ _ADVICE = (
         "a wave",
         "in the read-out",
         ("mains hum", "radio interference of a supply", "a loose ground"),
-        "Cover the lens and take two frames of the shortest exposure: hum has another phase in each.",
+        "Cover the lens and take two frames of the shortest exposure: waves of hum lie elsewhere in each.",
     ),
     Advice(
         "rings",

@@ -142,8 +142,8 @@ _ADVICE = (
             "a step of the supply's voltage",
             "a lamp that arcs",
         ),
-        "Take the bands again in the reverse order, with the camera's settings locked: a step in time stays with the "
-        "number of the frame, and not with the band.",
+        "Take the bands again in the reverse order, with the camera's settings locked: a step in time then shows in "
+        "other bands.",
     ),
 )
 

@@ -16,9 +16,10 @@ from .field import (
 )
 from .fitted_explanation import Columns, FittedExplanation, change_dn, equations_in_all_bands, scaled
 from .light_exchange import light_exchange
-from .residual_data import ChargeExchange, ResidualData, Transport
+from .residual_data import LEAST_DIVISOR, ChargeExchange, ResidualData, Transport
 from .spot_appearance import (
     CORE_WEIGHT,
+    OTHER_SIGN,
     PENALTY_IMPOSSIBLE,
     PENALTY_ODD,
     PENALTY_UNLIKELY,
@@ -32,6 +33,8 @@ from .waves import Wave, strongest_waves
 
 __all__ = [
     "CORE_WEIGHT",
+    "LEAST_DIVISOR",
+    "OTHER_SIGN",
     "PENALTY_IMPOSSIBLE",
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",

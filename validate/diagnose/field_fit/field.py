@@ -36,25 +36,27 @@ __all__ = [
     "solve_coefficients",
 ]
 
-#: Squared widths of the prior that are tried, times the largest eigenvalue of the information, in quarter decades.
+#: Numerics: squared widths of the prior that are tried, times the largest eigenvalue of the information, in quarter
+#: decades.
 _RELATIVE_WIDTHS = np.logspace(-8, 6, 57)
 
-#: Relative eigenvalue of the information below which a combination of coefficients is undetermined.
+#: Numerics: relative eigenvalue of the information below which a combination of coefficients is undetermined.
 _MIN_EIGENVALUE = 1e-7
 
-#: Ridge of a trial fit, relative to the trace of its matrix: rounding of double precision.
+#: Numerics: ridge of a trial fit, relative to the trace of its matrix: rounding of double precision.
 _TRIAL_RIDGE = 1e-13
 
-#: Smallest part of a nuisance that a field leaves: columns of single precision do not resolve less.
+#: Numerics: smallest part of a nuisance that a field leaves: columns of single precision do not resolve less.
 _MIN_NUISANCE_PART = 1e-5
 
-#: Pixels whose columns are converted to double precision at once: limits the memory.
+#: Numerics: pixels whose columns are converted to double precision at once: limits the memory.
 _BLOCK_PIXELS = 2**15
 
-#: Rounds of the alternating fit of map and spectrum.
+#: Numerics: rounds of the alternating fit of map and spectrum.
 _MAX_ROUNDS = 6
 
-#: Change of a spectrum, relative to its largest number, that ends the alternating fit: evidence changes by its square.
+#: Numerics: change of a spectrum, relative to its largest number, that ends the alternating fit: evidence changes by
+#: its square.
 _MAX_SPECTRUM_CHANGE = 1e-3
 
 #: Fewest bands of a map for holding out every other one: two are fitted and one is tested, or more.

@@ -20,16 +20,16 @@ from .residual_data import Transport
 
 __all__ = ["light_exchange"]
 
-#: Step of the single wavelengths at which a filter may pass light, nm: paints change little over half of it.
+#: Numerics: step of the single wavelengths at which a filter may pass light, nm: paints change little over half of it.
 _LINE_STEP_NM = 20.0
 
 #: Roughnesses (GGX alpha) of the coats that a surface may have: mirror-like, glossy, silky.
 _COAT_ROUGHNESS = (0.03, 0.12, 0.35)
 
-#: Rays of a pixel for each coat.
+#: Numerics: rays of a pixel for each coat.
 _COAT_SAMPLES = 64
 
-#: Places across a lamp from which light is summed, over its half size.
+#: Numerics: places across a lamp from which light is summed, over its half size.
 _PLACES = (-0.8, -0.4, 0.0, 0.4, 0.8)
 
 

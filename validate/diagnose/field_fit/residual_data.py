@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-__all__ = ["ChargeExchange", "ResidualData", "Transport"]
+__all__ = ["LEAST_DIVISOR", "ChargeExchange", "ResidualData", "Transport"]
 
 #: Change (band, y, x) of the signal, DN, by a unit of an exchange of charge. The exchange gives the change of raw
 #: frames (band, y, x) above dark by these frames.
 ChargeExchange = Callable[[Callable[[NDArray[np.float64]], NDArray[np.float64]]], NDArray[np.float64]]
 
-#: Part of a band's mean signal below which changes are compared with that part: relative changes diverge there.
-_DARK_SIGNAL = 0.05
+#: Part of the usual size from which a signal, a flat field or an outline divides: quotients diverge below it.
+LEAST_DIVISOR = 0.05
 
 #: Side of the squares that are held out in turn, px; that of a mosaic's repeat where larger.
 _HELD_OUT_PX = 2
@@ -147,7 +147,7 @@ class ResidualData:
     @property
     def least_signal(self) -> NDArray[np.float64]:
         """(band,) signal with which the changes of darker pixels are compared, DN."""
-        return _DARK_SIGNAL * self.signal.mean(axis=(1, 2))
+        return LEAST_DIVISOR * self.signal.mean(axis=(1, 2))
 
     def reflectance_of(self, surface: int) -> NDArray[np.float64]:
         """Reflectance of a surface's paint.

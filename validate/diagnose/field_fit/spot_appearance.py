@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..hypotheses import CERTAIN_SIGMA
 from .fitted_explanation import FittedExplanation
 from .residual_data import ResidualData
 from .spot_regions import BORDER_OVER_PEAK
 
 __all__ = [
     "CORE_WEIGHT",
+    "OTHER_SIGN",
     "PENALTY_IMPOSSIBLE",
     "PENALTY_ODD",
     "PENALTY_UNLIKELY",
@@ -53,21 +55,14 @@ _BORDER_PART = 0.05
 #: Least rms distance of the log reflectance that a paint would need from a line over wavelength, to exclude paint.
 _MIN_OFF_LINE = 0.2
 
-#: A spot is taken as light, not paint, if log(change / signal) is closer to linear in wavelength than the log
-#: reflectance a paint would need, by this factor.
-_LIGHT_CLOSER_TO_LINE = 2
-
 #: Largest ratio of the relative changes of two bands by light that has the colour of the box's own light.
 _MAX_RATIO_OF_BOX_LIGHT = 2.0
 
 #: Upper limit of an apparent reflectance: above 1, as an object may be closer to the lamp.
 _MAX_APPARENT_REFLECTANCE = 2.0
 
-#: Chi2 of a change in one band above which its sign is certain.
-_MIN_CHI2_OF_SIGN = 30.0
-
-#: Part of its chi2 by which light may darken: noise, and what the fit of the lamp takes up.
-_MAX_DARKER_PART = 0.25
+#: Part of a change's chi2 that may have the other sign: noise, and what the fit of the lamp takes up.
+OTHER_SIGN = 0.25
 
 #: Distance from a spot within which the orientation of its surface is determined, px.
 _SLOPE_RADIUS_PX = 6
@@ -141,11 +136,11 @@ class SpotAppearance:
     @cached_property
     def darkens(self) -> bool:
         """Whether a part of the image or a band is darker, as by another paint; light only adds."""
-        if darker_part(self.data, self.change) > _MAX_DARKER_PART:
+        if darker_part(self.data, self.change) > OTHER_SIGN:
             return True
         squares = (self.change * self.data.weight) ** 2
         total, darker = squares.sum(axis=(1, 2)), np.where(self.change < 0, squares, 0.0).sum(axis=(1, 2))
-        return bool(np.any((total > _MIN_CHI2_OF_SIGN) & (darker > total / 2)))
+        return bool(np.any((total > CERTAIN_SIGMA**2) & (darker > total / 2)))
 
     @cached_property
     def at_the_border(self) -> bool:
@@ -179,8 +174,7 @@ class SpotAppearance:
             return False
         needed = np.maximum(self.data.reflectance_of(owner), 1e-6) * (1 + self.relative)
         light, paint = (_off_line(self.data.nm, np.log(values)) for values in (self.relative, needed))
-        of_the_surface = paint > max(_MIN_OFF_LINE, _LIGHT_CLOSER_TO_LINE * light)
-        return of_the_surface or bool(needed.max() > _MAX_APPARENT_REFLECTANCE)
+        return paint > max(_MIN_OFF_LINE, light) or bool(needed.max() > _MAX_APPARENT_REFLECTANCE)
 
 
 def darker_part(data: ResidualData, change: NDArray[Any]) -> float:

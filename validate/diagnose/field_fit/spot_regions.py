@@ -17,7 +17,7 @@ _MAX_SPOT_PART = 0.15
 #: Standard deviation of the Gaussian by which the excess is smoothed, px.
 _SMOOTHING_PX = 1.5
 
-#: Most bells of a spot: limits the time of a fit.
+#: Numerics: most bells of a spot: limits the time of a fit.
 _MAX_BELLS = 200
 
 #: Bells between the middle and the border of a thin region, such as that of a hair: resolves its profile.

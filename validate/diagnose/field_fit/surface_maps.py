@@ -14,7 +14,7 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from .residual_data import ResidualData, Transport
+from .residual_data import LEAST_DIVISOR, ResidualData, Transport
 
 __all__ = ["SmoothSurfaceMaps", "lamp_dn", "smooth_surface_maps"]
 
@@ -24,14 +24,11 @@ _MAX_ORDER = 4
 #: Order at which the prior amplitude of a map falls to one half.
 _CORNER_ORDER = 2.0
 
-#: Angles from 0 to 90 degrees at which a matte lobe is a free number, every 15 degrees; linear in between.
+#: Numerics: angles from 0 to 90 degrees at which a matte lobe is a free number, every 15 degrees; linear in between.
 _LOBE_ANGLES = 7
 
-#: Relative extent below which a surface is flat in a direction.
+#: Numerics: relative extent below which a surface is flat in a direction.
 _FLAT_EXTENT = 0.01
-
-#: Part of the median radiance below which a pixel says nothing of the scale between DN and radiance.
-_DARK_RADIANCE = 0.05
 
 #: Least cosine of the angle of emission in a logarithm.
 _GRAZING = 0.03
@@ -383,7 +380,7 @@ def lamp_dn(data: ResidualData, band: int) -> float:
         Signal of the lamp's radiance, DN.
     """
     picture, signal = data.transport.picture[band], data.signal[band]
-    bright = data.used[band] & (picture > _DARK_RADIANCE * np.median(picture))
+    bright = data.used[band] & (picture > LEAST_DIVISOR * np.median(picture))
     return float(np.median(signal[bright] / picture[bright]))
 
 

@@ -18,16 +18,13 @@ __all__ = ["Wave", "strongest_waves"]
 #: Fewest waves over the image; longer ones are fitted by cosines.
 _MIN_WAVES = 3
 
-#: Largest change of frequency across the image, waves per px: from the finest wave one way to the finest the other.
-_MAX_FREQUENCY_CHANGE = 1.0
-
 #: Smallest side of an image with rings, px: smaller ones hold no rings of several waves that pixels resolve.
 _MIN_SIDE_FOR_RINGS_PX = 48
 
-#: Side to which images are averaged to find the curvature of rings, px: limits the time.
+#: Numerics: side to which images are averaged to find the curvature of rings, px: limits the time.
 _COARSE_SIDE_PX = 128
 
-#: Halvings of the steps in frequency and curvature when a wave is refined.
+#: Numerics: halvings of the steps in frequency and curvature when a wave is refined.
 _REFINEMENTS = 6
 
 
@@ -82,7 +79,7 @@ def _strongest(image: NDArray[Any], rings: bool) -> tuple[float, tuple[float, fl
     frequencies = np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns)
     slow = np.hypot(rows * frequencies[0], columns * frequencies[1]) < _MIN_WAVES
     # neighbouring curvatures differ by half a wave from the centre to a corner
-    largest = _MAX_FREQUENCY_CHANGE / (2 * side)
+    largest = 1 / (2 * side)  # from the finest wave one way to the finest the other across the image
     curvatures = np.arange(2 * _MIN_WAVES / side**2, largest, 1 / side**2) if rings else [0.0]
     best = (-1.0, (0.0, 0.0, 0.0))
     for c in curvatures:

@@ -51,7 +51,7 @@ _MAX_SHARED_ERROR_SIGMA = 2.0
 #: Distance from a face's edges at which a pixel counts as interior, px: contact shadows depend on gaps below 1 mm.
 _INTERIOR_DISTANCE_PX = 2
 
-#: Relative singular-value cutoff of the changes that several numbers make: below it they repeat one another.
+#: Numerics: relative singular-value cutoff of the changes that several numbers make: below it they repeat one another.
 _RELATIVE_CUTOFF = 1e-5
 
 #: Patches of the image across and down, within which residuals may be correlated.

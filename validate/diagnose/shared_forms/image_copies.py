@@ -31,13 +31,15 @@ _UNSHARP_PX = (2.0, 4.0, 8.0)
 #: Least sum of the brightness of a copy of a point over the sum of its sizes: light is added, not taken away.
 _MIN_ADDED = 0.5
 
-#: Width of the picture of a point on either side, in standard deviations of its blur: 0.3 % of a Gaussian lies beyond.
+#: Numerics: width of the picture of a point on either side, in standard deviations of its blur: 0.3 % of a Gaussian
+#: lies beyond.
 _POINT_REACH = 3.0
 
 #: Part of the picture's light that a copy brings into the frame at the least: a small part of it resembles steps.
 _MIN_OVERLAP = 0.6
 
-#: Least chi2 of a copy that the lamp's power does not take up, over the largest of all shifts: less is rounding.
+#: Numerics: least chi2 of a copy that the lamp's power does not take up, over the largest of all shifts: less is
+#: rounding.
 _MIN_POWER = 1e-3
 
 

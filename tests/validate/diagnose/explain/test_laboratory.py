@@ -32,9 +32,9 @@ def test_dirt_brings_no_light_and_a_reflex_takes_none(where):
 @pytest.mark.parametrize(
     ("shares", "end"),
     [
-        ((0.3, 0.9, 0.5), "alike in all bands, whatever the signal"),
+        ((0.3, 0.9, 0.5), "the same number in all bands"),
         ((0.9, 0.3, 0.5), "in proportion to the signal"),
-        ((0.5, 0.3, 0.501), "in proportion to the exposure time or in proportion to the signal"),
+        ((0.5, 0.3, 0.501), "either in proportion to the exposure time or in proportion to the signal"),
         ((0.1, 0.19, 0.05), "differently in each band"),
     ],
 )

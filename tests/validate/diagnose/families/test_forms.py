@@ -162,7 +162,7 @@ def test_a_lamp_whose_lobe_or_side_has_a_colour_is_the_lamps(shape, form):
     ("change", "form"),
     [
         (-0.05 * SIGNAL * (np.hypot(ROWS - 15, COLUMNS - 30) < 4), "counts are missing, in proportion to the signal"),
-        (np.ones(BANDS)[:, None, None] * 40.0 * (ROWS == 20), "there are counts too many, alike in all bands"),
+        (np.ones(BANDS)[:, None, None] * 40.0 * (ROWS == 20), "there are counts too many, the same number in all"),
     ],
 )
 def test_sign_and_scaling_are_measured(change, form):
