@@ -1,10 +1,8 @@
 """Vignetting: a radial fall-off that the flat field did not show.
 
 L' = L (1 - e r^2), r the distance from the image's centre over that of a corner pixel's centre. It acts on frames of
-the scene only. The cause is a flat field that was taken at another aperture or focus, or without the hood.
-
-Where a camera corrects its fall-off itself, flats correct it twice. Then e is negative and L' = L / (1 - d r^2), d the
-loss that was divided out: d = -e / (1 - e). The corner's factor is 1 - e for both signs.
+the scene only. The cause is a flat field that was taken at another aperture or focus, or without the hood. Where a
+camera corrects its fall-off itself, flats correct it twice: e is negative.
 
 Parameters: edge_loss e, without unit, null value 0.
 Source: first term of an even polynomial in r; no publication.
@@ -24,16 +22,11 @@ _LARGEST_LOSS = 0.9
 
 
 def _apply(light: Light, edge_loss: float) -> Light:
-    """Light with the fall-off, or with its inverse for a loss below 0.
-
-    The distance r runs to the pixels' centres and is 1 at that of a corner pixel.
-    """
+    """Light with the fall-off; r runs to the pixels' centres and is 1 at that of a corner pixel."""
     height, width = light.signal.shape[1:]
     y, x = np.arange(height) - (height - 1) / 2, np.arange(width) - (width - 1) / 2
     square = y[:, None] ** 2 + x**2
-    square = square / square.max()
-    factor = 1 - edge_loss * square if edge_loss >= 0 else 1 / (1 + edge_loss / (1 - edge_loss) * square)
-    return light.with_signal(light.signal * factor)
+    return light.with_signal(light.signal * (1 - edge_loss * square / square.max()))
 
 
 EFFECT = Effect(
