@@ -182,8 +182,8 @@ def _exposure(parts: list[str]) -> tuple[float | None, list[int]]:
         positions.append(index)
         before, behind = parts[index - 1] if index else "", parts[index + 1] if index + 1 < len(parts) else ""
         # '1-30s' and '1_4s': a fraction, a decimal, or a repeat and whole seconds
-        ambiguous = _PART_OF_NUMBER.fullmatch(before) or _THOUSANDS.fullmatch(match[1])
-        ambiguous = ambiguous or not _NOT_EXPOSED.isdisjoint((before, behind))
+        part_of_number = _PART_OF_NUMBER.fullmatch(before) or _THOUSANDS.fullmatch(match[1])
+        ambiguous = part_of_number or not _NOT_EXPOSED.isdisjoint((before, behind))
         values.add(None if ambiguous else float(match[1].replace(",", ".")) * _UNIT_S[match[2]])
     summed = any(_SUMMED.fullmatch(part) for part in parts)
     value = values.pop() if len(values) == 1 and not summed else None

@@ -21,7 +21,7 @@ __all__ = ["checked_keys", "raise_faults", "read_manifest"]
 
 
 #: Hint for a folder without a manifest.
-_NO_MANIFEST = "A capture is a folder with a capture.toml in it; `cbox calibrate --init FOLDER` writes a first one."
+_NO_MANIFEST = "A capture is a folder with a capture.toml in it. The manual's 'A first manifest' says how to begin."
 #: Faults listed in one message: more would hide the first ones.
 _MAX_FAULTS_LISTED = 20
 

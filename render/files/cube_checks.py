@@ -211,7 +211,7 @@ def negative_pixels(picture: xr.Dataset) -> int:
     values = _light(picture)
     if not (values.values < 0).any():
         return 0
-    below = values < -1e-6 * float(np.abs(values).where(np.isfinite(values)).mean())
+    below = values < -1e-6 * float(abs(values).where(np.isfinite(values)).mean())
     return int(below.any(dim=[d for d in values.dims if d not in ("y", "x")]).sum())
 
 

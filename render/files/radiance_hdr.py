@@ -142,7 +142,7 @@ def radiance_as_stored(path: Path) -> xr.Dataset | None:
     InputError
         If the file is damaged.
     """
-    if not path.is_file() or not is_radiance(path):
+    if path.suffix.lower() != ".hdr" or not path.is_file() or not is_radiance(path):
         return None
     header, values, step = _stored(path)
     if header.form != "rgbe":

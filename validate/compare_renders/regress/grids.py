@@ -84,10 +84,10 @@ class Common:
 
         Pixels that are not numbers are the mean of all, which no value is cut off at.
         """
-        cubes = self.baseline.batches, self.candidate.batches
-        if cubes[0] is None or cubes[1] is None or len(cubes[0]) != len(cubes[1]):
-            cubes = self.baseline.radiance[None], self.candidate.radiance[None]
-        first, second = cubes[0].sum(axis=-1), cubes[1].sum(axis=-1)
+        before, after = self.baseline.batches, self.candidate.batches
+        if before is None or after is None or len(before) != len(after):
+            before, after = self.baseline.radiance[None], self.candidate.radiance[None]
+        first, second = before.sum(axis=-1), after.sum(axis=-1)
         if self.missing is not None:
             for side in (first, second):
                 side[:, self.missing] = side.mean()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -308,12 +308,10 @@ def _steadied(pooling: Pooling, blocks: list[PooledMean], grids: int) -> list[Po
         return blocks
     differences, sigmas = (np.array([getattr(block, key) for block in blocks]) for key in ("difference", "sigma"))
     steady = steady_sigmas(differences, sigmas, _MAX_BLOCK_DEGREES, alike=pooling.noise.clustering > 1)
-    figures = [
-        (block, {"difference": block.difference, "sigma": float(s)}) for block, s in zip(blocks, steady, strict=True)
-    ]
+    row = partial(_row, pooling, count=grids * BLOCKS**2)
     return [
-        _row(pooling, b.kind, b.name, b.pixels, **size, degrees=b.degrees, count=grids * BLOCKS**2)
-        for b, size in figures
+        row(b.kind, b.name, b.pixels, difference=b.difference, sigma=float(s), degrees=b.degrees)
+        for b, s in zip(blocks, steady, strict=True)
     ]
 
 

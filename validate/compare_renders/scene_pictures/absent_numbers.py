@@ -137,10 +137,10 @@ def not_numbers(
     if values.size == 0 or np.isfinite([values.min(), values.max()]).all():
         return None
     bad = ~np.isfinite(values)
-    pixels = bad.any(axis=-1)
+    pixels = np.asarray(bad.any(axis=-1))
     if pixels.all():
         raise InputError(f"{source}: radiance", "no pixel with finite values", "a picture, some pixels of it finite")
-    names = [str(name) for name, plane in zip(planes, bad.any(axis=(0, 1)), strict=True) if plane]
+    names = [str(name) for name, plane in zip(planes, np.asarray(bad.any(axis=(0, 1))), strict=True) if plane]
     if len(names) > _MOST_PLANES:
         names = [f"{len(names)} planes from {names[0]} to {names[-1]}"]
     kinds = {"NaN": np.isnan(values).any(), "infinity": np.isinf(values).any()}

@@ -308,10 +308,7 @@ def alike_along_edges(rest: NDArray[np.float64], edges: NDArray[np.bool_], smoot
     """
     products, squares = np.zeros((2, 2, *rest.shape))
     values = np.clip(rest, -_MOST_SIGMAS, _MOST_SIGMAS)
-    for axis in (0, 1):
-        first, second = np.s_[:-1, :], np.s_[1:, :]
-        if axis:
-            first, second = (part[::-1] for part in (first, second))
+    for first, second in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
         for number, mask in enumerate((edges, smooth)):
             both = mask[first] & mask[second]
             products[number][first] += both * values[first] * values[second]

@@ -110,15 +110,15 @@ def fixed_lines(
     for axis, name in ((1, "rows"), (0, "columns")):
         light, pixels = level.sum(axis=axis), difference.smooth.sum(axis=axis)
         bright = (pixels >= _MIN_PIXELS) & (light > 0)
-        first, second = (np.where(bright, h.sum(axis=axis) / np.where(bright, light, 1), np.nan) for h in halves)
-        off = np.stack([part[1:-1] - (part[:-2] + part[2:]) / 2 for part in (first, second)])
+        means = np.where(bright, np.sum(halves, axis=axis + 1) / np.where(bright, light, 1), np.nan)
+        off = means[:, 1:-1] - (means[:, :-2] + means[:, 2:]) / 2
         off = off[:, np.isfinite(off).all(axis=0)]
         degrees = off.shape[1] / _LINES_ALIKE - 2
-        scatter = np.array([robust_sigma(part) for part in off])[:, None]
+        scatter = np.array([[robust_sigma(part)] for part in off])
         if degrees * _LINES_ALIKE < _MIN_PARTS or not scatter.all():
             continue
         off = np.clip(off, -_CUT * scatter, _CUT * scatter)
-        alike = float(np.clip(np.corrcoef(off)[0, 1], 0, 1 - 1e-12))
+        alike = float(np.clip(np.asarray(np.corrcoef(off))[0, 1], 0, 1 - 1e-12))
         statistic = alike * np.sqrt(degrees / (1 - alike**2))
         probability = min(1.0, 2 * float(student_tail(statistic, degrees)))
         size = float(np.sqrt(max(float(np.mean(off[0] * off[1])), 0.0) / 1.5))
