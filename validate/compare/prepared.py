@@ -38,6 +38,10 @@ _MIN_EXCESS_RATIO = 2.0
 #: Largest distance from a block of a surveyed point that moves with it, mm: stated positions are rounded.
 _ON_BLOCK_MM = 1.0
 
+#: Standard deviation that points of the survey and edges of a rendering have in common, px: edges of an independent
+#: simulator agree within this. The number of points does not average it.
+_PICTURE_ERROR_PX = 0.005
+
 #: Share of the picture's median signal below which a sample is too dark to say that the model lacks light.
 _MIN_SIGNAL_SHARE = 0.05
 
@@ -334,7 +338,7 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     scene = model.scene.with_lamp(capture.light(lamp.radiance))
     return CalibratedCapture(
         calibration,
-        with_placed_blocks(camera_fit, scene),
+        with_tolerances(camera_fit, scene),
         responses,
         weights,
         scene.lambertian,
@@ -344,10 +348,11 @@ def prepare(capture: Capture, model: Model) -> CalibratedCapture:
     )
 
 
-def with_placed_blocks(fit: CameraFit, scene: Scene) -> CameraFit:
-    """A survey's camera with the tolerance of blocks' places in its covariance.
+def with_tolerances(fit: CameraFit, scene: Scene) -> CameraFit:
+    """A survey's camera with tolerances of block places and picture edges in its covariance.
 
-    All points on a block move with it, so that their number does not average this error.
+    All points on a block move with it, and edges of a rendering may all be off alike. The number of points does not
+    average these errors.
 
     Parameters
     ----------
@@ -359,13 +364,14 @@ def with_placed_blocks(fit: CameraFit, scene: Scene) -> CameraFit:
     Returns
     -------
     CameraFit
-        With a larger covariance where points lie on blocks.
+        With a larger covariance.
     """
     camera = fit.camera
     if camera.covariance is None or fit.points is None:
         return fit
     position = fit.points.points_mm[fit.in_use]
-    covariance = np.array(camera.covariance)
+    in_common = len(position) * (_PICTURE_ERROR_PX / fit.point_sigma_px) ** 2
+    covariance = (1 + in_common) * np.array(camera.covariance)
     by_image = camera.covariance @ parameter_jacobian(camera, position).T / fit.point_sigma_px**2
     for block, moved in _misplaced_blocks(scene):
         on_block = distance_to_surface(block, position) < _ON_BLOCK_MM
