@@ -91,6 +91,9 @@ _TESTED = (*MEANS, *STRUCTURE, "pattern")
 #: Exponent of the cap on names: a misfit of a half leaves 0.94, of 1 a half, of 2 leaves 0.06.
 _CAP_EXPONENT = 4
 
+#: Function that changes pictures (..., y, x, w); those of explanations have an exact shape, whose errors are noise.
+_Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
 
 def named_changes(
     comparison: RegressionData, variants: Variants | None, progress: Progress = NO_PROGRESS
@@ -142,9 +145,11 @@ def named_changes(
 
     def misfit(explanation: FittedChange) -> float:
         by_numbers = _misfit(evidence, explanation, further)
-        if by_numbers <= 1 and variants is None:
-            by_numbers = max(by_numbers, _by_edges(comparison, evidence, explanation))
-        return by_numbers if by_numbers > 1 else max(by_numbers, _by_verdict(comparison, explanation, surfaces))
+        if by_numbers > 1 or explanation.applied is None:
+            return by_numbers
+        by_verdict, is_hidden = _by_verdict(comparison, explanation.applied, surfaces)
+        by_edges = _by_edges(comparison, evidence, explanation.applied) if is_hidden else 0.0
+        return max(by_numbers, by_verdict, _HIDDEN if is_hidden else 0.0, by_edges)
 
     return _weighed(evidence, explanations, unknown, most, misfit)
 
@@ -322,7 +327,7 @@ def _misfit(evidence: Evidence, explanation: FittedChange, further: NDArray[np.f
     return float(max(ratios))
 
 
-def _changed(side: Side, change: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Side:
+def _changed(side: Side, change: _Change) -> Side:
     """Side whose pictures (..., y, x, w) a function changed; noise follows its slope."""
     variance, batches = side.variance, None if side.batches is None else change(side.batches)
     if variance is not None:
@@ -332,42 +337,36 @@ def _changed(side: Side, change: Callable[[NDArray[np.float64]], NDArray[np.floa
     return replace(side, radiance=radiance, variance=variance, batches=batches)
 
 
-def _by_edges(comparison: RegressionData, evidence: Evidence, explanation: FittedChange) -> float:
+def _by_edges(comparison: RegressionData, evidence: Evidence, applied: _Change) -> float:
     """Misfit by what is left along edges, where a shadow that moved has one sign.
 
-    Floors of single pixels at edges are generous, and sums over cells hide what cancels. Only changes whose shape is
-    exact are tested, in an unknown scene: no other shape can be tried there.
+    Floors of single pixels at edges are generous, and sums over cells hide what cancels.
     """
-    if explanation.applied is None:
-        return 0.0
-    strata, rest = comparison.strata, (evidence.candidate - explanation.applied(evidence.baseline)).sum(axis=-1)
+    strata, rest = comparison.strata, (evidence.candidate - applied(evidence.baseline)).sum(axis=-1)
     sigma = np.sqrt(np.maximum(comparison.noise.total, 1e-300))
     sigma[evidence.pixels] = 1 / evidence.scale
     probability = alike_along_edges(rest / sigma, strata.edges, strata.smooth)
     return float(np.log(max(probability, 1e-300)) / np.log(_REFUSED_AT_EDGES))
 
 
-def _by_verdict(comparison: RegressionData, explanation: FittedChange, surfaces: SurfaceIndices | None) -> float:
-    """Misfit by the verdict: the changed baseline has to be the same as the candidate.
+def _by_verdict(comparison: RegressionData, applied: _Change, surfaces: SurfaceIndices | None) -> tuple[float, bool]:
+    """Misfit by the verdict; True where a part of the scene could change by as much unseen.
 
-    A sun that moved scales most of the light, and moves shadows, too. No list of numbers shows every such trace. Only
-    changes whose shape is exact are tested: errors of others are not noise.
+    The changed baseline has to be the same as the candidate. A sun that moved scales most of the light, and moves
+    shadows, too. No list of numbers shows every such trace.
     """
-    if explanation.applied is None:
-        return 0.0
     common, fitted = comparison.common, area_means(comparison.pooling)[0].sigma
-    changed = _changed(common.baseline, explanation.applied)
+    changed = _changed(common.baseline, applied)
     try:
         outcome, _ = regress_sides(changed, common.candidate, surfaces, _REFUSED, fitted)
     except InputError:  # a change after which a tenth of the light is below 0
-        return np.inf
+        return np.inf, False
     quotient = min(row.probability / row.critical for row in outcome.pools if row.kind in _TESTED)
     misfit = float(np.log(np.clip(quotient * _REFUSED, 1e-300, 1.0)) / np.log(_REFUSED))
     before, after = common.baseline.radiance, changed.radiance
     change = (np.abs(after - before) / np.where(before > 0, before, np.inf)).max(axis=-1)
-    size = np.median(change[change > 0]) if change.any() else 0.0
-    is_hidden = surfaces is None and outcome.would_have_seen_in_parts > size
-    return max(misfit, _HIDDEN) if is_hidden else misfit
+    size = float((change**2).sum() / max(float(change.sum()), 1e-300))
+    return misfit, surfaces is None and outcome.would_have_seen_in_parts > size
 
 
 def _weighed(

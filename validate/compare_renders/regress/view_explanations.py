@@ -44,6 +44,8 @@ _PARTS = 16
 _AT_EDGES = 0.25
 #: Scatters about the median at which a pixel's relative difference is cut in that look.
 _CUT = 5.0
+#: Widest border of the change `border`, px: pixel filters reach so far.
+_WIDEST_RING_PX = 3
 #: Widest border that a change of the view may bring into the picture, px.
 _MAX_BORDER_PX = 16
 
@@ -257,7 +259,7 @@ def _border(evidence: Evidence) -> Iterator[FittedChange]:
     Where sides meet, either their changes add up or the corner has their mean: that of a border all around.
     """
     distances = _distances(evidence)
-    for ring, shared in product((1, 2, 3), (False, True)):
+    for ring, shared in product(range(1, _WIDEST_RING_PX + 1), (False, True)):
         inside = {name: distance < ring for name, distance in distances.items()}
         sides = np.maximum(np.sum(list(inside.values()), axis=0), 1) if shared else np.ones(evidence.cell.shape)
         shapes = [(mask / sides)[..., None] for mask in inside.values()]
@@ -280,7 +282,7 @@ def rectangle(evidence: Evidence) -> FittedChange | None:
     Returns
     -------
     FittedChange or None
-        The description with the least chi-square and cost of its parameters; None without light.
+        The description with the least chi-square and cost of its parameters; None without light, or for a border.
     """
     base = evidence.baseline
     level, total = base.sum(axis=-1), (evidence.candidate - base).sum(axis=-1)
@@ -297,6 +299,8 @@ def rectangle(evidence: Evidence) -> FittedChange | None:
         inside = np.zeros((*level.shape, 1))
         inside[top:bottom, left:right] = 1.0
         (height, width), size = level.shape, (bottom - top, right - left)
+        if min(size) <= _WIDEST_RING_PX:  # `border` has a name
+            continue
         borders = (top > 0) + (bottom < height) + (left > 0) + (right < width)
         parts = [f"columns {left} to {right - 1}"] * (size[1] < width)
         parts += [f"rows {top} to {bottom - 1}"] * (size[0] < height)
@@ -306,7 +310,7 @@ def rectangle(evidence: Evidence) -> FittedChange | None:
             text = f"a step along straight borders, a factor {factor:.3g} in {' and '.join(parts)}"
             text += f", {outside:.3g} elsewhere" if len(templates) > 1 else ""
             changes.append(FittedChange(UNKNOWN, {"description": text}, fit, borders + len(templates)))
-    return min(changes, key=lambda change: change.chi2 + np.log(evidence.numbers) * change.free)
+    return min(changes, key=lambda change: change.chi2 + np.log(evidence.numbers) * change.free, default=None)
 
 
 def _rectangles(weight: NDArray[np.float64], values: NDArray[np.float64]) -> Iterator[tuple[int, int, int, int]]:
