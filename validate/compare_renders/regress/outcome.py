@@ -196,10 +196,11 @@ class Outcome(FrozenMappings):
         """Pattern whose means cancel, in words; None without one that decides.
 
         A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one. Scatter at edges
-        is stated where nothing else differs, a ripple where nothing else is clearer.
+        and a fixed pattern of lines are stated where nothing else differs, a ripple where nothing else is clearer.
         """
-        rows = {kind: row for kind in CANCELLING for row in reversed(self.of_kind(kind)) if row.different}
         others = any(row.different for row in self.pools if row.kind not in (*CANCELLING, "numbers"))
+        kinds = [kind for kind in CANCELLING if kind != "lines" or not others]
+        rows = {kind: row for kind in kinds for row in reversed(self.of_kind(kind)) if row.different}
         if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
             del rows["texture"]
         if "dark" in rows:
@@ -271,8 +272,7 @@ class Outcome(FrozenMappings):
             start = start if index == 0 else f"or {start[0].lower()}{start[1:]}"
             text.append(f"{start}: {change_text(change)}, probability {change.probability:.2f}")
         if self.fits is not None and math.isfinite(self.left_chi2_per_number):
-            fit = "it fits" if self.fits else "it does not fit"
-            chi2 = self.left_chi2_per_number
+            chi2, fit = self.left_chi2_per_number, "it fits" if self.fits else "it does not fit"
             text.append(f"The best name leaves a χ² per number of {chi2:.2f} (noise: about 1): {fit}.")
         if self.outliers:
             text.append(
