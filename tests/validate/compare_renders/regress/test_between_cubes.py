@@ -134,4 +134,5 @@ def test_lines_that_differ_in_all_cubes_are_a_pattern_of_their_size(axis, name):
     assert (finding.name, finding.probability < 1e-8) == (f"a fixed pattern of {name}", True)
     assert finding.size == pytest.approx(0.02, rel=0.3)  # 62 lines fix a scatter to 9 %
     assert lines_of(first, np.concatenate([gains * second[:1], second[1:]])).probability > 1e-3
+    assert lines_of(first, (1 + 0.1 * np.linspace(-1, 1, 64)) * second).probability > 1e-3  # slow changes are no lines
     assert lines_of(first[:1], second[:1]) is None
