@@ -55,7 +55,7 @@ class DiagnosisResult(Result):
     validation: Validation
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of diagnosis.json (docs/diagnosis.md).
+        """Content of diagnosis.json (docs/reference/files.md).
 
         Returns
         -------

@@ -94,7 +94,8 @@ def test_masked_patterns_come_by_their_rank():
 
 
 def test_the_manual_lists_every_family():
-    table = (ROOT / "docs" / "diagnosis.md").read_text(encoding="utf-8").split("## Explanation")[1].split("\n\n")[2]
+    page = (ROOT / "docs" / "explanation" / "how-diagnosis-decides.md").read_text(encoding="utf-8")
+    table = page.split("## Explanation")[1].split("\n\n")[2]
     assert set(re.findall(r"`([a-z-]+)`", "\n".join(line.split("|")[1] for line in table.splitlines()))) == set(ORDER)
 
 
