@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer")
 
-SIZE, SAMPLES = 40, 16384
+SIZE, SAMPLES = 24, 16384
 TURNED = Rotation.from_euler("yxz", [4.0, -3.0, 10.0], degrees=True).as_matrix()
 
 

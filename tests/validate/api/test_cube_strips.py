@@ -3,13 +3,14 @@
 import re
 import tempfile
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 import xarray as xr
 from cboxlab.rendering.device.variant import compiled
 from cboxlab.rendering.files import RADIANCE_UNIT, read_cube
-from cboxlab.rendering.files.cube_strips import ROWS, strip_cameras
+from cboxlab.rendering.files.cube_strips import strip_cameras
 from cboxlab.rendering.integrators import passes, precision
 from cboxlab.rendering.integrators.passes import render_pass
 from cboxlab.rendering.integrators.precision import BATCHES
@@ -20,17 +21,31 @@ from cboxlab.validation.api import CubeSettings, cube, render, render_file
 from cboxlab.validation.api.strip_files import load_strip, store_strip
 from helpers.scenes.boxes import BANDS
 
-pytestmark = pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators")
+pytestmark = [
+    pytest.mark.skipif(not compiled(), reason="needs LLVM 16 or newer: compiled integrators"),
+    pytest.mark.usefixtures("large_patches"),
+]
 
+#: Rows of a strip in place of 64.
+ROWS = 32
 SIZE = ROWS + 24
 SETTINGS = CubeSettings(np.asarray(BANDS), samples=32, seed=3)
+small_strips = partial(strip_cameras, rows=ROWS)
 
 
-@pytest.fixture
-def by_strips(tmp_path, monkeypatch):
-    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
-    notes = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), SETTINGS).notes
-    return read_cube(tmp_path / "a.nc"), notes
+@pytest.fixture(autouse=True, scope="module")
+def every_cube_in_small_strips():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cube, "LARGEST_IN_MEMORY", 0)
+        patch.setattr(cube, "strip_cameras", small_strips)
+        yield
+
+
+@pytest.fixture(scope="module")
+def by_strips(tmp_path_factory):
+    path = tmp_path_factory.mktemp("strips") / "a.nc"
+    notes = render_file(path, None, cornell_camera(SIZE), SETTINGS).notes
+    return read_cube(path), notes
 
 
 def test_strips_agree_with_the_whole_picture(by_strips):
@@ -49,7 +64,7 @@ def test_strips_agree_with_the_whole_picture(by_strips):
     across = difference[ROWS].sum(axis=0) / np.sqrt(variance[ROWS].sum(axis=0))
     assert np.abs(across).max() < 4
     alone = [
-        render(None, wavelengths=BANDS, camera=part, samples=32, seed=3) for part in strip_cameras(cornell_camera(SIZE))
+        render(None, wavelengths=BANDS, camera=part, samples=32, seed=3) for part in small_strips(cornell_camera(SIZE))
     ]
     expected = np.median([a.standard_error for a in alone]), max(a.standard_error_99 for a in alone)
     assert [float(n) / 100 for n in re.findall(r"([\d.]+)%", notes[0])] == pytest.approx(expected, rel=0.1)
@@ -89,7 +104,6 @@ def test_an_interrupted_cube_goes_on_after_its_last_strip(by_strips, tmp_path, m
 def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypatch):
     """Also where the first strip was kept; illuminances are those of the whole picture's patches."""
     grid = np.linspace(400, 700, 10)
-    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     settings = CubeSettings(grid, samples=1, seed=3)
     passes = tmp_path / "kept.nc"
     photometry = render_file(tmp_path / "a.nc", None, cornell_camera(SIZE), settings).photometry
@@ -111,7 +125,6 @@ def test_luminances_by_strips_are_those_of_the_strips_pixels(tmp_path, monkeypat
 
 
 def test_strips_share_one_radiosity_solution_but_no_random_numbers(tmp_path, monkeypatch):
-    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     solutions, numbers = [], []
     solve = passes.solve_light
     monkeypatch.setattr(
@@ -145,11 +158,10 @@ def test_strips_take_room_next_to_the_cube_only(tmp_path, monkeypatch):
     assert [path.name for path in strip_folder.parent.iterdir()] == ["0"]
 
 
-def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path, monkeypatch):
+def test_a_camera_that_looks_away_gives_a_black_picture_and_says_so(tmp_path):
     away = replace(cornell_camera(16), position_mm=np.array([278.0, 273.0, 5000.0]))
     image = render(wavelengths=BANDS, camera=away, samples=4)
     assert not image.cube["radiance"].values.any() and "sees no lit surface" in image.notes()[0]
-    monkeypatch.setattr(cube, "LARGEST_IN_MEMORY", 0)
     assert "sees no lit surface" in render_file(tmp_path / "a.nc", None, away, SETTINGS).notes[0]
 
 

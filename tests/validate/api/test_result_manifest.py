@@ -72,15 +72,3 @@ def test_what_is_no_manifest_is_refused(tmp_path, content):
     (tmp_path / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=r"manifest\.json"):
         verify(tmp_path)
-
-
-def test_a_calibration_is_verified_by_the_command(cbox, tmp_path):
-    out = tmp_path / "calibration"
-    assert cbox("calibrate", ROOT / "validate" / "data" / "demo-capture", "--out", out)[0] == 0
-    code, text, _ = cbox("verify", out)
-    assert code == 0 and "are unchanged" in text
-    path = out / "calibration.json"
-    path.write_text(path.read_text() + " ")
-    code, text, _ = cbox("verify", out)
-    assert code == 1 and "calibration.json: this result has changed" in text
-    assert cbox("verify", tmp_path)[0] == 2

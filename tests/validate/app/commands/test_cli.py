@@ -253,7 +253,7 @@ def test_the_catalogue_is_shown(cbox):
     assert code == 0 and "fraction" in out and "ISO 9358" in out and "To confirm" in out
 
 
-def test_a_calibration_in_the_terminal(tmp_path, cbox):
+def test_a_calibration_in_the_terminal_is_verified_by_the_command(tmp_path, cbox):
     code, out, _ = cbox("calibrate", DEMO_CAPTURE, "--out", tmp_path / "out", "--refine-geometry")
     assert code == 0
     for word in (
@@ -267,8 +267,15 @@ def test_a_calibration_in_the_terminal(tmp_path, cbox):
     ):
         assert word in out
     gain = float(re.search(r"gain +([\d.]+) ", out)[1])
-    record = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    path = tmp_path / "out" / "calibration.json"
+    record = json.loads(path.read_text())
     assert gain == pytest.approx(record["gain_e_per_dn"]["value"], abs=record["gain_e_per_dn"]["sigma"] / 5)
+    code, out, _ = cbox("verify", path.parent)
+    assert code == 0 and "are unchanged" in out
+    path.write_text(path.read_text() + " ")
+    code, out, _ = cbox("verify", path.parent)
+    assert code == 1 and "calibration.json: this result has changed" in out
+    assert cbox("verify", tmp_path)[0] == 2
 
 
 def test_a_hidden_effect_is_made_and_revealed(tmp_path, cbox):

@@ -9,6 +9,8 @@ independent. The scatter of a polynomial's parts from block to block is the test
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from cboxlab.utils.distributions import fisher_tail
 from numpy.typing import NDArray
@@ -85,11 +87,11 @@ def slow_change(difference: Difference) -> Finding | None:
     if bright.sum() < 2 * (len(polynomials) + len(waves)):
         return None
     shapes = np.stack([shape[bright] * weight[bright] for shape in (*polynomials, *waves)], axis=1)
-    orthogonal, _ = np.linalg.qr(shapes)
-    power = (orthogonal.T @ goal[bright]) ** 2
+    # the last column of the triangle holds the products of the goal with the orthogonal shapes
+    power = np.linalg.qr(np.column_stack([shapes, goal[bright]]), mode="r")[:-1, -1] ** 2
     free = len(polynomials) - 1
     slow = float(power[1 : free + 1].mean())
-    shapes = orthogonal[:, 1 : free + 1]
+    shapes = np.linalg.qr(shapes[:, : free + 1])[0][:, 1:]
     sizes = shapes.T @ goal[bright]
     rest = goal[bright] - shapes @ sizes
     terms, norms = shapes * (rest[:, None] + shapes * sizes), shapes**2
@@ -179,6 +181,7 @@ def _summed(picture: NDArray[np.float64], every: int) -> NDArray[np.float64]:
     return np.asarray(np.add.reduceat(np.add.reduceat(picture, rows, axis=0), columns, axis=1))
 
 
+@lru_cache(maxsize=8)
 def _waves(shape: tuple[int, ...]) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
     """Cosines (v, u) over the picture, and their half periods along the longer side."""
     height, width = shape
