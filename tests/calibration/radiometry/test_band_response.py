@@ -14,7 +14,10 @@ def test_a_spectrum_that_begins_within_a_band_makes_the_larger_error():
     falling = np.maximum(1 - x / 40, 0)
     inside = np.exp(-0.5 * ((grid.nm - 550) / 15) ** 2)
     responses = tuple(BandResponse(n, grid, curve, 2.0) for n, curve in (("a", falling), ("b", inside)))
-    errors = tabulation_errors(responses, Spectrum(grid.nm, x / 100))
+    light = Spectrum(grid.nm, x / 100)
+    errors = tabulation_errors(responses, light, (5.0, 5.0))
     signal = 40**2 / 6
     assert errors[0] == pytest.approx(-2 * (5**2 - 1) / 12 / signal, rel=0.01)
     assert abs(errors[1]) < 1e-6
+    finer = tabulation_errors(responses, light, (2.0, 1.0))
+    assert finer == pytest.approx([errors[0] * (2**2 - 1) / (5**2 - 1), 0.0], rel=0.01, abs=1e-12)
