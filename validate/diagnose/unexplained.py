@@ -389,11 +389,15 @@ def at_full_size(explanation: Explanation, excess: ResidualData, flaws_dn: NDArr
     Returns
     -------
     Explanation
-        The same with another size; unchanged where the whole residual does not show its form.
+        The same with the form and size in the whole residual; unchanged where that does not show it.
     """
-    patterns = explain_masked_families(excess.with_change(_filled(flaws_dn, excess.used)))
-    whole = next((pattern for pattern in patterns if pattern.form == explanation.form), explanation)
-    return replace(explanation, change=whole.change, field=whole.field, gain=whole.gain)
+    for pattern in explain_masked_families(excess.with_change(_filled(flaws_dn, excess.used))):
+        acts = [each.field and each.field.acts for each in (pattern, explanation)]
+        if acts[0] == acts[1] and pattern.bands == explanation.bands:
+            return replace(
+                explanation, form=pattern.form, change=pattern.change, field=pattern.field, gain=pattern.gain
+            )
+    return explanation
 
 
 def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64]) -> float:

@@ -103,7 +103,7 @@ class Explanation(FrozenMappings):
 
     @property
     def probability(self) -> float:
-        """Probability of the family, or that it is none of them; NaN where not judged, or by significance alone."""
+        """Probability of the family, or that it is none of them; NaN where odds do not judge."""
         return float("nan") if self.separate else self.odds.get(self.family, float("nan"))
 
     @property

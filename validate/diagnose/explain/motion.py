@@ -1,4 +1,4 @@
-"""Sizes of a displacement: how far, how much larger and how much turned the picture of each band is."""
+"""Size of a displacement: distance, enlargement and turn of each band's picture."""
 
 from __future__ import annotations
 

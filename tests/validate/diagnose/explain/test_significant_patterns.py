@@ -200,7 +200,7 @@ def test_a_displacement_of_some_bands_stands_out_with_one_of_all(bands, phrase):
     assert report.form.endswith(phrase)
     assert (report.family, report.runner_up) == ("displacement", best.runner_up)
     doubted = {"displacement": 0.5, NONE: 0.5}
-    named = [replace(each, odds=doubted).named_if_likely().family for each in (best, report)]
-    assert named == [NONE, "displacement"]  # the odds judge the competition, and significance the separate fit
+    answers = [replace(each, odds=doubted).named_if_likely().family for each in (best, report)]
+    assert answers == [NONE, "displacement"]  # the odds judge the competition, and significance the separate fit
     turned = np.degrees(0.01 * (bands[0] or 1))
     assert 0.5 < motions(report)[trial_bands[0]].turned_deg / turned < 1.1  # a smooth field falls short by its prior
