@@ -32,8 +32,6 @@ __all__ = [
 PLANCK_J_S = 6.626e-34
 #: Speed of light, m/s, with the digits that the capture format prescribes.
 SPEED_OF_LIGHT_M_S = 2.998e8
-#: The largest step for integrals over wavelength that CIE 15 recommends.
-TABLE_STEP_NM = 5.0
 
 
 def lens_constant(focal_length_mm: float, pixel_pitch_um: float, gain_e_per_dn: float) -> float:
@@ -127,11 +125,13 @@ def sensor_matrix(responses: tuple[BandResponse, ...]) -> NDArray[np.float64]:
     return np.stack([response.weights for response in responses])
 
 
-def tabulation_errors(responses: tuple[BandResponse, ...], radiance: Spectrum) -> NDArray[np.float64]:
-    """Relative change of each band's signal where the integral is taken in coarser steps.
+def tabulation_errors(
+    responses: tuple[BandResponse, ...], radiance: Spectrum, steps_nm: Sequence[float]
+) -> NDArray[np.float64]:
+    """Relative change of each band's signal where the integral is taken in the steps of a table.
 
-    Estimates the error of tables with few wavelengths: the trapezoidal rule in steps of TABLE_STEP_NM against that of
-    the responses' grid. The error is large where a spectrum begins or ends within a band.
+    Estimates the error of tables with few wavelengths: the trapezoidal rule in their steps against that of the
+    responses' grid. The error is large where a spectrum begins or ends within a band.
 
     Parameters
     ----------
@@ -139,17 +139,21 @@ def tabulation_errors(responses: tuple[BandResponse, ...], radiance: Spectrum) -
         Responses of the bands, all on one grid.
     radiance
         Spectral radiance of the light source; its scale cancels.
+    steps_nm
+        (band,) step of each band's table, nm.
 
     Returns
     -------
     NDArray
-        (band,) coarse signal over fine signal, minus 1.
+        (band,) coarse signal over fine signal, minus 1; 0 for tables as fine as the grid.
     """
-    grid = responses[0].grid
-    coarse = slice(None, None, round(TABLE_STEP_NM / grid.step_nm))
-    light = np.stack([response.response for response in responses]) * radiance.at(grid.nm)
-    rough = light[:, coarse] @ trapezoidal_weights(grid.nm[coarse])
-    return np.asarray(rough / np.maximum(light @ grid.weights, 1e-300) - 1)
+    grid, errors = responses[0].grid, []
+    for response, step_nm in zip(responses, steps_nm, strict=True):
+        coarse = slice(None, None, max(round(step_nm / grid.step_nm), 1))
+        light = response.response * radiance.at(grid.nm)
+        rough = light[coarse] @ trapezoidal_weights(grid.nm[coarse])
+        errors.append(rough / max(light @ grid.weights, 1e-300) - 1)
+    return np.array(errors)
 
 
 @dataclass(frozen=True, eq=False)

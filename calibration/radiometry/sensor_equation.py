@@ -34,6 +34,7 @@ __all__ = [
     "band_responses",
     "capture_factors",
     "counts_over_constant",
+    "filter_steps_nm",
     "missing_keys",
     "nominal_constant",
     "optical_factor",
@@ -42,6 +43,9 @@ __all__ = [
 
 #: Transmittance of a clear path: 1 at all wavelengths of the integral.
 _CLEAR = Spectrum(WAVELENGTH_NM, np.ones(WAVELENGTH_NM.size), "hold")
+
+#: The largest step for integrals over wavelength that CIE 15 recommends.
+_LARGEST_STEP_NM = 5.0
 
 
 def nominal_constant(capture: Capture) -> float | None:
@@ -111,6 +115,24 @@ def _filter_of(capture: Capture, band: BandTable) -> Spectrum | None:
     if band.transmittance is not None:
         return capture.light(band.transmittance)
     return _CLEAR if _is_unfiltered(band) else None
+
+
+def filter_steps_nm(capture: Capture) -> list[float]:
+    """Step in which the table of each band's filter is given.
+
+    Parameters
+    ----------
+    capture
+        Capture with filters, which are the narrowest of its curves.
+
+    Returns
+    -------
+    list of float
+        (band,) largest step, nm: at most, and for bands without a filter, the largest that CIE 15 recommends.
+    """
+    references = [band.transmittance for band in capture.manifest.band]
+    tables = [np.empty(0) if column is None else capture.light(column).wavelength_nm for column in references]
+    return [min(float(np.diff(nm).max(initial=0.0)) or _LARGEST_STEP_NM, _LARGEST_STEP_NM) for nm in tables]
 
 
 def _lens_of(capture: Capture) -> Spectrum | None:

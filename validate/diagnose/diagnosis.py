@@ -285,6 +285,8 @@ def _explained(first: LinearisedFit, answer: _Answer, judged: _Judged, capture: 
     if flaws.small and not (remains or by_flaws):
         beyond = residual - model.whiten_used(flaws.by_lens_dn)
     explanation = unexplained.explanation_to_report(several, model, beyond, by_effects, remains or unlisted > 0)
+    if by_flaws and explanation is not None and explanation.separate:
+        explanation = unexplained.at_full_size(explanation, excess, flaws.change_dn)
     selected = tuple(c.hypothesis.effect.id for c in effects)
     by_picture = [c.hypothesis.effect.id for c in effects if not c.by_priors]
     imitations = dict(answer.imitations)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from cboxlab.calibration.instrument import Mask, tabulation_errors
+from cboxlab.calibration.radiometry import filter_steps_nm
 from cboxlab.rendering.chain import stages_between
 from cboxlab.rendering.device import variant
 from cboxlab.rendering.effects import AppliedEffect
@@ -169,7 +170,8 @@ def linearised_fit(
         ),
         lamp_sigma=prepared.lamp_sigma,
         band_errors=BandErrors(
-            tabulation_errors(prepared.responses, lamp), prepared.calibration.noise.rounding_error_dn
+            tabulation_errors(prepared.responses, lamp, filter_steps_nm(prepared.calibration.capture)),
+            prepared.calibration.noise.rounding_error_dn,
         ),
     )
     if (bands := prepared.calibration.bands).dark_sigma_dn.any():

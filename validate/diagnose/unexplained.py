@@ -24,6 +24,7 @@ from .explain import (
     NONE,
     Explanation,
     Lead,
+    explain_masked_families,
     flicker_of,
     frame_amplitudes,
     lead_of_forms,
@@ -37,6 +38,7 @@ from .linearised_fit import LinearisedFit, refitted_together, residual_with
 from .search import Candidate
 
 __all__ = [
+    "at_full_size",
     "close_leads",
     "explanation_to_report",
     "family_beats_effects",
@@ -337,8 +339,8 @@ def explanation_to_report(
 ) -> Explanation | None:
     """The explanation of a residual that is reported.
 
-    A significant pattern of the best family takes over its rivals from other families. It replaces the best explanation
-    where it explains three quarters of what that does.
+    A significant pattern of the best family comes before those of others, and takes over its rivals. It replaces the
+    best explanation where it explains three quarters of what that does.
 
     Parameters
     ----------
@@ -359,20 +361,43 @@ def explanation_to_report(
         None where nothing remains to be explained.
     """
     best = explanations[0]
-    sharp = next(
-        (
-            explanation
-            for explanation in explanations
-            if is_significant_pattern(explanation, model, residual, by_effects)
-        ),
-        None,
-    )
+    significant = [each for each in explanations if is_significant_pattern(each, model, residual, by_effects)]
+    confirming = [each for each in significant if each.separate and each.family == best.family]
+    sharp = next(iter([*confirming, *significant]), None)
     if sharp:
         sharp = replace(sharp, odds=best.odds)
     if sharp and sharp.family == best.family:
         sharp = replace(sharp, told_apart=best.told_apart, rivals=(sharp.rivals[0], *best.rivals[1:]))
         remains = remains and sharp.share < _MIN_SHARE_OF_SHARP_FORM * best.share
     return best if remains else sharp
+
+
+def at_full_size(explanation: Explanation, excess: ResidualData, flaws_dn: NDArray[np.float64]) -> Explanation:
+    """A pattern that is fitted separately, at its size before flaws of the base were taken off.
+
+    Their fit contains a part of it, such as deviations of single pixels that few bands see behind a mosaic.
+
+    Parameters
+    ----------
+    explanation
+        Explanation of what remains without the flaws.
+    excess
+        Residual without them.
+    flaws_dn
+        (n,) change of the used samples by the flaws, DN.
+
+    Returns
+    -------
+    Explanation
+        The same with the form and size in the whole residual; unchanged where that does not show it.
+    """
+    for pattern in explain_masked_families(excess.with_change(_filled(flaws_dn, excess.used))):
+        acts = [each.field and each.field.acts for each in (pattern, explanation)]
+        if acts[0] == acts[1] and pattern.bands == explanation.bands:
+            return replace(
+                explanation, form=pattern.form, change=pattern.change, field=pattern.field, gain=pattern.gain
+            )
+    return explanation
 
 
 def _gain(explanation: Explanation, model: LinearModel, residual: NDArray[np.float64]) -> float:

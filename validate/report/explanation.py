@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from cboxlab.rendering.fitted_fields import field_record
 
-from ..diagnose.explain import NONE, SOUND, Explanation, advice, appearance
+from ..diagnose.explain import NONE, SOUND, Explanation, advice, appearance, motions
 from ..diagnose.families import families
 from .blocks import Cell, ReportSection, ReportTable
 from .numerals import number, significant
@@ -65,6 +65,10 @@ def explanation_record(explanation: Explanation | None) -> dict[str, Any]:
         "relative_change": {
             band: float(value) for band, value in zip(explanation.all_bands, explanation.spectrum, strict=True)
         },
+        "motion": {
+            band: {name: round(value, 7) for name, value in asdict(motion).items()}
+            for band, motion in motions(explanation).items()
+        },
         "heldout": float(explanation.heldout),
         "registration": {name: round(float(share), 3) for name, share in asdict(explanation.registration).items()},
         "fixed": guidance.fixed,
@@ -114,6 +118,7 @@ def explanation_sentence(explanation: Explanation) -> str:
     text = (
         f"What remains looks like {family.title} ({explanation.family}: {explanation.form}){where}, "
         f"in {bands}{_believed(explanation)}. It explains {100 * explanation.share:.0f} % of the excess."
+        f"{_motion_sentence(explanation)}"
     )
     if explanation.runner_up is None:
         return text
@@ -121,6 +126,20 @@ def explanation_sentence(explanation: Explanation) -> str:
     if explanation.told_apart:
         return f"{text} The next best family, {other.family}, explains {100 * other.share:.0f} %."
     return f"{text} This capture cannot distinguish it from {other.family}, which explains {100 * other.share:.0f} %."
+
+
+def _motion_sentence(explanation: Explanation) -> str:
+    """Displacement of the band that is displaced most; empty for other patterns."""
+    each = motions(explanation)
+    if not each:
+        return ""
+    band = max(each, key=lambda name: each[name].rms_px)
+    motion = each[band]
+    return (
+        f" The picture of {band} is displaced by {motion.rms_px:.3f} ± {motion.sigma_px:.3f} px (rms): "
+        f"{motion.right_px:+.3f} px to the right and {motion.down_px:+.3f} px down, enlarged by "
+        f"{1e6 * motion.enlargement:+.0f} ppm and turned by {motion.turned_deg:+.4f}° (clockwise)."
+    )
 
 
 def _undecided(explanation: Explanation) -> str:

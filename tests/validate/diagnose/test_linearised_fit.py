@@ -92,7 +92,8 @@ def test_noise_is_that_of_the_light_at_the_lamps_fitted_power(monkeypatch, scale
     """The picture's own variance counts at the power's square, the camera's noise at the light that it makes."""
     shape, arguments = (2, 3, 4), {}
     picture, variance = np.full(shape, 100.0), np.full(shape, 9.0)
-    values = {"camera_jacobian": np.zeros((10, *shape)), "tabulation_errors": None, "free_columns": []}
+    values = {"camera_jacobian": np.zeros((10, *shape)), "tabulation_errors": None, "filter_steps_nm": None}
+    values["free_columns"] = []
     for name, value in values.items():
         monkeypatch.setattr(linearised_fit, name, lambda *_, value=value: value)
     monkeypatch.setattr(linearised_fit, "model_variance", lambda signal_given: 0.01 * signal_given)

@@ -127,7 +127,9 @@ def test_a_pattern_without_effects_is_unknown_where_a_cause_is_likelier_than_a_s
     monkeypatch, sound, next_to_flaws, selected
 ):
     """The odds do not count flaws that explain what remains: with these it is always unknown."""
-    best = SimpleNamespace(single_pixels=False, cause_probability=1 - sound, named_if_likely=lambda: best)
+    best = SimpleNamespace(
+        single_pixels=False, separate=False, cause_probability=1 - sound, named_if_likely=lambda: best
+    )
     remains = iter((True, next_to_flaws))
     monkeypatch.setattr(diagnosis_module, "residual_with_rendered", lambda linearised, effects: np.ones(2))
     monkeypatch.setattr(diagnosis_module, "something_remains", lambda model, residual, rendered: next(remains))

@@ -4,6 +4,7 @@ from .competition import explain, explain_masked_families
 from .explanation import NONE, SOUND, Explanation, Rival
 from .imitation import LEAST_PROBABILITY, Signs, imitation_probability
 from .laboratory import advice, appearance
+from .motion import Motion, motions
 from .noise import noise_level
 from .registration import Registration, registration
 from .repeats import FrameAmplitudes, flicker_of, frame_amplitudes, lead_of_frames
@@ -16,6 +17,7 @@ __all__ = [
     "Explanation",
     "FrameAmplitudes",
     "Lead",
+    "Motion",
     "Registration",
     "Rival",
     "Signs",
@@ -28,6 +30,7 @@ __all__ = [
     "imitation_probability",
     "lead_of_forms",
     "lead_of_frames",
+    "motions",
     "noise_level",
     "registration",
     "rival_forms",

@@ -213,6 +213,7 @@ def _compare(
         family_record=winner.family,
         registration=registered,
         odds=odds,
+        separate=not continued,
     )
 
 

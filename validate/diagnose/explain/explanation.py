@@ -98,11 +98,13 @@ class Explanation(FrozenMappings):
     registration: Registration
     #: Probability of each family, of "none" and of "sound", see `odds`; empty for patterns that are fitted separately.
     odds: Mapping[str, float]
+    #: Whether it is a pattern that is fitted separately: its significance alone judges it.
+    separate: bool = False
 
     @property
     def probability(self) -> float:
-        """Probability of the family, or that it is none of them; NaN where not judged."""
-        return self.odds.get(self.family, float("nan"))
+        """Probability of the family, or that it is none of them; NaN where odds do not judge."""
+        return float("nan") if self.separate else self.odds.get(self.family, float("nan"))
 
     @property
     def cause_probability(self) -> float:
@@ -120,8 +122,7 @@ class Explanation(FrozenMappings):
             With the family "none" where its probability is below three quarters. It retains the change: flaws of the
             base are sought next to it.
         """
-        judged = len({rival.family for rival in self.rivals}) > 1 and self.family in self.odds
-        if self.family == NONE or not judged or self.probability >= _LIKELY_FAMILY:
+        if self.family == NONE or self.separate or self.probability >= _LIKELY_FAMILY:
             return self
         return replace(
             self,

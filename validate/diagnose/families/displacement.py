@@ -1,4 +1,4 @@
-"""Displacement of the image, constant or smooth; in all bands, in one, or in each."""
+"""Displacement of the image, constant, linear or smooth; in all bands, in one, or in each."""
 
 from __future__ import annotations
 
@@ -25,14 +25,18 @@ from ..shared_forms import forms_by_spectrum
 
 __all__ = ["FAMILY"]
 
-#: Highest order of the cosines of a smooth displacement.
-_SMOOTH_ORDER = 4
+#: Highest order of the cosines of each displacement. One half wave across the picture is nearly linear.
+_ORDER = {"the whole picture": 0, "magnified or turned": 1, "a smooth field": 4}
+
+#: Displacement that is sought in one band alone: a lens enlarges every band otherwise, which smooth fields contain.
+_OF_ONE_BAND = "magnified or turned"
 
 
 def _generate(fit_input: FitInput) -> Iterator[FittedExplanation]:
     data = fit_input.data
     for form, maps, columns in _operators(data):
-        yield from forms_by_spectrum(FAMILY, form, equations_in_all_bands(data, columns), columns, "displacement", maps)
+        forms = forms_by_spectrum(FAMILY, form, equations_in_all_bands(data, columns), columns, "displacement", maps)
+        yield from [*forms][-1:] if form == _OF_ONE_BAND else forms
 
 
 def displacements_of_bands(data: ResidualData) -> Iterator[FittedExplanation]:
@@ -48,17 +52,18 @@ def displacements_of_bands(data: ResidualData) -> Iterator[FittedExplanation]:
     Yields
     ------
     FittedExplanation
-        In each band otherwise, and in one band; constant and smooth.
+        In each band otherwise, and in one band; constant, linear and smooth.
     """
     for form, maps, columns in _operators(data):
         n = next_to_common_field(equations_in_all_bands(data, columns))
         _, *single = forms_by_spectrum(FAMILY, form, n, columns, "displacement", maps)
-        yield from (replace(explanation, sharp=True) for explanation in single)
+        some = single[-1:] if form == _OF_ONE_BAND else single
+        yield from (replace(explanation, sharp=True) for explanation in some)
 
 
 def _operators(data: ResidualData) -> Iterator[tuple[str, ImageMaps, Columns]]:
-    """Constant and smooth displacements to the right and down."""
-    for form, order in (("the whole picture", 0), ("a smooth field", _SMOOTH_ORDER)):
+    """Constant, linear and smooth displacements to the right and down."""
+    for form, order in _ORDER.items():
         maps = ImageMaps("cosines", order=order)
         yield form, maps, _columns(data, maps.matrix(data.shape))
 

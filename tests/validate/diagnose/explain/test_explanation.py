@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cboxlab.utils.progress import Cancelled, ProgressReporter
-from cboxlab.validation.diagnose.explain import NONE, competition, explain
+from cboxlab.validation.diagnose.explain import NONE, competition, explain, motions
 from cboxlab.validation.diagnose.families import families
 from cboxlab.validation.report.explanation import explanation_record, explanation_sentence
 from helpers.captures.small_excess import (
@@ -209,6 +209,9 @@ def test_a_shift_of_one_band_is_a_displacement_in_that_band():
     explanation = explain(small_excess(change))
     assert explanation.family == "displacement"
     assert explanation.bands == ("b2",)
+    motion = motions(explanation)["b2"]
+    assert 0.2 < motion.right_px < 0.3 and abs(motion.down_px) < 0.01  # differences of pixels are flatter than steps
+    assert f"displaced by {motion.rms_px:.3f}" in explanation_sentence(explanation)
 
 
 def test_levels_that_step_in_time_are_a_matter_of_order_and_those_of_a_line_are_not():

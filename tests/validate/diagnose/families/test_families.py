@@ -47,6 +47,7 @@ OTHER_MEANINGS = {
     ("render/image/__init__.py", "blur"),
     ("render/image/blur.py", "blur"),
     ("render/model/__init__.py", "displacement"),
+    ("validate/diagnose/explain/motion.py", "displacement"),
     ("render/model/stages.py", "displacement"),
     ("render/sensor/cameras.py", "blur"),
     ("validate/app/commands/calibrate.py", "object"),
