@@ -128,7 +128,8 @@ class PictureErrors:
     def _cells(self) -> csr_array:
         """(n, cells) error of each cell at each sample."""
         count = len(self.cell)
-        return csr_array((self.weight, self.cell, np.arange(count + 1)), shape=(count, len(self.shrink)))
+        ends = np.arange(count + 1, dtype=np.int32)
+        return csr_array((self.weight, self.cell, ends), shape=(count, len(self.shrink)))
 
     def by_cells(self, pixels: Any) -> Any:
         """Vectors over sigma whitened by the errors of cells alone.
@@ -229,7 +230,7 @@ def sparse_columns(columns: Iterable[NDArray], count: int) -> csc_array:
     for column in columns:
         rows.append(np.flatnonzero(column).astype(np.int32))
         values.append(column[rows[-1]].astype(np.float32))
-    ends = np.cumsum([len(each) for each in rows])
+    ends = np.cumsum([len(each) for each in rows], dtype=np.int32)
     return csc_array((np.concatenate(values), np.concatenate(rows), ends), shape=(count, len(ends) - 1))
 
 

@@ -441,9 +441,8 @@ class FlawModel(Generic[W]):
         csr_array
             (n, k) over sigma, one standard deviation each.
         """
-        errors = self.change.copy()
-        errors.data *= self._prior(fitted.width).astype(np.float32)[errors.indices]
-        return errors
+        width = self._prior(fitted.width).astype(np.float32)[self.change.indices]
+        return csr_array((self.change.data * width, self.change.indices, self.change.indptr), self.change.shape)
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a residual.
