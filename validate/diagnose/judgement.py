@@ -139,7 +139,7 @@ class FlawsWithEffects:
 
     @property
     def errors(self) -> csr_array:
-        """(n, k) over sigma, all errors that samples share, one standard deviation each; see `FlawModel.errors_of`."""
+        """(n, k) over sigma, errors that samples share, as of `FlawModel.errors_of`."""
         return self.model.errors_of(self.fitted)
 
     @property

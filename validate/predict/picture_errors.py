@@ -52,7 +52,7 @@ class PictureErrors:
     weight: NDArray[np.float32]
     #: (cells,) factor by which whitening shrinks the component along a cell's error.
     shrink: NDArray[np.float64]
-    #: (n, k) columns of the other errors, whitened by the cells; most are 0 in most samples.
+    #: (n, k) columns of the other errors, whitened by the cells; 0 in most samples.
     columns: csr_array
     #: (k, k) multiples of products with the columns that whitening subtracts.
     inner: NDArray[np.float64]
@@ -212,7 +212,7 @@ def errors_of_cells(cell: NDArray, weight: NDArray) -> PictureErrors:
 
 
 def sparse_columns(columns: Iterable[NDArray], count: int) -> csc_array:
-    """Columns of which most are 0 in most samples.
+    """Columns that are 0 in most samples.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class FlawModel(Generic[W]):
     nothing: float
     #: (k,) kind of each column.
     kind: NDArray[np.str_]
-    #: (n, k) columns over sigma, most of them 0 in most samples.
+    #: (n, k) columns over sigma, 0 in most samples.
     change: csr_array
     #: (n, k) the same, whitened by single pixels' deviations; not projected.
     columns: csr_array

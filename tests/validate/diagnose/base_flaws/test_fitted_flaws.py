@@ -105,11 +105,15 @@ def test_deviations_of_single_pixels_are_those_that_bands_have_in_common(error):
 
 
 def test_a_flaw_that_is_everywhere_is_seen_where_it_was_not_fitted():
-    draw = np.random.default_rng(8)
-    column_values = columns(draw)
-    shading = column_values.change @ [1, 0, 0, 0, 0, 0]
-    residual = draw.standard_normal(SIGNAL.size) + shading
-    model = build_flaw_model(Plain(), column_values, SIGNAL, residual)
+    """Most of its column is a free nuisance, which the residual lacks."""
+    draw, free = np.random.default_rng(8), Plain(basis=STEP.reshape(-1, 1))
+    values = columns(draw)
+    with_step = values.change.toarray().T
+    with_step[::2] += 5 * STEP.ravel() * SIGNAL.size**0.5
+    values = replace(values, change=sparse_columns(with_step, SIGNAL.size))
+    shading = free.project(values.change @ [1, 0, 0, 0, 0, 0])
+    residual = free.project(draw.standard_normal(SIGNAL.size) + shading)
+    model = build_flaw_model(free, values, SIGNAL, residual)
     whitened = model.whitened(residual)
     first, *_ = (flaw for flaw in model.flaws(model.fit(whitened), whitened) if flaw.kind != "pixels")
     assert first.kind == "shading" and first.heldout > 0.7
