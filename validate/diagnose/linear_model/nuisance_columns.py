@@ -92,5 +92,5 @@ def nuisance_columns(model: LinearModel, errors: csr_array | None = None) -> Nui
         rows = solve_triangular(factor, (rows_of(some) - basis[some] @ along).T, lower=True).T
         inside = index[some]  # none in the rows of the priors
         picture[inside, :rank], picture[inside, rank:] = basis[some][: len(inside)], rows[: len(inside)]
-        of_priors.append(rows[len(inside) :])
+        of_priors.append(rows[len(inside) :].copy())  # a view would keep all rows, twice as large as the picture
     return NuisanceColumns(picture.reshape(*model.used.shape, -1), rank, np.concatenate(of_priors))
