@@ -109,8 +109,9 @@ def test_a_flaw_that_is_everywhere_is_seen_where_it_was_not_fitted():
     draw, free = np.random.default_rng(8), Plain(basis=STEP.reshape(-1, 1))
     values = columns(draw)
     with_step = values.change.toarray().T
-    with_step[::2] += 5 * STEP.ravel() * SIGNAL.size**0.5
-    values = replace(values, change=sparse_columns(with_step, SIGNAL.size))
+    with_step[0] += 5 * STEP.ravel() * SIGNAL.size**0.5
+    kinds = np.array(["shading:0", *["field"] * 5])
+    values = replace(values, kind=kinds, change=sparse_columns(with_step, SIGNAL.size))
     shading = free.project(values.change @ [1, 0, 0, 0, 0, 0])
     residual = free.project(draw.standard_normal(SIGNAL.size) + shading)
     model = build_flaw_model(free, values, SIGNAL, residual)
