@@ -51,6 +51,7 @@ from cboxlab.validation.diagnose.explain.imitation import (
     imitation_probability,
 )
 from cboxlab.validation.diagnose.judgement import best_with_flaws, flaws_of, verdict_of
+from cboxlab.validation.diagnose.linear_model import nuisance_columns
 from cboxlab.validation.diagnose.linearised_fit import (
     LinearisedFit,
     linearised_fit,
@@ -241,9 +242,8 @@ def _row(laboratory: Laboratory, fit: LinearisedFit, screened: Candidate) -> dic
     if not verdict.holds or is_edge_artefact(model, residual, change):
         return None
     capture = laboratory.validation.prepared.calibration.capture
-    counting = replace(fit, model=model.with_shared_errors(flaws.errors_in(fit)))
     averaging = laboratory.problem.noise_averaging_gain(candidate.applied)
-    data = residual_data_of(counting, residual, capture)
+    data = residual_data_of(fit, residual, capture, nuisance_columns(model, flaws.errors))
     effect, price = candidate.hypothesis.effect, price_of(len(candidate.numbers))
     shape_error = shape_error_of(effect.stage)
     lead = lead_of_forms(data, rest[: data.count], price, averaging, shape_error, effect.acts_on_things).lead

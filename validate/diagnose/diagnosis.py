@@ -11,6 +11,7 @@ from cboxlab.rendering.model import Model
 from cboxlab.utils.frozen import FrozenMappings
 from cboxlab.utils.progress import NO_PROGRESS, Progress, share
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..compare import Validation
 from . import evidence, unexplained
@@ -342,11 +343,11 @@ def _imitations(judged: _Judged, assessed: Sequence[SelectedEffect]) -> dict[str
 
 
 def _likelier_than_imitations(
-    judged: _Judged, errors: Sequence[NDArray[np.floating]], signatures: Sequence[Signature], capture: Capture
+    judged: _Judged, errors: csr_array, signatures: Sequence[Signature], capture: Capture
 ) -> _Judged:
     """The same without effects that are likelier an imitation of an unlisted cause.
 
-    errors : (n,) over sigma each, flaws of the base next to the effects.
+    errors : (n, k) over sigma, errors that samples share and flaws of the base next to the effects.
     """
     search, linearised = judged.search, judged.search.linearised
     judged = replace(judged, leads=unexplained.leads_of_forms(linearised, judged.effects, errors, capture))
@@ -381,22 +382,22 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
     doubtful |= something_remains(search.linearised.model, residual, rendered)
     if doubtful or (effects and flaws.imitated):
         # effects alone are no answer: all numbers, rivals, and further ones with the base's flaws in the covariance
+        linearised = search.linearised if effects else first
+        last = [fitted_flaws] if linearised is search.linearised else []
+        del fitted_flaws  # the next one is as large
         if doubtful:
-            linearised = search.linearised if effects else first
-            last = [fitted_flaws if linearised is search.linearised else None]
-            del fitted_flaws  # the next one is as large
-            again = selected_with_flaws(validation, linearised, effects, signatures, last.pop())
+            again = selected_with_flaws(validation, linearised, effects, signatures, last.pop() if last else None)
         else:
-            again = settled_with_flaws(search.linearised, effects, fitted_flaws, verdicts, signatures)
+            again = settled_with_flaws(linearised, effects, last.pop(), verdicts, signatures)
         cost = cost_in_power(first.problem(()), signatures, again.flaws)
         present = {c.hypothesis.effect.id for c in again.selected}
         verdicts = (*again.verdicts, *(v for v in verdicts if not v.holds and v.effect not in present))
-        flaws, errors = again.flaws.base_flaws, again.flaws.errors_in(again.linearised)
+        flaws, errors = again.flaws.base_flaws, again.flaws.errors
         search = replace(by_size, linearised=again.linearised)
         judged = _Judged(by_size, search, again.selected, again.assessed, flaws, verdicts, cost, imitated)
         del again  # its columns take much of the memory
         return _likelier_than_imitations(judged, errors, signatures, validation.prepared.calibration.capture)
-    errors = fitted_flaws.errors_in(search.linearised)
+    errors = fitted_flaws.errors
     del fitted_flaws
     verdicts = tuple(verdict for verdict in verdicts if verdict.holds)
     if not search.selected:
@@ -404,7 +405,7 @@ def _search(validation: Validation, first: LinearisedFit, progress: Progress) ->
         search = selection(validation, first, signatures, progress, tolerated_changes(first, signatures))
         if search.selected:
             effects, fitted_flaws, verdicts = confirmed_with_flaws(search.linearised, search.selected)
-            flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors_in(search.linearised)
+            flaws, errors = fitted_flaws.base_flaws, fitted_flaws.errors
             if flaws.imitated and len(effects) < len(search.selected):
                 rivals = with_alternatives(search.judging(search.linearised), effects, signatures)
                 search = replace(search, selected=effects, assessed=rivals)

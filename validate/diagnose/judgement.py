@@ -9,6 +9,7 @@ import numpy as np
 from cboxlab.rendering.chain import after_stage, expected_signal
 from cboxlab.rendering.effects import blurred
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..compare import Validation
 from .alternatives import (
@@ -136,20 +137,10 @@ class FlawsWithEffects:
         size = sum(flaw.chi2_per_dof for flaw in self.flaws)
         return self.evident and size < _MAX_FLAWED and not self.model.beyond_flaws
 
-    def errors_in(self, linearised: LinearisedFit) -> list[NDArray[np.floating]]:
-        """The flaws as errors that many samples share.
-
-        Parameters
-        ----------
-        linearised
-            The capture's linearised fit, without errors in its covariance.
-
-        Returns
-        -------
-        list of NDArray
-            (n,) over sigma each, one standard deviation.
-        """
-        return self.model.errors_of(linearised.model, self.fitted)
+    @property
+    def errors(self) -> csr_array:
+        """(n, k) over sigma, errors that samples share, as of `FlawModel.errors_of`."""
+        return self.model.errors_of(self.fitted)
 
     @property
     def base_flaws(self) -> BaseFlaws:
@@ -212,6 +203,7 @@ def _flaw_model(linearised: LinearisedFit, residual: NDArray[np.float64]) -> Fla
         signal,
         linearised.rendered.image.coverage,
         linearised.model.used,
+        linearised.model.sigma,
         predictor.warp,
         transport,
         indirect=_arriving_indirectly(signal, reflectance, direct / np.maximum(total, 1e-30)),
@@ -458,7 +450,7 @@ def flaws_of(linearised: LinearisedFit, residual: NDArray[np.float64]) -> FlawsW
         fitted,
         model.nothing - fitted.score,
         whitened,
-        model.change_dn(linearised.model, fitted, residual),
+        model.change_dn(fitted, residual),
         tuple(model.flaws(fitted, whitened)),
     )
 

@@ -11,6 +11,7 @@ from cboxlab.calibration.capture import Capture
 from cboxlab.rendering.effects import catalogue
 from cboxlab.scenes.camera import PARAMETER_NAMES
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from ..predict import charge_exchange
 from .evidence import (
@@ -126,7 +127,7 @@ def family_beats_effects(
 
 
 def leads_of_forms(
-    linearised: LinearisedFit, selected: Sequence[Candidate], errors: Sequence[NDArray[np.floating]], capture: Capture
+    linearised: LinearisedFit, selected: Sequence[Candidate], errors: csr_array, capture: Capture
 ) -> dict[str, Lead]:
     """Lead of the best form of an unlisted cause, or of events in frames, over each effect.
 
@@ -140,7 +141,7 @@ def leads_of_forms(
     selected
         Effects fitted together.
     errors
-        (n,) over sigma each, flaws of the base next to them, see `FlawModel.errors_of`.
+        (n, k) over sigma, errors that samples share and flaws of the base, see `FlawModel.errors_of`.
     capture
         The capture.
 
@@ -150,7 +151,7 @@ def leads_of_forms(
         By effect, the lead of the form; none for effects that priors judge.
     """
     together = residual_with(linearised, selected)
-    nuisances = nuisance_columns(linearised.model.with_shared_errors(errors))
+    nuisances = nuisance_columns(linearised.model, errors)
 
     def over(some: Sequence[Candidate], others: Sequence[Candidate]) -> Lead:
         data = residual_data_of(linearised, residual_with(linearised, others), capture, nuisances)

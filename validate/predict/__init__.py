@@ -3,7 +3,14 @@
 from .charge import charge_exchange
 from .external_picture import ExternalPicture, external_picture, require_level
 from .picture_cache import cached_picture, default_cache, digest_of
-from .picture_errors import PictureErrors, cells_and_columns, picture_errors, sample_blocks
+from .picture_errors import (
+    PictureErrors,
+    errors_of_cells,
+    picture_errors,
+    sample_blocks,
+    sparse_columns,
+    squares_of,
+)
 from .plain_rendering import render_plainly
 from .predictor import Predictor, build_predictor, effects_key
 from .rendering import CONVERGENCE, Picture, render_to_noise
@@ -20,12 +27,12 @@ __all__ = [
     "Predictor",
     "build_predictor",
     "cached_picture",
-    "cells_and_columns",
     "charge_exchange",
     "coated",
     "default_cache",
     "digest_of",
     "effects_key",
+    "errors_of_cells",
     "external_picture",
     "picture_errors",
     "render_plainly",
@@ -33,6 +40,8 @@ __all__ = [
     "require_level",
     "sample_blocks",
     "sensing",
+    "sparse_columns",
+    "squares_of",
     "traced_picture",
     "transported",
 ]

@@ -11,13 +11,16 @@ not overlap. V has few columns. The inverse square root of each part has a close
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array, diags_array
 
-__all__ = ["PictureErrors", "cells_and_columns", "picture_errors", "sample_blocks"]
+__all__ = ["PictureErrors", "errors_of_cells", "picture_errors", "sample_blocks", "sparse_columns", "squares_of"]
 
 #: Relative standard deviation of the error that a cell of a face shares in all bands. Pictures of one box by two
 #: independent simulators differ by 0.1 to 0.4 %, equally in all bands, over a tenth to a third of a face.
@@ -49,16 +52,13 @@ class PictureErrors:
     weight: NDArray[np.float32]
     #: (cells,) factor by which whitening shrinks the component along a cell's error.
     shrink: NDArray[np.float64]
-    #: (n, k) orthonormal columns of the other errors, whitened by the cells.
-    common: NDArray[np.float32]
-    #: (k,) share of the component along each column that whitening subtracts, 0 to 1.
-    part: NDArray[np.float64]
+    #: (n, k) columns of the other errors, whitened by the cells; 0 in most samples.
+    columns: csr_array
+    #: (k, k) multiples of products with the columns that whitening subtracts.
+    inner: NDArray[np.float64]
 
     def whitened(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Vector over sigma times the inverse square root of the covariance.
-
-        Products with ``common`` are in single precision: their errors of a few parts in a million lie along its
-        columns, which whitening suppresses.
 
         Parameters
         ----------
@@ -70,13 +70,33 @@ class PictureErrors:
         NDArray
             (..., n) whitened values.
         """
-        apart = np.apply_along_axis(self._by_cells, -1, pixels)
-        blocks = sample_blocks(len(self.cell))
-        parts = (apart[..., some].astype(np.float32) @ self.common[some] for some in blocks)
-        along = (self.part * sum(parts, np.zeros(len(self.part)))).astype(np.float32)
-        for some in blocks:
-            apart[..., some] -= along @ self.common[some].T
-        return apart
+        apart = self.by_cells(pixels.T)
+        return np.asarray(apart - self.columns @ (self.inner @ (self.columns.T @ apart))).T
+
+    def with_columns(
+        self, columns: csr_array, width: NDArray[np.float64], products: NDArray[np.float64]
+    ) -> PictureErrors:
+        """The errors of cells with further errors.
+
+        Parameters
+        ----------
+        columns
+            (n, k) further errors over sigma, whitened by the cells.
+        width
+            (k,) standard deviations, in the columns.
+        products
+            (k, k) products of the columns, see `squares_of`.
+
+        Returns
+        -------
+        PictureErrors
+            The errors, prepared for whitening.
+        """
+        values, vectors = np.linalg.eigh(width[:, None] * products * width)
+        root = np.sqrt(1 + np.maximum(values, 0.0))
+        turn = width[:, None] * vectors
+        # (1 - 1 / root) / (root^2 - 1), which columns that repeat one another do not disturb
+        return replace(self, columns=columns, inner=turn / (root * (1 + root)) @ turn.T)
 
     def of_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Likeliest errors of the cells in a vector over sigma, all other errors taken off.
@@ -104,10 +124,27 @@ class PictureErrors:
         """(cells,) variance by a cell's error along it, over that of noise."""
         return np.asarray(np.bincount(self.cell, self.weight.astype(float) ** 2, len(self.shrink)), float)
 
-    def _by_cells(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Vector (n,) whitened by the errors of cells alone."""
-        sums = np.bincount(self.cell, self.weight * pixels, len(self.shrink))
-        return np.asarray(pixels - self.weight * (self.shrink * sums)[self.cell])
+    @cached_property
+    def _cells(self) -> csr_array:
+        """(n, cells) error of each cell at each sample."""
+        count = len(self.cell)
+        ends = np.arange(count + 1, dtype=np.int32)
+        return csr_array((self.weight, self.cell, ends), shape=(count, len(self.shrink)))
+
+    def by_cells(self, pixels: Any) -> Any:
+        """Vectors over sigma whitened by the errors of cells alone.
+
+        Parameters
+        ----------
+        pixels
+            (n, ...) values over sigma, dense or sparse.
+
+        Returns
+        -------
+        NDArray or csr_array
+            (n, ...) whitened values, as dense or sparse as the given ones.
+        """
+        return pixels - self._cells @ (diags_array(self.shrink.astype(np.float32)) @ (self._cells.T @ pixels))
 
 
 def picture_errors(
@@ -147,13 +184,13 @@ def picture_errors(
     region = parts_of_faces(_REGIONS)
     large = np.flatnonzero(np.bincount(region) >= _MIN_REGION_PIXELS * len(used))
     regions = (np.where(region == number, _REGION_ERROR * level, 0.0) for number in large)
-    return cells_and_columns(
-        parts_of_faces(_CELLS), _CELL_ERROR * level, chain(others, regions), len(others) + len(large)
-    )
+    cells = errors_of_cells(parts_of_faces(_CELLS), _CELL_ERROR * level)
+    columns = cells.by_cells(sparse_columns(chain(others, regions), len(sigma)).tocsr())
+    return cells.with_columns(columns, np.ones(columns.shape[1]), squares_of(columns))
 
 
-def cells_and_columns(cell: NDArray, weight: NDArray, columns: Iterable[NDArray], count: int) -> PictureErrors:
-    """Errors of cells that do not overlap, and further errors.
+def errors_of_cells(cell: NDArray, weight: NDArray) -> PictureErrors:
+    """Errors of cells that do not overlap.
 
     Parameters
     ----------
@@ -161,38 +198,60 @@ def cells_and_columns(cell: NDArray, weight: NDArray, columns: Iterable[NDArray]
         (n,) number of each sample's cell, from 0.
     weight
         (n,) standard deviation of the cell's error at each sample, over sigma.
-    columns
-        One standard deviation of each further error: (n,) over sigma. They may be many, so none is kept.
-    count
-        Their number.
 
     Returns
     -------
     PictureErrors
-        The errors, prepared for whitening.
+        Without further errors.
     """
     squares = np.bincount(cell, weight**2)
     # (1 + s)^(-1/2) - 1 along the cell's unit vector, s its square
     shrink = (1 - 1 / np.sqrt(1 + squares)) / np.maximum(squares, 1e-300)
-    cells = PictureErrors(
-        cell.astype(np.int32),
-        weight.astype(np.float32),
-        shrink,
-        np.zeros((len(cell), 0), np.float32),
-        np.zeros(0),
-    )
-    common = np.empty((len(cell), count), np.float32)
-    for column, other in zip(common.T, columns, strict=True):
-        column[:] = cells.whitened(other)
-    blocks = sample_blocks(len(cell))
-    none = np.zeros((count, count))
-    values, vectors = np.linalg.eigh(sum((common[some].T.astype(float) @ common[some] for some in blocks), none))
-    independent = values > 1e-9 * max(values.max(initial=0.0), 1e-300)
-    values, vectors = values[independent], vectors[:, independent]
-    turn = vectors / np.sqrt(values)
-    for some in blocks:  # in place: a second matrix of this size would double the memory
-        common[some, : len(values)] = common[some] @ turn
-    return PictureErrors(cells.cell, cells.weight, shrink, common[:, : len(values)], 1 - 1 / np.sqrt(1 + values))
+    none = csr_array((len(cell), 0), dtype=np.float32)
+    return PictureErrors(cell.astype(np.int32), weight.astype(np.float32), shrink, none, np.zeros((0, 0)))
+
+
+def sparse_columns(columns: Iterable[NDArray], count: int) -> csc_array:
+    """Columns that are 0 in most samples.
+
+    Parameters
+    ----------
+    columns
+        (n,) each. They may be many, so none is kept.
+    count
+        Number n of samples.
+
+    Returns
+    -------
+    csc_array
+        (n, k) in single precision.
+    """
+    rows, values = [np.zeros(0, np.int32)], [np.zeros(0, np.float32)]
+    for column in columns:
+        rows.append(np.flatnonzero(column).astype(np.int32))
+        values.append(column[rows[-1]].astype(np.float32))
+    ends = np.cumsum([len(each) for each in rows], dtype=np.int32)
+    return csc_array((np.concatenate(values), np.concatenate(rows), ends), shape=(count, len(ends) - 1))
+
+
+def squares_of(columns: csr_array) -> NDArray[np.float64]:
+    """Products of columns with one another.
+
+    Parameters
+    ----------
+    columns
+        (n, k) columns.
+
+    Returns
+    -------
+    NDArray
+        (k, k) products, in double precision.
+    """
+    products = np.zeros((columns.shape[1],) * 2)
+    for some in sample_blocks(columns.shape[0]):
+        block = columns[some].toarray().astype(float)
+        products += block.T @ block
+    return products
 
 
 def sample_blocks(count: int) -> list[slice]:

@@ -42,7 +42,7 @@ def covariance(signal, coverage, used, sigma, others):
 def test_whitening_is_an_inverse_root_of_the_covariance(parts):
     errors = picture_errors(*parts)
     count = len(parts[3])
-    root = np.array([errors.whitened(column) for column in np.eye(count)]).T
+    root = errors.whitened(np.eye(count)).T
     expected = covariance(*parts)
     assert np.linalg.eigvalsh(expected)[-1] > 30  # the errors are well above noise of 0.3 %
     np.testing.assert_allclose(root @ expected @ root.T, np.eye(count), atol=2e-4)

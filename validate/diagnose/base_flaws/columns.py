@@ -16,7 +16,9 @@ import numpy as np
 from cboxlab.rendering.perturbation import PatchLight, PatchTransport, Warp
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.sparse import csc_array
 
+from ...predict import sparse_columns
 from .lens import soft_corners
 from .paints import paints
 from .parts import places_of
@@ -56,8 +58,8 @@ class FlawColumns:
 
     #: (k,) kind of each column, and after a colon its form; the columns of a form have one width.
     kind: NDArray[np.str_]
-    #: (n,) each, change of the used samples by a column at one standard deviation of its prior, DN.
-    change: tuple[NDArray[np.float32], ...]
+    #: (n, k) change of the used samples by a column at one standard deviation of its prior, over sigma.
+    change: csc_array
     #: (n,) place that a sample lies in, an index of ``PLACES``.
     sample_place: NDArray[np.int64]
 
@@ -86,6 +88,7 @@ def flaw_columns(
     signal: NDArray[np.float64],
     coverage: NDArray[np.float32],
     used: NDArray[np.bool_],
+    sigma: NDArray[np.float64],
     warp: Warp,
     transport: PatchTransport,
     *,
@@ -104,6 +107,8 @@ def flaw_columns(
         (y, x, face) share of each pixel that a face covers, 0 to 1.
     used
         (band, y, x) True for the n samples.
+    sigma
+        (n,) standard deviation of the samples, DN.
     warp
         The picture taken apart by faces.
     transport
@@ -126,8 +131,7 @@ def flaw_columns(
     picture = _Picture(signal, used, face, indirect, reflectance)
     pairs = _meeting_faces(picture.face)
     touching = _touching(pairs, picture.face, transport)
-    kinds, columns = [], []
-    for kind, change in chain(
+    columns = chain(
         *(_crease(picture, *pair) for pair in touching),
         *(_edge(picture, warp, *pair) for pair in pairs),
         *(_shading(picture, face) for face in np.unique(picture.face[picture.face >= 0])),
@@ -135,11 +139,17 @@ def flaw_columns(
         paints(signal, used, light),
         soft_corners(blurred, used, warp, picture.level_over(warp)),
         _field(picture),
-    ):
-        kinds.append(kind)
-        columns.append((_TOLERANCE.get(kind.partition(":")[0], 1.0) * change).astype(np.float32))
+    )
+    kinds = list[str]()
+
+    def over_sigma() -> Iterator[NDArray[np.float64]]:
+        for kind, change in columns:
+            kinds.append(kind)
+            yield _TOLERANCE.get(kind.partition(":")[0], 1.0) * change / sigma
+
+    changes = sparse_columns(over_sigma(), len(sigma))
     sample_place = np.broadcast_to(places_of(picture.face, pairs, touching), used.shape)[used]
-    return FlawColumns(np.array(kinds, dtype=np.str_), tuple(columns), sample_place)
+    return FlawColumns(np.array(kinds, dtype=np.str_), changes, sample_place)
 
 
 def _meeting_faces(face: NDArray[np.int64]) -> list[tuple[int, int]]:

@@ -11,7 +11,7 @@ within the kind's bound. Deviations of single pixels, alike in all bands, whiten
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Generic, Protocol, Self, TypeVar
@@ -19,8 +19,9 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array, hstack
 
-from ...predict import PictureErrors, cells_and_columns, sample_blocks
+from ...predict import PictureErrors, errors_of_cells, sample_blocks, squares_of
 from .columns import FlawColumns
 from .parts import LEVELS, PLACES, PartAmplitudes, amplitudes_by_part, thirds_by_level
 
@@ -47,9 +48,6 @@ _ROUNDS = 12
 #: Numerics: rounds of the fit of an effect's numbers and the widths in turn.
 _ROUNDS_WITH_EFFECT = 2
 
-#: Numerics: columns that are projected at once, to bound the memory.
-_COLUMNS_PER_BLOCK = 8
-
 #: Side of the blocks of pixels that are held out in turn, px.
 _HELDOUT_BLOCK_PX = 8
 
@@ -66,11 +64,12 @@ class Whitening(Protocol):
     @property
     def sigma(self) -> NDArray[np.float64]: ...
     @property
+    def basis(self) -> NDArray[np.float64]: ...
+    @property
     def shared_errors(self) -> NDArray[np.float32]: ...
     @property
     def errors(self) -> PictureErrors | None: ...
     def project(self, vector: NDArray[np.float64], /) -> NDArray[np.float64]: ...
-    def whiten_used(self, change: NDArray, /) -> NDArray[np.float64]: ...
     def counting(self, errors: PictureErrors, /) -> Self: ...
 
 
@@ -122,19 +121,29 @@ class FlawModel(Generic[W]):
     nothing: float
     #: (k,) kind of each column.
     kind: NDArray[np.str_]
-    #: (n + 11, k) whitened, projected columns.
-    columns: NDArray[np.float32]
-    #: (n,) each, the same as given, DN.
-    change: tuple[NDArray[np.float32], ...]
+    #: (n, k) columns over sigma, 0 in most samples.
+    change: csr_array
+    #: (n, k) the same, whitened by single pixels' deviations; not projected.
+    columns: csr_array
     #: (band, y, x) predicted signal, DN.
     signal: NDArray[np.float64]
     #: (n,) place that a sample lies in, an index of ``PLACES``.
     sample_place: NDArray[np.int64]
 
     @cached_property
-    def products(self) -> NDArray[np.float64]:
+    def _squares(self) -> NDArray[np.float64]:
         """(k, k) products of the columns."""
-        return np.asarray(self.columns.T @ self.columns, float)
+        return squares_of(self.columns)
+
+    @cached_property
+    def _along(self) -> NDArray[np.float64]:
+        """(r, k) products of the nuisances with the columns, which the projection takes off."""
+        return np.asarray(self.columns.T @ self.model.basis[: self.model.count]).T
+
+    @cached_property
+    def products(self) -> NDArray[np.float64]:
+        """(k, k) products of the projected columns."""
+        return self._squares - self._along.T @ self._along
 
     def whitened(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """A residual of the plain model, in this one.
@@ -161,7 +170,15 @@ class FlawModel(Generic[W]):
         return self.pixel_error > _MAX_PIXEL_ERROR
 
     def _aim(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(self.columns.T @ residual.astype(np.float32), float)
+        """(k, ...) products of the projected columns with vectors (n + 11, ...)."""
+        onto = self.columns.T @ residual[: self.model.count]
+        return np.asarray(onto - self._along.T @ (self.model.basis.T @ residual))
+
+    def _sum(self, amounts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n + 11, ...) multiples (k, ...) of the projected columns."""
+        vectors = -self.model.basis @ (self._along @ amounts)
+        vectors[: self.model.count] += self.columns @ amounts
+        return np.asarray(vectors)
 
     def fit(self, residual: NDArray[np.float64]) -> FittedFlaws:
         """Widths at which the evidence of a residual is largest.
@@ -299,8 +316,7 @@ class FlawModel(Generic[W]):
         NDArray
             (n + 11, p) weighted columns.
         """
-        along = self.columns.T @ columns.astype(np.float32)
-        return np.asarray(columns - self.columns @ (fitted.covariance @ along).astype(np.float32))
+        return columns - self._sum(fitted.covariance @ self._aim(columns))
 
     def part(self, fitted: FittedFlaws, kind: str = "") -> NDArray[np.float64]:
         """Change by the fitted flaws of one kind, or of all but shared errors.
@@ -318,7 +334,7 @@ class FlawModel(Generic[W]):
             (n + 11,) in the whitened model.
         """
         members = self._of_kind(kind) if kind else self.kind != _SHARED
-        return np.asarray(self.columns @ np.where(members, fitted.amount, 0.0).astype(np.float32), float)
+        return self._sum(np.where(members, fitted.amount, 0.0))
 
     def amplitudes_by_part(
         self, fitted: FittedFlaws, shape: NDArray[np.float64], residual: NDArray[np.float64]
@@ -370,22 +386,13 @@ class FlawModel(Generic[W]):
         NDArray
             (n,) DN.
         """
-        return self._sum_dn(fitted, self._of_kind(kind))
+        return np.asarray(self.model.sigma * (self.change @ np.where(self._of_kind(kind), fitted.amount, 0.0)))
 
-    def _sum_dn(self, fitted: FittedFlaws, members: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """(n,) change by some of the columns, DN."""
-        change = np.zeros(self.model.count)
-        for index in np.flatnonzero(members):
-            change += fitted.amount[index] * self.change[index]
-        return change
-
-    def change_dn(self, plain: W, fitted: FittedFlaws, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    def change_dn(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """Change of the used samples by all fitted flaws, single pixels included.
 
         Parameters
         ----------
-        plain
-            The model without errors in its covariance.
         fitted
             Fitted widths and amounts.
         residual
@@ -396,12 +403,10 @@ class FlawModel(Generic[W]):
         NDArray
             (n,) DN.
         """
-        flaws = self._sum_dn(fitted, self.kind != _SHARED)
-        if self.model.errors is None:
-            return flaws
-        shared = self._sum_dn(fitted, self.kind == _SHARED)
-        rest = residual[: self.model.count] - (flaws + shared) / plain.sigma
-        return flaws + plain.sigma * self.model.errors.of_cells(rest)
+        flaws = self.change @ np.where(self.kind != _SHARED, fitted.amount, 0.0)
+        if self.model.errors is not None:
+            flaws += self.model.errors.of_cells(residual[: self.model.count] - self.change @ fitted.amount)
+        return np.asarray(self.model.sigma * flaws)
 
     def counted_in(self, plain: W, fitted: FittedFlaws) -> W:
         """A linear model with the flaws in its covariance.
@@ -418,30 +423,26 @@ class FlawModel(Generic[W]):
         LinearModel
             Shared errors are counted as well.
         """
-        prior = self._prior(fitted.width)
-        columns = (width * change / plain.sigma for width, change in zip(prior, self.change, strict=True))
-        return plain.counting(_pixel_errors(plain, self.signal, self.pixel_error, columns, len(prior)))
+        cells = _pixel_errors(plain, self.signal, self.pixel_error)
+        return plain.counting(cells.with_columns(self.columns, self._prior(fitted.width), self._squares))
 
-    def errors_of(self, plain: W, fitted: FittedFlaws) -> list[NDArray[np.floating]]:
-        """The flaws as errors that many samples share.
+    def errors_of(self, fitted: FittedFlaws) -> csr_array:
+        """Flaws, and errors that bands and faces share, as errors that many samples share.
 
         Single pixels are left out.
 
         Parameters
         ----------
-        plain
-            The model without errors in its covariance.
         fitted
             Fitted widths and amounts.
 
         Returns
         -------
-        list of NDArray
-            (n,) over sigma each, one standard deviation.
+        csr_array
+            (n, k) over sigma, one standard deviation each.
         """
-        prior = self._prior(fitted.width)
-        flaws = np.flatnonzero(self.kind != _SHARED)
-        return [(prior[i] * self.change[i] / plain.sigma).astype(np.float32) for i in flaws]
+        width = self._prior(fitted.width).astype(np.float32)[self.change.indices]
+        return csr_array((self.change.data * width, self.change.indices, self.change.indptr), self.change.shape)
 
     def flaws(self, fitted: FittedFlaws, residual: NDArray[np.float64]) -> list[Flaw]:
         """Size of every kind in a residual.
@@ -474,14 +475,15 @@ class FlawModel(Generic[W]):
     def _heldout(self, fitted: FittedFlaws, residual: NDArray[np.float64], kind: str) -> float:
         """Gain of a kind in blocks held out over that in the fitted ones, all others in place."""
         members, count = self._of_kind(kind), self.model.count
-        rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count].astype(np.float32)
+        rest = (residual - self.part(fitted) + self.part(fitted, kind))[:count]
         v, u = np.indices(self.model.used.shape[1:])
         board = (v // _HELDOUT_BLOCK_PX + u // _HELDOUT_BLOCK_PX) % 2
         colour, number = np.broadcast_to(board, self.model.used.shape)[self.model.used], int(members.sum())
-        products, aims = np.zeros((2, number, number)), np.zeros((2, number))
+        products, aims, basis = np.zeros((2, number, number)), np.zeros((2, number)), self.model.basis[:count]
         for rows in sample_blocks(count):
+            projected = self.columns[rows][:, members].toarray() - basis[rows] @ self._along[:, members]
             for part in (0, 1):
-                some = self.columns[:count][rows][:, members][colour[rows] == part]
+                some = projected[colour[rows] == part]
                 products[part] += some.T @ some
                 aims[part] += some.T @ rest[rows][colour[rows] == part]
         ridge = np.diag(1 / self._prior(fitted.width)[members] ** 2)
@@ -514,30 +516,24 @@ def build_flaw_model(
     FlawModel
         In the covariance with single pixels' deviations.
     """
-    plain = _with_columns(model, 0.0, flaws, signal)
+    shared = csc_array(model.shared_errors[: model.count])
+    change = hstack([flaws.change, shared], format="csc").tocsr()
+    kind = np.append(flaws.kind, np.full(shared.shape[1], _SHARED))
+    plain = FlawModel(model, 0.0, 0.0, kind, change, change, signal, flaws.sample_place)
     fitted = plain.fit(residual)
     nothing = plain.score(plain.without(fitted), residual)
     remaining = residual - plain.part(fitted) - plain.part(fitted, _SHARED)
     error = _pixel_error(model, signal, remaining)
     if error == 0:
         return replace(plain, nothing=nothing)
-    del plain  # its columns are as large as those to come
-    with_pixels = _with_columns(model, error, flaws, signal)
-    cells = with_pixels.model.errors
-    return replace(with_pixels, nothing=nothing - (0.0 if cells is None else cells.volume_of_cells))
-
-
-def _with_columns(plain: Whitening, error: float, flaws: FlawColumns, signal: NDArray[np.float64]) -> FlawModel:
-    """Columns whitened and projected, with the errors that bands and faces share."""
-    model = plain if error == 0 else plain.counting(_pixel_errors(plain, signal, error))
-    shared = (plain.shared_errors[: plain.count] * plain.sigma[:, None]).T.astype(np.float32)
-    changes = (*flaws.change, *shared)
-    columns = np.empty((len(changes), len(plain.shared_errors)), np.float32)
-    for start in range(0, len(changes), _COLUMNS_PER_BLOCK):
-        some = slice(start, start + _COLUMNS_PER_BLOCK)
-        columns[some] = model.whiten_used(np.array(changes[some], float))
-    kind = np.append(flaws.kind, np.full(len(shared), _SHARED))
-    return FlawModel(model, error, 0.0, kind, columns.T, changes, signal, flaws.sample_place)
+    cells = _pixel_errors(model, signal, error)
+    return replace(
+        plain,
+        model=model.counting(cells),
+        pixel_error=error,
+        nothing=nothing - cells.volume_of_cells,
+        columns=cells.by_cells(change),
+    )
 
 
 def _pixel_index(model: Whitening) -> NDArray[np.int64]:
@@ -562,13 +558,8 @@ def _pixel_error(model: Whitening, signal: NDArray[np.float64], residual: NDArra
     return float(np.sqrt(max(common - max(shared / max(weights, 1e-300), 0.0), 0.0)))
 
 
-def _pixel_errors(
-    model: Whitening, signal: NDArray[np.float64], error: float, columns: Iterable[NDArray] = (), count: int = 0
-) -> PictureErrors:
-    """Deviations of single pixels as a covariance, with further errors.
-
-    columns : ``count`` of them, (n,) over sigma.
-    """
+def _pixel_errors(model: Whitening, signal: NDArray[np.float64], error: float) -> PictureErrors:
+    """Deviations of single pixels as a covariance."""
     cell = np.unique(_pixel_index(model), return_inverse=True)[1].reshape(-1)
     weight = min(error, _MAX_PIXEL_ERROR) * signal[model.used] / model.sigma
-    return cells_and_columns(cell, weight, columns, count)
+    return errors_of_cells(cell, weight)

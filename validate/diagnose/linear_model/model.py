@@ -185,28 +185,6 @@ class LinearModel:
         model = replace(self, errors=errors, basis=basis, shared_errors=none, dark_errors=0)
         return replace(model, residual=model.project(whitened(self.residual)))
 
-    def with_shared_errors(self, columns: Sequence[NDArray[np.floating]]) -> LinearModel:
-        """The model with further errors that many samples share.
-
-        Parameters
-        ----------
-        columns
-            (n,) over sigma each, one standard deviation.
-
-        Returns
-        -------
-        LinearModel
-            With more columns in `shared_errors`.
-        """
-        if not columns:
-            return self
-        present = self.shared_errors.shape[1]
-        errors = np.zeros((len(self.residual), present + len(columns)), np.float32)
-        errors[:, :present] = self.shared_errors
-        for index, column in enumerate(columns, present):  # one by one: together they are as large as many pictures
-            errors[: self.count, index] = column
-        return replace(self, shared_errors=errors)
-
     def marginalised_over(self, columns: Sequence[NDArray[np.float64]]) -> LinearModel:
         """The model with further nuisances: the changes that other effects' numbers make.
 

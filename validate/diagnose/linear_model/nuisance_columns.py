@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
 
 from ...predict import sample_blocks
 from .model import LinearModel
@@ -54,7 +55,7 @@ class NuisanceColumns:
         return np.concatenate([band - columns @ along for band, columns in each()])
 
 
-def nuisance_columns(model: LinearModel) -> NuisanceColumns:
+def nuisance_columns(model: LinearModel, errors: csr_array | None = None) -> NuisanceColumns:
     """Columns of a linear model's nuisances.
 
     Camera and lamp are projected out already. Errors shared by bands or faces have unit variance; the Woodbury identity
@@ -64,25 +65,32 @@ def nuisance_columns(model: LinearModel) -> NuisanceColumns:
     ----------
     model
         Linear model of the capture.
+    errors
+        (n, k) over sigma, errors that samples share, one standard deviation each; None: those of the model.
 
     Returns
     -------
     NuisanceColumns
         In single precision.
     """
-    basis, shared = model.basis, model.shared_errors
-    blocks = sample_blocks(len(basis))
-    along = sum((basis[some].T @ shared[some] for some in blocks), np.zeros((basis.shape[1], shared.shape[1])))
+    basis, blocks = model.basis, sample_blocks(len(model.basis))
+    shared = csr_array(model.shared_errors) if errors is None else errors
+
+    def rows_of(some: slice) -> NDArray[np.float32]:
+        rows = shared[some].toarray()
+        return np.pad(rows, ((0, len(basis[some]) - len(rows)), (0, 0)))
+
+    along = sum((basis[some].T @ rows_of(some) for some in blocks), np.zeros((basis.shape[1], shared.shape[1])))
     products = np.eye(shared.shape[1])
     for some in blocks:
-        apart = shared[some] - basis[some] @ along
+        apart = rows_of(some) - basis[some] @ along
         products += apart.T @ apart
     factor, rank = np.linalg.cholesky(products), basis.shape[1]
     picture = np.zeros((model.used.size, rank + shared.shape[1]), np.float32)
     of_priors, index = list[NDArray[np.float64]](), np.flatnonzero(model.used)
     for some in blocks:
-        rows = solve_triangular(factor, (shared[some] - basis[some] @ along).T, lower=True).T
+        rows = solve_triangular(factor, (rows_of(some) - basis[some] @ along).T, lower=True).T
         inside = index[some]  # none in the rows of the priors
         picture[inside, :rank], picture[inside, rank:] = basis[some][: len(inside)], rows[: len(inside)]
-        of_priors.append(rows[len(inside) :])
+        of_priors.append(rows[len(inside) :].copy())  # a view would keep all rows, twice as large as the picture
     return NuisanceColumns(picture.reshape(*model.used.shape, -1), rank, np.concatenate(of_priors))
