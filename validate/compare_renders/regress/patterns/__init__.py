@@ -25,7 +25,7 @@ from .pooled_mean import (
 )
 from .slow import slow_change, without_slow
 from .spread import block_changes, block_spread, ranked_squares, scatter_of_blocks, steady_sigmas
-from .texture import FIXED_TEXTURE, fine_structure, textures
+from .texture import FIXED_TEXTURE, fine_structure, fixed_pixels, textures
 from .wave import ripple
 
 __all__ = [
@@ -57,6 +57,7 @@ __all__ = [
     "filtered_noise",
     "fine_structure",
     "fixed_lines",
+    "fixed_pixels",
     "mirror_order",
     "moved_part",
     "moved_slightly",
