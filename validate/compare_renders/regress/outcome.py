@@ -49,6 +49,8 @@ _OF_COLUMNS = (
     "Column sigmas: the difference over its standard deviation, which is the column ± %.",
     "Column detectable, %: size of a difference that is found in 90 of 100 runs like this.",
 )
+#: Kinds of pools that no repeated noise changes: light of the whole picture, and what all cubes have in common.
+_NO_NOISE = ("whole", "even", "band", "fixed")
 #: Probability of the one-sided limit of ``Outcome.equivalence_95``.
 _EQUIVALENCE_TAIL = 0.05
 
@@ -196,10 +198,13 @@ class Outcome(FrozenMappings):
         """Pattern whose means cancel, in words; None without one that decides.
 
         A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one. Scatter at edges
-        and fixed patterns are stated where nothing else differs, a ripple where nothing else is clearer.
+        and fixed patterns are stated where nothing else differs, a ripple where nothing else is clearer. Noise that
+        repeats is stated where neither all light differs nor what all cubes have in common.
         """
         others = any(row.different for row in self.pools if row.kind not in (*CANCELLING, "numbers"))
-        kinds = [kind for kind in CANCELLING if kind not in ("lines", "fixed") or not others]
+        hidden = ("lines", "fixed") if others else ()
+        hidden += ("reused", "shared") if any(row.different for row in self.pools if row.kind in _NO_NOISE) else ()
+        kinds = [kind for kind in CANCELLING if kind not in hidden]
         rows = {kind: row for kind in kinds for row in reversed(self.of_kind(kind)) if row.different}
         if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
             del rows["texture"]
