@@ -18,7 +18,7 @@ from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
 from ..scene_pictures import NotNumbers
-from .patterns import CANCELLING, FIXED_TEXTURE, GRIDS, STRUCTURE, PooledMean
+from .patterns import CANCELLING, FIXED_TEXTURE, GRIDS, HIDDEN_BY, STRUCTURE, PooledMean
 from .where import Spot
 
 __all__ = [
@@ -49,8 +49,6 @@ _OF_COLUMNS = (
     "Column sigmas: the difference over its standard deviation, which is the column ± %.",
     "Column detectable, %: size of a difference that is found in 90 of 100 runs like this.",
 )
-#: Kinds of pools that no repeated noise changes: light of the whole picture, and what all cubes have in common.
-_NO_NOISE = ("whole", "even", "band", "fixed")
 #: Probability of the one-sided limit of ``Outcome.equivalence_95``.
 _EQUIVALENCE_TAIL = 0.05
 
@@ -202,9 +200,7 @@ class Outcome(FrozenMappings):
         repeats is stated where neither all light differs nor what all cubes have in common.
         """
         others = any(row.different for row in self.pools if row.kind not in (*CANCELLING, "numbers"))
-        hidden = ("lines", "fixed") if others else ()
-        hidden += ("reused", "shared") if any(row.different for row in self.pools if row.kind in _NO_NOISE) else ()
-        kinds = [kind for kind in CANCELLING if kind not in hidden]
+        kinds = [k for k in CANCELLING if {row.kind for row in self.deciding}.isdisjoint(HIDDEN_BY.get(k, ()))]
         rows = {kind: row for kind in kinds for row in reversed(self.of_kind(kind)) if row.different}
         if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
             del rows["texture"]

@@ -13,6 +13,7 @@ from .periodic import periodic, without_period
 from .pooled_mean import (
     CANCELLING,
     GRIDS,
+    HIDDEN_BY,
     MEANS,
     POWER,
     SHARES,
@@ -33,6 +34,7 @@ __all__ = [
     "CANCELLING",
     "FIXED_TEXTURE",
     "GRIDS",
+    "HIDDEN_BY",
     "MEANS",
     "POWER",
     "SHARES",

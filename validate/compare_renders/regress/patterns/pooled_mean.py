@@ -14,6 +14,7 @@ from .difference import Finding
 __all__ = [
     "CANCELLING",
     "GRIDS",
+    "HIDDEN_BY",
     "MEANS",
     "POWER",
     "SHARES",
@@ -63,6 +64,12 @@ SHARES = {
 
 #: Kinds of pools that find what means do not show.
 CANCELLING = ("grid", "wave", "line", "lines", "fixed", "tile", "steps", "texture", "dark", "cut", "reused", "shared")
+
+_OTHERS = tuple(kind for kind in SHARES if kind not in (*CANCELLING, "numbers"))
+#: Kinds of pools that no repeated noise changes: light of the whole picture, and what all cubes have in common.
+_NO_NOISE = ("whole", "even", "band", "fixed")
+#: Kinds of pools by the kind of a pattern that is not stated where one of them decides.
+HIDDEN_BY = {"lines": _OTHERS, "fixed": _OTHERS, "reused": _NO_NOISE, "shared": _NO_NOISE}
 
 #: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure, small parts.
 STRUCTURE = ("slow", "contrast", "displacement", "filter", "part", "motion")
