@@ -26,6 +26,8 @@ _MIN_COMMON_PART = 0.5
 _MIN_INTERPOLATION = 1e-3
 #: Fewest pixels that are numbers on both sides: some tests fail with less.
 _FEWEST_COMPARED = 48
+#: Groups of bands in which independent cubes are compared.
+_COLOURS = 3
 #: Smallest mean radiance of a band over that of the brightest one, by which ratios are formed.
 _MIN_LIGHT = 1e-3
 
@@ -92,6 +94,21 @@ class Common:
             for side in (first, second):
                 side[:, self.missing] = side.mean()
         return first, second
+
+    @property
+    def apart(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Candidate less baseline of independent cubes (n, g, y, x), and the mean of both (g, y, x).
+
+        The bands are in up to three groups. The number n of cubes is that of the side that has fewer.
+        """
+        sides = [s.radiance[None] if s.batches is None else s.batches for s in (self.baseline, self.candidate)]
+        groups = np.array_split(np.arange(sides[0].shape[-1]), min(_COLOURS, sides[0].shape[-1]))
+        before, after = (np.stack([side[..., g].sum(axis=-1) for g in groups], axis=1) for side in sides)
+        count = min(len(before), len(after))
+        apart = after[:count] - before[:count]
+        if self.missing is not None:
+            apart[..., self.missing] = 0.0
+        return apart, (before.mean(axis=0) + after.mean(axis=0)) / 2
 
 
 def common_pictures(candidate: Side, baseline: Side) -> Common:

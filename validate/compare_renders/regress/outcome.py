@@ -18,7 +18,7 @@ from cboxlab.utils.table import Table
 from numpy.typing import NDArray
 
 from ..scene_pictures import NotNumbers
-from .patterns import CANCELLING, FIXED_TEXTURE, GRIDS, STRUCTURE, PooledMean
+from .patterns import CANCELLING, FIXED_TEXTURE, GRIDS, HIDDEN_BY, STRUCTURE, PooledMean
 from .where import Spot
 
 __all__ = [
@@ -196,10 +196,11 @@ class Outcome(FrozenMappings):
         """Pattern whose means cancel, in words; None without one that decides.
 
         A periodic pattern explains steps, lines, tiles and scatter; these are stated only without one. Scatter at edges
-        and a fixed pattern of lines are stated where nothing else differs, a ripple where nothing else is clearer.
+        and fixed patterns are stated where nothing else differs, a ripple where nothing else is clearer. Noise that
+        repeats is stated where neither all light differs nor what all cubes have in common.
         """
         others = any(row.different for row in self.pools if row.kind not in (*CANCELLING, "numbers"))
-        kinds = [kind for kind in CANCELLING if kind != "lines" or not others]
+        kinds = [k for k in CANCELLING if {row.kind for row in self.deciding}.isdisjoint(HIDDEN_BY.get(k, ()))]
         rows = {kind: row for kind in kinds for row in reversed(self.of_kind(kind)) if row.different}
         if "texture" in rows and rows["texture"].name != FIXED_TEXTURE and others:
             del rows["texture"]
@@ -207,7 +208,7 @@ class Outcome(FrozenMappings):
             return f"{rows['dark'].pixels} {rows['dark'].name}"
         if "wave" in rows and rows["wave"] is not self.deciding[0]:
             del rows["wave"]
-        for kind in ("grid", "wave", "steps", "tile", "lines", "line", "reused", "shared", "texture"):
+        for kind in ("grid", "wave", "steps", "tile", "lines", "line", "reused", "shared", "fixed", "texture"):
             if kind in rows:
                 share_of = "its fine structure's variance" if kind in ("reused", "shared") else "the light"
                 return f"{rows[kind].name}, {abs(rows[kind].difference):.2g} of {share_of}"

@@ -331,7 +331,7 @@ def regress_sides(
         return Outcome(*sides, pools, false_alarms, 0, 0.0, 0, nowhere, (), note, not_numbers=absent), comparison
     pools = pooled_means(comparison.pooling, comparison.common.baseline.bands)
     totals = _total(_sides(as_found)[0]), _total(_sides(as_found)[1])
-    cancelling = _cancelling(as_found.pooling, totals, as_found.common.cubes)
+    cancelling = _cancelling(as_found.pooling, totals, as_found.common)
     _require_light(pools, baseline)
     body = comparison.strata.body
     level = float(comparison.trimmed.level.sum(axis=-1)[body].sum())
@@ -373,16 +373,16 @@ def regress_sides(
 def _cancelling(
     pooling: Pooling,
     totals: tuple[NDArray[np.float64], NDArray[np.float64]],
-    cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
+    common: Common,
 ) -> tuple[PooledMean, ...]:
     """Tests of patterns whose means cancel, and of those that need no known noise."""
     steps = pooling.common_step, pooling.rounding
-    return all_patterns(difference_of(pooling), *totals, pooling.false_alarms, cubes, *steps)
+    return all_patterns(difference_of(pooling), *totals, pooling.false_alarms, common.cubes, common.apart, *steps)
 
 
 def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:
     """Spot of the difference: in the sum over bands, or in one that shows it more clearly."""
-    if all(row.kind == "numbers" for row in outcome.deciding):  # their sentence says where
+    if all(row.kind in ("numbers", "fixed") for row in outcome.deciding):  # their sentences say where
         return None
     pooling, noise, strata = comparison.pooling, comparison.noise, comparison.strata
     names = comparison.common.baseline.bands

@@ -2,7 +2,13 @@
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare_renders.regress.patterns import Difference, block_changes, fixed_lines, ranked_squares
+from cboxlab.validation.compare_renders.regress.patterns import (
+    Difference,
+    block_changes,
+    fixed_lines,
+    fixed_pixels,
+    ranked_squares,
+)
 from scipy.ndimage import gaussian_filter
 
 BLOCK = np.add.outer(np.arange(32) // 4 * 8, np.arange(32) // 4)
@@ -113,7 +119,7 @@ def test_other_samples_of_skewed_noise_inside_a_part_change_no_light(samples):
 def lines_of(first, second):
     """Finding of two sides (b, y, x) without edges."""
     level, total = first.mean(axis=0), second.mean(axis=0) - first.mean(axis=0)
-    return fixed_lines(Difference(level, total, None, np.ones(level.shape, bool), {}), first, second)
+    return fixed_lines(Difference(level, total, None, np.ones(level.shape, bool), {}), (second - first)[:, None])
 
 
 @pytest.mark.parametrize("filtered", [0.0, 1.0])
@@ -136,3 +142,40 @@ def test_lines_that_differ_in_all_cubes_are_a_pattern_of_their_size(axis, name):
     assert lines_of(first, np.concatenate([gains * second[:1], second[1:]])).probability > 1e-3
     assert lines_of(first, (1 + 0.1 * np.linspace(-1, 1, 64)) * second).probability > 1e-3  # slow changes are no lines
     assert lines_of(first[:1], second[:1]) is None
+
+
+def pixels_of(first, second):
+    """Finding of two sides (n, g, y, x) without edges."""
+    light = (first.mean(axis=0) + second.mean(axis=0)) / 2
+    used = np.ones(light.shape[1:], bool)
+    total = (second - first).mean(axis=0).sum(axis=0)
+    return fixed_pixels(Difference(light.sum(axis=0), total, None, used, {"all": used}), second - first, light)
+
+
+def test_pixels_of_equal_pictures_are_no_fixed_pattern():
+    """21 pairs of skewed noise through a filter, one side with four times the samples: a few are below 5 %."""
+    rng, shares = np.random.default_rng(21), []
+    for cubes in (2, 3, 4) * 7:
+        noise = rng.gamma(2.0, 0.5, (5, cubes, 3, 48, 48)) - 1
+        first, second = (1 + 0.1 * gaussian_filter(n, (0, 0, 0.8, 0.8)) for n in (noise[0], noise[1:].mean(axis=0)))
+        finding = pixels_of(first, second)
+        shares += [] if finding is None else [finding.probability]
+    assert len(shares) > 15
+    assert sum(np.array(shares) < 0.05) < 1 + 5
+
+
+@pytest.mark.parametrize("colours", [(1, 1, 1), (1, -1, 0)], ids=["light", "colour alone"])
+def test_pixels_that_differ_in_all_cubes_are_a_pattern_of_their_size(colours):
+    """A texture of 10 % in a part, below noise of 14 % in the mean of the cubes' differences."""
+    rng = np.random.default_rng(22)
+    first, second = 1 + 0.2 * rng.standard_normal((2, 4, 3, 48, 48))
+    texture = np.zeros((48, 48))
+    texture[:24, 24:] = 0.1 * rng.standard_normal((24, 24))
+    added = np.array(colours)[:, None, None] * texture
+    finding = pixels_of(first, second + added)
+    assert finding.probability < 1e-5
+    assert finding.name.endswith("x 24 to 47, y 0 to 23")
+    if colours == (1, 1, 1):
+        assert finding.size == pytest.approx(0.1, rel=0.3)
+    assert pixels_of(first, np.concatenate([second[:1] + added, second[1:]])).probability > 1e-3  # in one cube: noise
+    assert pixels_of(first[:1], second[:1]) is None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cboxlab.validation.compare_renders.regress import UNKNOWN, regress_pictures, regress_sides
+from cboxlab.validation.compare_renders.regress import UNKNOWN, Outcome, regress_pictures, regress_sides
 from cboxlab.validation.compare_renders.regress.patterns import Difference, Finding, pool_of_finding, textures
 from pictures import SIZE, noisy, rendered
 from scipy.ndimage import gaussian_filter, median_filter
@@ -127,3 +127,10 @@ def test_nine_of_ten_patterns_of_the_stated_size_are_seen():
     pool = pool_of_finding("waves", finding, 0.01)
     smallest = norm.isf(0.01 / 2) * 0.003
     assert norm.sf(smallest, pool.detectable, 0.003) == pytest.approx(0.9, abs=1e-4)
+
+
+@pytest.mark.parametrize(("kind", "is_stated"), [("filter", True), ("whole", False), ("fixed", False)])
+def test_repeated_noise_is_stated_where_nothing_differs_that_noise_leaves_alone(kind, is_stated):
+    rows = [pool_of_finding(k, Finding(k, 100, 0.1, 0.01, 50.0, 1e-9), 1e-6) for k in ("reused", kind)]
+    outcome = Outcome("a", "b", tuple(rows), 1e-3, 0, 0.0, 0, np.zeros((2, 2)))
+    assert (outcome.cancelling == "reused, 0.1 of its fine structure's variance") == is_stated

@@ -13,6 +13,7 @@ from .periodic import periodic, without_period
 from .pooled_mean import (
     CANCELLING,
     GRIDS,
+    HIDDEN_BY,
     MEANS,
     POWER,
     SHARES,
@@ -25,7 +26,7 @@ from .pooled_mean import (
 )
 from .slow import slow_change, without_slow
 from .spread import block_changes, block_spread, ranked_squares, scatter_of_blocks, steady_sigmas
-from .texture import FIXED_TEXTURE, fine_structure, textures
+from .texture import FIXED_TEXTURE, fine_structure, fixed_pixels, textures
 from .wave import ripple
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "CANCELLING",
     "FIXED_TEXTURE",
     "GRIDS",
+    "HIDDEN_BY",
     "MEANS",
     "POWER",
     "SHARES",
@@ -57,6 +59,7 @@ __all__ = [
     "filtered_noise",
     "fine_structure",
     "fixed_lines",
+    "fixed_pixels",
     "mirror_order",
     "moved_part",
     "moved_slightly",

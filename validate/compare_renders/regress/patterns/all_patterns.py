@@ -15,7 +15,7 @@ from .odd_squares import moved_part, small_part
 from .periodic import periodic
 from .pooled_mean import CANCELLING, SHARES, STRUCTURE, PooledMean, pool_of_finding
 from .slow import slow_change
-from .texture import textures
+from .texture import fixed_pixels, textures
 from .wave import ripple
 
 __all__ = ["all_patterns"]
@@ -35,6 +35,7 @@ def all_patterns(
     candidate: NDArray[np.float64],
     false_alarms: float,
     cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
+    apart: tuple[NDArray[np.float64], NDArray[np.float64]],
     steps: float = 0.0,
     rounding: float = 0.0,
 ) -> tuple[PooledMean, ...]:
@@ -50,6 +51,8 @@ def all_patterns(
         Rate of false alarms of the verdict.
     cubes
         (b, y, x) independent pictures of each side, as many of either, summed over wavelengths.
+    apart
+        (n, g, y, x) differences of independent pictures in groups of bands, and the mean (g, y, x) of both sides.
     steps
         Relative standard deviation that pixels have in common from the steps of files; 0 for fine steps.
     rounding
@@ -65,7 +68,8 @@ def all_patterns(
         ("grid", periodic(difference)),
         ("wave", ripple(difference, steps)),
         ("line", odd_lines(difference)),
-        ("lines", fixed_lines(difference, *cubes)),
+        ("lines", fixed_lines(difference, apart[0])),
+        ("fixed", fixed_pixels(difference, *apart, rounding)),
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
         ("dark", _dark(difference, baseline, candidate, critical["dark"])),

@@ -82,9 +82,7 @@ def odd_lines(difference: Difference) -> Finding | None:
     return _most_odd(tests, lambda name, index: f"one {name}: {name} {index + 1}")
 
 
-def fixed_lines(
-    difference: Difference, baseline: NDArray[np.float64], candidate: NDArray[np.float64]
-) -> Finding | None:
+def fixed_lines(difference: Difference, apart: NDArray[np.float64]) -> Finding | None:
     """Rows or columns of another brightness each, alike in all cubes.
 
     Each line is compared with its two neighbours, in either half of the cubes. Noise of the halves is independent, so
@@ -94,18 +92,18 @@ def fixed_lines(
     ----------
     difference
         The difference.
-    baseline, candidate
-        (b, y, x) independent cubes of each side, as many of either.
+    apart
+        (n, g, y, x) candidate less baseline of independent cubes, in groups of bands.
 
     Returns
     -------
     Finding or None
         The clearer of rows and columns, by Pearson's correlation of the halves; None for a single cube or few lines.
     """
-    if len(baseline) < 2:
+    if len(apart) < 2:
         return None
     level = np.where(difference.smooth, difference.level, 0.0)
-    halves = [np.where(difference.smooth, (candidate[i::2] - baseline[i::2]).mean(axis=0), 0.0) for i in (0, 1)]
+    halves = [np.where(difference.smooth, apart[i::2].mean(axis=0).sum(axis=0), 0.0) for i in (0, 1)]
     findings = []
     for axis, name in ((1, "rows"), (0, "columns")):
         light, pixels = level.sum(axis=axis), difference.smooth.sum(axis=axis)

@@ -14,6 +14,7 @@ from .difference import Finding
 __all__ = [
     "CANCELLING",
     "GRIDS",
+    "HIDDEN_BY",
     "MEANS",
     "POWER",
     "SHARES",
@@ -28,7 +29,7 @@ __all__ = [
 #: Parts of the false-alarm rate by kind of pool, with sum 1: most for the sharpest tests of common changes.
 SHARES = {
     "whole": 0.09,
-    "even": 0.168,
+    "even": 0.163,
     "surface": 0.155,
     "band": 0.09,
     "stratum": 0.05,
@@ -40,6 +41,7 @@ SHARES = {
     "grid": 0.01,
     "line": 0.005,
     "lines": 0.005,
+    "fixed": 0.005,
     "tile": 0.01,
     "steps": 0.01,
     "texture": 0.009,
@@ -61,7 +63,13 @@ SHARES = {
 }
 
 #: Kinds of pools that find what means do not show.
-CANCELLING = ("grid", "wave", "line", "lines", "tile", "steps", "texture", "dark", "cut", "reused", "shared")
+CANCELLING = ("grid", "wave", "line", "lines", "fixed", "tile", "steps", "texture", "dark", "cut", "reused", "shared")
+
+_OTHERS = tuple(kind for kind in SHARES if kind not in (*CANCELLING, "numbers"))
+#: Kinds of pools that no repeated noise changes: light of the whole picture, and what all cubes have in common.
+_NO_NOISE = ("whole", "even", "band", "fixed")
+#: Kinds of pools by the kind of a pattern that is not stated where one of them decides.
+HIDDEN_BY = {"lines": _OTHERS, "fixed": _OTHERS, "reused": _NO_NOISE, "shared": _NO_NOISE}
 
 #: Kinds of pools that need no known noise: slow changes, contrast and place of fine structure, small parts.
 STRUCTURE = ("slow", "contrast", "displacement", "filter", "part", "motion")
