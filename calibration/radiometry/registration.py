@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from cboxlab.utils.distributions import robust_sigma
 from numpy.typing import NDArray
-from scipy.ndimage import affine_transform, gaussian_filter, spline_filter
+from scipy.ndimage import affine_transform, correlate1d, gaussian_filter, spline_filter
 from scipy.optimize import least_squares
 
 __all__ = ["Registration", "move", "register"]
@@ -39,10 +39,12 @@ _NEAR_PX = 1.5
 _BORDER_PX = 6
 #: Shift u, v (px), magnification - 1 and rotation (rad) that move a picture by a pixel or so: the fit's unknowns.
 _UNITS = np.array([1.0, 1.0, 0.01, 0.01])
-#: Step of the numerical derivatives, in the units above.
-_STEP = 0.05
+#: Weights of five neighbours for the slope of a smooth picture per pixel, correct for polynomials of fourth degree.
+_SLOPE = np.array([1, -8, 0, 8, -1]) / 12
 #: Evaluations of the fit at most.
 _EVALUATIONS = 20
+#: Relative decrease of the loss at which the fit ends: 1e-8 moves bands of the bundled capture by less than 1e-4 px.
+_DECREASE = 1e-6
 #: Largest change, in the units above, of the similarity that aligned the edges.
 _LARGEST_CHANGE = 2.0
 
@@ -101,6 +103,7 @@ def _refined(
     """
     first, second = (_logarithm(image) for image in (reference, band))
     spline, middle = spline_filter(second, mode="mirror"), (np.array(first.shape) - 1) / 2
+    rows, columns = np.indices(first.shape) - middle[:, None, None]
 
     def near(image: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(gaussian_filter(image, _NEAR_PX))
@@ -109,35 +112,35 @@ def _refined(
     spread = near(first**2) - mean**2
     spread += 1e-3 * float(spread.mean())
 
-    def remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+    def moved(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
         u, v, size, turn = unknowns * _UNITS
         # ndimage's order is (v, u)
         matrix = np.array([[1 + size, turn], [-turn, 1 + size]])
         offset = middle + np.array([v, u]) - matrix @ middle
-        moved = affine_transform(spline, matrix, offset, prefilter=False, mode="mirror")
-        moved_mean = near(moved)
-        slope = (near(moved * first) - moved_mean * mean) / spread
-        rest = moved - moved_mean - slope * (first - mean)
+        return np.asarray(affine_transform(spline, matrix, offset, prefilter=False, mode="mirror"))
+
+    def rest_of(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Residual (n,) of the local linear functions, itself linear in the image."""
+        image_mean = near(image)
+        slope = (near(image * first) - image_mean * mean) / spread
+        rest = image - image_mean - slope * (first - mean)
         return rest[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX].ravel()
 
-    latest: dict[bytes, NDArray[np.float64]] = {}  # the fit asks for derivatives where it has the remainder
-
-    def kept_remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        key = unknowns.tobytes()
-        if key not in latest:
-            latest.clear()
-            latest[key] = remainder(unknowns)
-        return latest[key]
+    def remainder(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
+        return rest_of(moved(unknowns))
 
     def derivatives(unknowns: NDArray[np.float64]) -> NDArray[np.float64]:
-        centre, steps = kept_remainder(unknowns), _STEP * np.eye(_UNITS.size)
-        return np.stack([(remainder(unknowns + h) - centre) / _STEP for h in steps], axis=1)
+        image = moved(unknowns)
+        down, right = (correlate1d(image, _SLOPE, axis) for axis in (0, 1))
+        by_unknown = right, down, down * rows + right * columns, down * columns - right * rows
+        return np.stack([rest_of(unit * change) for unit, change in zip(_UNITS, by_unknown, strict=True)], axis=1)
 
     begin = np.array([start[0, 2], start[1, 2], start[0, 0] - 1, start[1, 0]]) / _UNITS
-    usual = robust_sigma(kept_remainder(begin)) if min(first.shape) > 4 * _BORDER_PX else 0.0
+    usual = robust_sigma(remainder(begin)) if min(first.shape) > 4 * _BORDER_PX else 0.0
     if not usual > 0:
         return start
-    fitted = least_squares(kept_remainder, begin, derivatives, loss="soft_l1", f_scale=usual, max_nfev=_EVALUATIONS).x
+    limits = {"max_nfev": _EVALUATIONS, "ftol": _DECREASE}
+    fitted = least_squares(remainder, begin, derivatives, loss="soft_l1", f_scale=usual, **limits).x
     if np.max(np.abs(fitted - begin)) > _LARGEST_CHANGE:
         return start
     u, v, size, turn = fitted * _UNITS
