@@ -152,7 +152,7 @@ def tabulation_errors(
         coarse = slice(None, None, max(round(step_nm / grid.step_nm), 1))
         light = response.response * radiance.at(grid.nm)
         rough = light[coarse] @ trapezoidal_weights(grid.nm[coarse])
-        errors.append(rough / max(light @ grid.weights, 1e-300) - 1)
+        errors.append(rough / max(float(light @ grid.weights), 1e-300) - 1)
     return np.array(errors)
 
 

@@ -88,7 +88,8 @@ def slow_change(difference: Difference) -> Finding | None:
         return None
     shapes = np.stack([shape[bright] * weight[bright] for shape in (*polynomials, *waves)], axis=1)
     # the last column of the triangle holds the products of the goal with the orthogonal shapes
-    power = np.linalg.qr(np.column_stack([shapes, goal[bright]]), mode="r")[:-1, -1] ** 2
+    triangle = np.asarray(np.linalg.qr(np.column_stack([shapes, goal[bright]]), mode="r"))
+    power = triangle[:-1, -1] ** 2
     free = len(polynomials) - 1
     slow = float(power[1 : free + 1].mean())
     shapes = np.linalg.qr(shapes[:, : free + 1])[0][:, 1:]
