@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .cube_strips import strip_cameras, write_strips
     from .declared import (
         AS_STATED,
+        AS_STORED,
         DECLARABLE,
         NOTES,
         Declared,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AS_STATED",
+    "AS_STORED",
     "COLOUR_SPACES",
     "DECLARABLE",
     "NOTES",

@@ -8,7 +8,7 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .stack_comparison import StackComparison, compare_stacks, comparison_record, write_comparison
-    from .stacks import ImageStack, read_stack
+    from .stacks import ImageStack, read_stack, read_stacks
 
 __all__ = [
     "ImageStack",
@@ -16,6 +16,7 @@ __all__ = [
     "compare_stacks",
     "comparison_record",
     "read_stack",
+    "read_stacks",
     "write_comparison",
 ]
 
