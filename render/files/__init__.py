@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from .cube_strips import strip_cameras, write_strips
     from .declared import (
         AS_STATED,
-        AS_STORED,
         DECLARABLE,
         NOTES,
+        UNIT_AS_STORED,
         Declared,
         DeclaredPair,
         declared_for,
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AS_STATED",
-    "AS_STORED",
     "COLOUR_SPACES",
     "DECLARABLE",
     "NOTES",
     "RADIANCE_UNIT",
     "READABLE",
+    "UNIT_AS_STORED",
     "WRITABLE",
     "Declared",
     "DeclaredPair",

@@ -10,10 +10,10 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import (
     AS_STATED,
-    AS_STORED,
     NOTES,
     RADIANCE_UNIT,
     READABLE,
+    UNIT_AS_STORED,
     Declared,
     DeclaredPair,
     Window,
@@ -36,7 +36,7 @@ from .cameras import Instrument, instrument_of
 from .plain_pictures import PLAIN_ENDINGS, read_plain
 from .regress import Side, cut_camera, cut_side, side_of
 
-__all__ = ["ImageStack", "on_common_pixels", "read_stack", "read_stacks", "stack_of_side"]
+__all__ = ["ImageStack", "on_common_pixels", "read_compared", "read_stack", "stack_of_side"]
 
 #: Unit where a file states none.
 _OWN_UNIT = "the file's own unit"
@@ -97,7 +97,7 @@ class ImageStack(FrozenMappings):
         return replace(self, names=tuple(names), values=self.values[index], variance=variance, side=None)
 
 
-def read_stacks(paths: tuple[Path, Path], declared: DeclaredPair) -> tuple[ImageStack, ImageStack]:
+def read_compared(paths: tuple[Path, Path], declared: DeclaredPair) -> tuple[ImageStack, ImageStack]:
     """Two pictures that are compared.
 
     Where neither states a unit, their numbers are compared as they are. Planes of a layer, and planes without names,
@@ -124,7 +124,7 @@ def read_stacks(paths: tuple[Path, Path], declared: DeclaredPair) -> tuple[Image
     first, second = (
         read_stack(path, properties)
         if properties.units
-        else _read(path, replace(properties, units=AS_STORED), properties)
+        else _read(path, replace(properties, units=UNIT_AS_STORED), properties)
         for path, properties in zip(paths, each, strict=True)
     )
     units = first.unit, second.unit
@@ -186,7 +186,7 @@ def _read(path: Path, declared: Declared, by_user: Declared) -> ImageStack:
     if path.suffix.lower() in PLAIN_ENDINGS:
         names, values, notes = read_plain(path)
         return ImageStack(path, names, values, None, _OWN_UNIT, notes=tuple(notes))
-    if declared.units == AS_STORED and by_user == AS_STATED and (picture := radiance_as_stored(path)) is not None:
+    if declared.units == UNIT_AS_STORED and by_user == AS_STATED and (picture := radiance_as_stored(path)) is not None:
         values = np.moveaxis(picture["rgb"].values, -1, 0)
         return _as_read(ImageStack(path, tuple("RGB"), values, None, _OWN_UNIT), picture)
     if path.suffix.lower() == ".exr" and by_user == AS_STATED:
@@ -201,7 +201,7 @@ def _read(path: Path, declared: Declared, by_user: Declared) -> ImageStack:
         side = side_of([picture], [str(path)])
         return stack_of_side(_as_read(ImageStack(path, (), np.zeros(0), None, "", window=side.window), picture), side)
     stack = _cube_stack(path, picture)
-    if declared.units != AS_STORED or "units" not in stack.declared:
+    if declared.units != UNIT_AS_STORED or "units" not in stack.declared:
         return stack
     used = tuple(name for name in stack.declared if name != "units")
     return replace(stack, unit=_OWN_UNIT, side=None, declared=used)

@@ -1,10 +1,13 @@
 """Settings next to frames, PNG counts, and facts that programs write into FITS in their own way."""
 
+from unicodedata import normalize
+
 import cv2
 import numpy as np
 import pytest
 from astropy.io import fits
 from cboxlab.calibration.capture import write_first_manifest
+from cboxlab.calibration.capture.file_facts import with_file_facts
 from cboxlab.calibration.frame_readers import frame_header, read_pictures
 from cboxlab.utils.errors import InputError
 
@@ -98,3 +101,13 @@ def test_numbers_of_a_camera_count_repeats_of_one_picture(tmp_path):
         counts = (light + rng.normal(0, 5, light.shape)).clip(0).astype(np.uint16)
         save(tmp_path / f"cam_20261103_10451{k}345_000{k + 1}.fits", counts)
     assert write_first_manifest(tmp_path).tables == {"band": 2}
+
+
+def test_letters_composed_in_two_ways_are_the_same_name(tmp_path):
+    """A Mac's files have ü as u and two dots; names in a manifest, and of flats, have one letter."""
+    composed, apart = (normalize(form, "Küche-Grün") for form in ("NFC", "NFD"))
+    save(tmp_path / f"{apart}.fits", EXPTIME=1.0)
+    save(tmp_path / f"flat-{composed}.fits", PICTURE + 1, EXPTIME=1.0)
+    assert write_first_manifest(tmp_path).tables == {"band": 1, "flat": 1}
+    frames = [{"frames": [f"{composed}.fits"], "id": "a"}]
+    assert with_file_facts(tmp_path, {"band": frames})["band"][0]["frames"] == [f"{apart}.fits"]

@@ -7,7 +7,7 @@ import xarray as xr
 from cboxlab.rendering.files import AS_STATED, RADIANCE_UNIT, Declared, DeclaredPair, read_cube, write_cube
 from cboxlab.rendering.files.exr_channels import write_channels
 from cboxlab.utils.errors import InputError
-from cboxlab.validation.compare_renders import compare_stacks, read_stacks
+from cboxlab.validation.compare_renders import compare_stacks, read_compared
 
 PAIR = DeclaredPair(("A", "B"))
 VALUES = np.random.default_rng(1).uniform(0.1, 1, (6, 8, 3)).astype(np.float32)
@@ -22,7 +22,7 @@ def cube(path, values=VALUES, unit=None):
 
 
 def difference(a, b, pair=PAIR):
-    return [row.relative_mean for row in compare_stacks(*read_stacks((a, b), pair)).rows]
+    return [row.relative_mean for row in compare_stacks(*read_compared((a, b), pair)).rows]
 
 
 def test_numbers_without_a_unit_are_compared_as_stored(tmp_path):
@@ -77,7 +77,7 @@ def test_what_is_not_finite_is_left_out_and_counted(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", plane)
     plane[1, 2] = np.nan
     tifffile.imwrite(tmp_path / "b.tif", plane)
-    comparison = compare_stacks(*read_stacks((tmp_path / "a.tif", tmp_path / "b.tif"), PAIR))
+    comparison = compare_stacks(*read_compared((tmp_path / "a.tif", tmp_path / "b.tif"), PAIR))
     assert (comparison.rows[0].pixels, comparison.rows[0].relative_mean) == (47, 0)
     assert any("1 of 48" in note for note in comparison.notes)
 

@@ -35,13 +35,13 @@ def compare(
 ) -> None:
     """Compare two cubes, maps or captures: tables and maps of (A − B) / B."""
     from ...api import write_manifest
-    from ...compare_renders import compare_stacks, comparison_record, read_stacks, write_comparison
+    from ...compare_renders import compare_stacks, comparison_record, read_compared, write_comparison
 
     if out is not None:
         require_folder(out)
     declared = declared_pair(declare, ("A", "B"))
     with options(), bar("comparing"):
-        first, second = read_stacks((a, b), declared)
+        first, second = read_compared((a, b), declared)
         declared.require_used((first.declared, second.declared), (first.file_statements, second.file_statements))
         comparison = compare_stacks(first, second)
     if out is not None:
