@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 from cboxlab.utils.errors import InputError
 
@@ -52,6 +53,25 @@ def _starts(facts: Sequence[FrameFacts | None]) -> list[float | None]:
     return [(time - first).total_seconds() for time in moments]
 
 
+def _on_disk(folder: Path, value: Any) -> Any:
+    """A value with names of files as the folder has them: a Mac writes ü as u and two dots."""
+    if isinstance(value, dict):
+        changed = {key: _on_disk(folder, each) for key, each in value.items()}
+        return value if all(changed[key] is value[key] for key in value) else changed
+    if isinstance(value, list):
+        items = [_on_disk(folder, each) for each in value]
+        return value if all(a is b for a, b in zip(items, value, strict=True)) else items
+    if not isinstance(value, str) or value.isascii():
+        return value
+    names = []
+    for name in value.split("/"):
+        parent = folder.joinpath(*names)
+        listed = [p.name for p in parent.iterdir()] if parent.is_dir() and not (parent / name).exists() else []
+        names.append(next((other for other in listed if normalize("NFC", other) == normalize("NFC", name)), name))
+    path = "/".join(names)
+    return value if path == value else path
+
+
 def with_file_facts(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
     """A manifest with the values of its frames' files for the keys that it leaves out.
 
@@ -65,8 +85,10 @@ def with_file_facts(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        A copy where a value was added; the same object where none was.
+        A copy where a value was added; the same object where none was. Names of files are those on the disk, where
+        letters such as ü are composed otherwise.
     """
+    data = _on_disk(folder, data)
     rows = {key: data[key] for key in _OF_TABLES if isinstance(data.get(key), list)}
     headers = {key: [_header(folder, row) for row in tables] for key, tables in rows.items()}
     if not any(header is not None for of_table in headers.values() for header in of_table):

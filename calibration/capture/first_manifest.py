@@ -98,8 +98,8 @@ _FURTHER = (
     "# Keys marked 'missing' are required. Further tables: [lamp], [geometry], [labels], [crop]; see the manual,\n"
     "# 'The capture format'.\n"
 )
-#: Bits of a count in the example of a missing bit depth, at least.
-_EXAMPLE_BITS = 12
+#: Bits of usual converters, for the example of a missing bit depth.
+_EXAMPLE_BITS = (12, 14, 16)
 
 
 @dataclass(frozen=True)
@@ -391,7 +391,7 @@ class _Draft:
             if zeros:
                 why += f", and all are multiples of {2**zeros}: for {16 - zeros} bits in the upper ones of 16, it is 16"
             camera.append(f"# bit_depth =    # missing: {why}")
-            bits = max(_EXAMPLE_BITS, int(np.ceil(np.log2(largest + 1))))
+            bits = next(bits for bits in _EXAMPLE_BITS if largest < 2**bits and (bits == 16 or not zeros))
             self.missing.append(MissingKey("[camera]", f"bit_depth = {bits}", why, True))
         for key in ("model", "pixel_pitch_um", "gain_e_per_dn"):
             value = self._agreed(frames, key, "[camera]", key)

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 import tifffile
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
+from cboxlab.utils.input_files import other_format
 from numpy.typing import NDArray
 
-from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of
-from .frame_names import is_session, states_frames
+from ..frame_readers import FrameFacts, frame_header, read_pictures, reader_of, settings_of
+from .frame_names import is_session, parse_name, states_frames
 
 __all__ = [
     "FolderFrame",
     "LeftOut",
+    "contradictions",
     "convert_bands",
     "frames_in",
     "mosaic_of",
@@ -36,6 +40,8 @@ FRAMES_FOLDER = "frames"
 _BLOCKS = 8
 #: Largest difference of two pictures' block means, of their range, up to which they show the same scene and light.
 _SAME_PICTURE = 0.01
+#: Largest logarithm of the ratio of exposures in a name and a header: names are rounded, 1/3 s to 0.3.
+_SAME_EXPOSURE = 0.2
 #: Folders of frames, for messages.
 _WHERE_FRAMES_LIE = (
     f"frames lie in the folder, in {FRAMES_FOLDER}/, or in one named as its frames or by their date, such as darks/"
@@ -115,11 +121,11 @@ def natural_key(text: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def _stem(path: Path) -> str:
-    """Name of a file without the ending by which its reader is chosen."""
+    """Name of a file, in composed letters, without the ending by which its reader is chosen."""
     name, reader = path.name, reader_of(path)
     endings = () if reader is None else reader.suffixes
     ending = max((e for e in endings if name.lower().endswith(e)), key=len, default=path.suffix)
-    return name[: len(name) - len(ending)] or name
+    return normalize("NFC", name[: len(name) - len(ending)] or name)  # a Mac writes ü as u and two dots
 
 
 def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | None) -> FolderFrame:
@@ -158,12 +164,38 @@ def show_the_same(first: FolderFrame, second: FolderFrame) -> bool:
     bool
         True if the files state the same settings, and the means of 8 x 8 blocks agree to 1 % of their range.
     """
-    if first.facts.exposure_s is None or first.shape != second.shape or not first.blocks.size:
+    if first.shape != second.shape or not first.blocks.size:
         return False
     if any(getattr(first.facts, key) != getattr(second.facts, key) for key in ("exposure_s", "f_number", "iso")):
         return False
     span = min(float(np.ptp(first.blocks)), float(np.ptp(second.blocks)))
     return bool(np.abs(first.blocks - second.blocks).max() < _SAME_PICTURE * span)
+
+
+def contradictions(frame: FolderFrame) -> list[str]:
+    """Filter and exposure that the name of a frame states otherwise than its header.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+
+    Returns
+    -------
+    list of str
+        A sentence each; the header's value is used.
+    """
+    name, facts = parse_name(frame.stem, 0, frame.folder), frame.facts
+    notes = []
+    of_header = parse_name(facts.filter or "").filter
+    if name.filter is not None and of_header is not None and name.filter != of_header:
+        notes.append(
+            f"its name says the filter {name.filter} and its header {facts.filter}, which is used: one is wrong"
+        )
+    seconds = name.exposure_s, facts.exposure_s
+    if seconds[0] and seconds[1] and abs(math.log(seconds[0] / seconds[1])) > _SAME_EXPOSURE:
+        notes.append(f"its name says {seconds[0]:g} s and its header {seconds[1]:g} s, which is used: one is wrong")
+    return notes
 
 
 def _digest(counts: NDArray[np.uint16]) -> str:
@@ -194,7 +226,15 @@ def _read_frames(folder: Path, path: Path, _changed: int, _status: int, _size: i
 def _refusal(folder: Path, path: Path) -> str | None:
     """Reason why a file cannot be listed as a frame; None if it can."""
     if reader_of(path) is None:
-        return f"no frame: no reader takes '{path.suffix or path.name}'"
+        kind = other_format(path)
+        return f"no frame: {kind or f'no reader takes {path.suffix or path.name!r}'}"
+    if path.suffix.lower() == ".png":  # plots, labels and previews lie next to frames, too
+        if "label" in path.stem.lower():
+            return "no frame: an image of labels"
+        try:
+            frame_header(path)
+        except InputError as error:
+            return f"no frame: {error.found}"
     try:
         target = path.resolve(strict=True)
     except (OSError, RuntimeError):  # RuntimeError: a loop of links
@@ -249,7 +289,8 @@ def frames_in(folder: Path) -> tuple[list[FolderFrame], list[LeftOut]]:
                 others.append(LeftOut(listed, why))
             else:
                 frames += _frames_of_file(folder, path)
-    return _without_copies(frames, others)
+    settings = {file.relative_to(folder).as_posix() for f in frames if (file := settings_of(f.path)) is not None}
+    return _without_copies(frames, [item for item in others if item.file not in settings])
 
 
 def _holds_frames(path: Path) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from cboxlab.utils.errors import InputError
 
-from .folder_frames import FolderFrame, LeftOut, natural_key, show_the_same
+from .folder_frames import FolderFrame, LeftOut, contradictions, natural_key, show_the_same
 from .frame_names import (
     SCENE_WORDS,
     FrameName,
@@ -24,6 +24,7 @@ from .frame_names import (
     kind_in_words,
     may_mean_dark,
     parse_name,
+    undated,
 )
 from .manifest import channel_letters
 
@@ -43,6 +44,9 @@ _LIT = 200.0
 
 #: Kinds that the user may state of a frame; "none" leaves it out.
 _KINDS = ("band", "dark", "flat", "reference", "target", "none")
+
+#: Number at the end of a word by which a camera counts photographs, such as Image0001.
+_COUNTER = re.compile(r"(?:^[a-z]*|(?<=[a-z]))\d{4,}$")
 
 #: A filter that the user states, which becomes the name of a band.
 _FILTER_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,39}")
@@ -210,6 +214,7 @@ def _band_ids(scenes: Sequence[_Classified]) -> dict[int, str]:
     filter, the name is the band, without the number of the repeat where the numbers count repeats.
     """
     ids: dict[int, str] = {}
+    repeats_of = _repeats(scenes)
     by_filter: dict[str, list[_Classified]] = defaultdict(list)
     series: dict[str, list[_Classified]] = defaultdict(list)
     for item in scenes:
@@ -218,24 +223,35 @@ def _band_ids(scenes: Sequence[_Classified]) -> dict[int, str]:
         else:
             series[item.name.series].append(item)
     for band, items in by_filter.items():
-        differ = len({item.name.other_words for item in items}) > 1
+        texts = {id(item.frame): tuple(_COUNTER.sub("", word) for word in item.name.other_words) for item in items}
+        differ = len(set(texts.values())) > 1
         for item in items:
-            ids[id(item.frame)] = "-".join([*item.name.other_words, band]) if differ else band
+            ids[id(item.frame)] = "-".join([*filter(None, texts[id(item.frame)]), band]) if differ else band
     for name, items in series.items():
         repeats = _count_repeats(items)
         for item in items:
             ids[id(item.frame)] = (name if repeats else item.name.stem) or item.name.stem
-    without_filter = [item for item in scenes if item.filter is None]
-    before: _Classified | None = None
-    for item in sorted(without_filter, key=lambda item: natural_key(item.name.stem)):
-        if (
-            before is not None
-            and _follows(before.name.stem, item.name.stem)
-            and show_the_same(before.frame, item.frame)
-        ):
-            ids[id(item.frame)] = ids[id(before.frame)]
-        before = item
+    for item in scenes:
+        first = repeats_of[id(item.frame)]
+        if item.filter is None and first is not item:
+            ids[id(item.frame)] = ids[id(first.frame)]
     return ids
+
+
+def _repeats(items: Sequence[_Classified]) -> dict[int, _Classified]:
+    """First of the photographs of one picture with numbers that follow, by ``id`` of a frame."""
+    first: dict[int, _Classified] = {}
+    before: _Classified | None = None
+    for item in sorted(items, key=lambda item: natural_key(undated(item.name.stem))):
+        alike = (
+            before is not None
+            and (before.kind, before.filter) == (item.kind, item.filter)
+            and _follows(undated(before.name.stem), undated(item.name.stem))
+            and show_the_same(before.frame, item.frame)
+        )
+        first[id(item.frame)] = first[id(before.frame)] if before is not None and alike else item
+        before = item
+    return first
 
 
 def _follows(before: str, after: str) -> bool:
@@ -331,8 +347,9 @@ def group_notes(groups: Sequence[FrameGroup]) -> list[tuple[str, str]]:
             )
             notes.append((f"[[{group.kind}]] of {group.frames[0].listed}", why))
     frames = [frame for group in groups for frame in group.frames]
-    for doubt in dict.fromkeys(doubt for frame in frames for doubt in frame.facts.doubts):
-        files = [frame.listed for frame in frames if doubt in frame.facts.doubts]
+    doubts = {frame.listed: (*frame.facts.doubts, *contradictions(frame)) for frame in frames}
+    for doubt in dict.fromkeys(doubt for of_file in doubts.values() for doubt in of_file):
+        files = [file for file, of_file in doubts.items() if doubt in of_file]
         notes.append((files[0] if len(files) == 1 else f"{files[0]} and {len(files) - 1} others", doubt))
     for alike in _numbered_alike(groups):
         why = (
@@ -437,6 +454,7 @@ def group_frames(
     left_out += [LeftOut(frame.listed, "not used, as you said", is_frame=True) for frame in unused]
     items, other_gain = _of_one_gain(items)
     left_out += other_gain
+    repeats_of = _repeats(items)
     groups: dict[tuple[object, ...], list[_Classified]] = defaultdict(list)
     for item in items:
         if (doubt := _doubt(item, bands)) is not None:
@@ -450,7 +468,7 @@ def group_frames(
             left_out.append(LeftOut(item.frame.listed, reason, is_frame=True))
             continue
         # Exposures that are not known may differ: then only the names say which frames are repeats.
-        name = item.name.series if item.exposure_s is None and item.kind != "target" else ""
+        name = repeats_of[id(item.frame)].name.series if item.exposure_s is None and item.kind != "target" else ""
         f_number = item.f_number if has_lens else None
         groups[item.kind, band, item.exposure_s, f_number, item.frame.facts.iso, name].append(item)
     return _sorted([_group(band, members) for (_, band, *_), members in groups.items()]), left_out

@@ -23,6 +23,7 @@ __all__ = [
     "may_mean_dark",
     "parse_name",
     "states_frames",
+    "undated",
     "unread_exposure",
 ]
 
@@ -398,6 +399,22 @@ def _with_units(parts: list[str]) -> list[str]:
         else:
             joined.append(part)
     return joined
+
+
+def undated(stem: str) -> str:
+    """A name without dates and times of day.
+
+    Parameters
+    ----------
+    stem
+        Name of the file without its ending.
+
+    Returns
+    -------
+    str
+        In small letters: "basler__0001" of "Basler_20261103_104510345_0001".
+    """
+    return _DATE.sub("", stem.lower())
 
 
 def unread_exposure(stem: str) -> str | None:

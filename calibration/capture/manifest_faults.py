@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
+from datetime import date, time
 from pathlib import Path
 from typing import Any, get_args
 
@@ -118,6 +119,8 @@ def _fault(path: Path, data: Mapping[str, Any], error: Mapping[str, Any]) -> Inp
         return InputError(where, "an unknown key", f"one of {', '.join(keys)}", suggestion(str(location[-1]), keys))
     is_unit = isinstance(error["input"], str) and re.fullmatch(r"[\d.,]+\s*[a-zµ%]+", error["input"].strip())
     hint = "Write the number alone, without quotation marks: its unit is that of the key." if is_unit else ""
+    if isinstance(error["input"], date | time) and location[-1] == "start_s":
+        hint = "State the seconds since the capture's first frame, such as 0.0 and 60.0."
     return InputError(where, value_text(error["input"]), expectation(error), hint)
 
 

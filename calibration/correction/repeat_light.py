@@ -149,6 +149,8 @@ def _slopes(
     deviation: NDArray[np.float64], mean: NDArray[np.float64], good: NDArray[np.bool_]
 ) -> NDArray[np.float64] | None:
     """(repeat,) relative change of the light b_k; None for steady light and for a uniform field."""
+    if not good.any():
+        return None
     picture = mean[good] - mean[good].mean()
     rows = deviation[:, good]
     lever = float(np.sum(picture**2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from ._frame_reader import FrameFacts, FrameHeader, FrameReader, MissingPackageError, as_counts, mosaic_pattern
 from ._of_other_packages import checked_reader
+from ._settings_files import settings_of, with_settings
 
 __all__ = [
     "FrameFacts",
@@ -31,6 +33,7 @@ __all__ = [
     "read_pictures",
     "read_values",
     "reader_of",
+    "settings_of",
     "suffixes",
 ]
 
@@ -138,6 +141,7 @@ def _header_as_of(path: Path, changed_ns: int, size: int) -> FrameHeader:
     reader = _usable_reader(path)
     try:
         header = reader.header(path)
+        header = replace(header, facts=with_settings(path, header.facts))
         require_size(path, header.shape[0] * header.shape[1], MAX_FRAME_PIXELS, "pixels")
         return header
     except InputError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,6 +36,13 @@ _MAX_HEADER_BYTES = 2**20
 _MAX_HEADERS = 64
 #: Names of no filter.
 _NO_FILTER = frozenset({"", "none", "no filter", "no_filter", "nofilter", "n/a", "unknown", "-"})
+#: Seconds as a text: a number, or a fraction as a camera displays it.
+_TEXT_OF_SECONDS = re.compile(r"\s*(\d+(?:[.,]\d+)?)(?:\s*/\s*(\d+))?\s*(?:s|sec)?\s*")
+#: Corrections in lines of HISTORY, by their letter.
+_IN_HISTORY = {
+    "D": r"dark[\w -]*(?:corrected|subtract)|subtract\w*[\w -]*dark|(?<!\w)minus [\w -]*dark",
+    "F": r"flat[\w -]*(?:corrected|divid)|divid\w*[\w -]*flat",
+}
 #: Largest relative difference of EXPTIME and EXPOSURE that is rounding.
 _SAME_EXPOSURE = 0.01
 #: Bytes skipped at a time in a packed file.
@@ -179,6 +187,18 @@ def _time(text: str) -> datetime | None:
         return None
 
 
+def _corrected(*headers: Any) -> str:
+    """Corrections by the lines of HISTORY, as ``FrameFacts.corrected``."""
+    history = "\n".join(str(line) for header in headers for line in header.get("HISTORY", []))
+    return "".join(letter for letter, pattern in _IN_HISTORY.items() if re.search(pattern, history, re.I))
+
+
+def _seconds(value: Any) -> float | None:
+    """Seconds of a card, also of a text such as '1/60' or '0.5 s'."""
+    match = _TEXT_OF_SECONDS.fullmatch(value) if isinstance(value, str) else None
+    return positive_number(value if match is None else (match[1].replace(",", "."), match[2] or "1"))
+
+
 def _exposure(exptime: float | None, exposure: float | None) -> tuple[float | None, tuple[str, ...]]:
     """Exposure by two keywords, s, and a doubt where they differ; then it is None."""
     if exptime is None or exposure is None or np.isclose(exptime, exposure, rtol=_SAME_EXPOSURE):
@@ -203,7 +223,7 @@ def _header(path: Path) -> FrameHeader:
 
         f_number = positive_number(get("FOCRATIO", "F-NUMBER", "FNUMBER"))
         shift = offset("YBAYROFF", "BAYOFFY"), offset("XBAYROFF", "BAYOFFX")
-        exposure_s, doubts = _exposure(positive_number(get("EXPTIME")), positive_number(get("EXPOSURE")))
+        exposure_s, doubts = _exposure(_seconds(get("EXPTIME")), _seconds(get("EXPOSURE")))
         pedestal, filter_name = get("PEDESTAL"), text("FILTER")
         if isinstance(pedestal, int | float) and pedestal:
             doubts += (f"PEDESTAL is {pedestal:g}: without light the frames show {-pedestal:g} DN; subtract them",)
@@ -219,7 +239,7 @@ def _header(path: Path) -> FrameHeader:
             model=text("INSTRUME") or None,
             pixel_pitch_um=positive_number(get("XPIXSZ", "PIXSIZE1")),
             gain_e_per_dn=positive_number(get("EGAIN")),
-            corrected=text("CALSTAT").upper(),
+            corrected=text("CALSTAT").upper() or _corrected(unit.header, first),
             doubts=doubts,
         )
         return FrameHeader((height, width), pictures, facts)

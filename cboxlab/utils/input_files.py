@@ -26,6 +26,7 @@ from .limits import MAX_TABLE_ROWS, MAX_TEXTURE_PIXELS, require_size
 __all__ = [
     "inputs_below",
     "kind_of",
+    "other_format",
     "read_channels",
     "read_json",
     "read_json_object",
@@ -66,6 +67,20 @@ _OTHER_FILES = {
     b"PK\x03\x04": "a ZIP file, such as an Excel workbook",
     b"\xd0\xcf\x11\xe0": "an Office document, such as an Excel workbook",
     b"%PDF": "a PDF document",
+    b"version https://git-lfs": "a pointer of Git LFS in place of the file, which `git lfs pull` fetches",
+}
+#: By the ending of a file that is no input of this program, what it is and what takes its place.
+_OTHER_ENDINGS = {
+    (".jpg", ".jpeg", ".heic", ".heif", ".webp", ".gif", ".bmp"): (
+        "a developed picture of 8 bits in a curve, not linear in the light: take the camera's raw file"
+    ),
+    (".xisf",): "a picture of PixInsight: save it as FITS or 16-bit TIFF",
+    (".sif",): "a picture of Andor Solis: export it as FITS or 16-bit TIFF",
+    (".spe",): "a picture of LightField or WinSpec: export it as FITS or 16-bit TIFF",
+    (".ser", ".avi", ".mp4", ".mov", ".mkv"): "a film: save its frames as FITS or 16-bit TIFF",
+    (".nd2", ".czi", ".lif", ".lsm"): "a picture of a microscope's program: export it as OME-TIFF",
+    (".psd", ".xcf", ".afphoto"): "a file of a picture editor, which changes counts: take the camera's file",
+    (".mat", ".h5", ".hdf5", ".hdf"): "arrays of numbers under any names: save them as NetCDF, ENVI or FITS",
 }
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 #: Number of bytes at the beginning in which a 0 shows that a file is no UTF-8 text.
@@ -180,6 +195,22 @@ def kind_of(path: Path) -> str:
     """
     kind = "a folder" if path.is_dir() else "a pipe" if path.is_fifo() else "something"
     return f"{kind}, not a file"
+
+
+def other_format(path: Path) -> str:
+    """Kind of a file that no reader takes, and what takes its place.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        Such as "a picture of PixInsight: save it as FITS or 16-bit TIFF"; empty for other endings.
+    """
+    return next((text for endings, text in _OTHER_ENDINGS.items() if path.suffix.lower() in endings), "")
 
 
 def read_text(

@@ -21,7 +21,7 @@ import xarray as xr
 from cboxlab.utils.arguments import required_path
 from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import replacing
-from cboxlab.utils.input_files import require_regular_file
+from cboxlab.utils.input_files import other_format, require_regular_file
 from PIL import Image
 
 from .colour_pictures import colour_channels, picture_of_colours
@@ -141,6 +141,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     tuple of Path
         ``path`` first.
     """
+    path = _header_of(path)
     samples = samples_file(path) if path.suffix.lower() == ".hdr" and is_envi(path) else None
     return (path,) if samples is None else (path, samples)
 
@@ -193,7 +194,7 @@ def read_picture(path: Path, declared: Declared = AS_STATED, *, finite: bool = T
     InputError
         If the file is missing or invalid, or leaves open what it holds.
     """
-    path = required_path("path", path, "a file of a cube or picture")
+    path = _header_of(required_path("path", path, "a file of a cube or picture"))
     with np.errstate(invalid="ignore"):  # a pixel that is not a number stays one
         picture = _format_of(path).read(path, declared)
     if "xyz" not in picture:
@@ -226,7 +227,7 @@ def open_cube(path: Path, declared: Declared = AS_STATED) -> Iterator[xr.Dataset
     InputError
         As ``read_cube``.
     """
-    path = required_path("path", path, "a file of a cube")
+    path = _header_of(required_path("path", path, "a file of a cube"))
     form = _format_of(path)
     if form.open is None:
         yield read_cube(path, declared)
@@ -237,13 +238,20 @@ def open_cube(path: Path, declared: Declared = AS_STATED) -> Iterator[xr.Dataset
         yield cube
 
 
+def _header_of(path: Path) -> Path:
+    """The header of a file of samples of ENVI; for another file, this file."""
+    if path.suffix.lower() in READABLE or not path.name:
+        return path
+    headers = (path.with_suffix(".hdr"), Path(f"{path}.hdr"))
+    return next((header for header in headers if header.is_file() and is_envi(header)), path)
+
+
 def _format_of(path: Path) -> CubeFormat:
     """Format of a file. Raises InputError for a missing file, and for another format."""
     forms = [form for form in FORMATS if form.ending == path.suffix.lower()]
     if not forms:
-        headers = (path.with_suffix(".hdr"), Path(f"{path}.hdr")) if path.name else ()
-        header = next((p for p in headers if p.is_file()), None)
-        hint = "" if header is None else f"Name the header of an ENVI file: {header.name}."
+        kind = other_format(path)
+        hint = f"It is {kind}." if kind else ""
         raise InputError(path, f"the ending '{path.suffix}'", f"one of {', '.join(READABLE)}", hint)
     require_regular_file(path, "a spectral cube")
     try:

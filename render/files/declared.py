@@ -21,6 +21,7 @@ __all__ = [
     "AS_STATED",
     "DECLARABLE",
     "NOTES",
+    "UNIT_AS_STORED",
     "Declared",
     "DeclaredPair",
     "declared_for",
@@ -66,6 +67,9 @@ _FACTOR = re.compile(r"(/?)\s*([A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?([+-]?\d)?\)?")
 
 #: Raised digits and micro signs as plain ones.
 _POWERS = str.maketrans("⁰¹²³⁻µμ", "0123-uu")
+
+#: In place of a declared unit: numbers of a file that states none, as they are.
+UNIT_AS_STORED = "as stored"
 
 #: Unit of X, Y, Z.
 PHOTOMETRIC_UNIT = "cd m^-2"
@@ -203,6 +207,8 @@ def _factor(where: str | Path, file_unit: str | None, declared: Declared, unit: 
         if declared.units is None:
             how = f"declare units='{unit}', and scale=FACTOR to it. {hint}"
             raise InputError(where, "no unit", f"the unit of its values, such as '{unit}'", how.strip())
+        if declared.units == UNIT_AS_STORED:
+            return declared.scale or 1.0
         where, file_unit, scale = "declared units", declared.units, declared.scale or 1.0
     stored, target = _parsed(file_unit), _parsed(unit)
     if stored is None or target is None or stored[1] != target[1]:
@@ -307,7 +313,8 @@ def with_declarations(
     """
     used = tuple(used)
     names = [name for name in used if getattr(declared, name) is not None]
-    applied = [f"{_KEYS[n]} as declared: {_value_text(getattr(declared, n))}" for n in names]
+    values = {n: _value_text(getattr(declared, n)) for n in names}
+    applied = [f"{_KEYS[n]} as declared: {value}" for n, value in values.items() if value != UNIT_AS_STORED]
     noted = with_notes(dataset, [*notes, *applied])
     of_file = dict(file_values or {})
     if "wavelength" in dataset.coords:

@@ -49,7 +49,7 @@ def open_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     Parameters
     ----------
     path
-        NetCDF-4 file.
+        NetCDF file, of version 4 or a classic one.
     declared
         Units, scale, wavelengths or their unit, where the file does not state them.
 
@@ -63,10 +63,12 @@ def open_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
     InputError
         If the file cannot be read, holds links or values of other files, or leaves units open.
     """
-    _require_own_arrays(path)
+    engine = "scipy" if _is_classic(path) else "h5netcdf"  # a classic file has no links, and all of its bytes
+    if engine == "h5netcdf":
+        _require_own_arrays(path)
     try:
-        dataset = xr.open_dataset(path, engine="h5netcdf", cache=False)
-    except Exception as error:  # h5netcdf and xarray raise exceptions of any type on unusual attributes
+        dataset = xr.open_dataset(path, engine=engine, cache=False)
+    except Exception as error:  # h5netcdf, SciPy and xarray raise exceptions of any type on unusual attributes
         raise InputError(path, f"a file that cannot be read ({error})", "a NetCDF-4 file") from None
     return _in_our_units(path, dataset, declared) if "radiance" in dataset else dataset
 
@@ -149,6 +151,16 @@ def read_netcdf(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
             raise InputError(path, "more than fits into memory", "a smaller cube") from None
         except Exception as error:  # as above, for the values
             raise InputError(path, f"values that cannot be read ({error})", "a NetCDF-4 file") from None
+
+
+def _is_classic(path: Path) -> bool:
+    """Whether a file is of the first NetCDF, with offsets of 32 or 64 bits."""
+    require_regular_file(path, "a NetCDF file")
+    try:
+        with path.open("rb") as file:
+            return file.read(4) in (b"CDF\x01", b"CDF\x02")
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error), "a file that can be read") from None
 
 
 def _require_own_arrays(path: Path) -> None:

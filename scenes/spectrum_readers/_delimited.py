@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ from ._spectrum_reader import LONGEST_NM, InstrumentText, decimal_number
 __all__ = ["NumberTable", "Style", "find_table", "numeric_rows", "split_cells"]
 
 #: Number of any style, as the first cell of a row.
-_NUMBER_LIKE = re.compile(r"[+-]?(\d+([.,]\d+)*\.?|\.\d+)([eE][+-]?\d{1,3})?")
+_NUMBER_LIKE = re.compile(r"[+-]?(\d+([.,]\d+)*\.?|\.\d+)([eE][+-]?\d{1,4})?")
 #: Number with a comma that may separate thousands.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 #: Starts of comment lines.
@@ -154,6 +155,24 @@ def _without_empty_columns(lines: list[tuple[int, str]]) -> list[tuple[int, str]
     return [(number, line.removeprefix(common)) for number, line in lines]
 
 
+def _without_blank_columns(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """The lines without columns that are blank in all rows, whatever their header."""
+    for separator in "\t;,":
+        cells = {number: split_cells(line, separator) for number, line in lines}
+        width = Counter(map(len, cells.values())).most_common(1)[0][0] if cells else 0
+        body = [row for row in cells.values() if len(row) == width]
+        rows = [row for row in body if _NUMBER_LIKE.fullmatch(row[0])] if width > 2 else []
+        blank = {k for k in range(width) if rows and not any(row[k] for row in rows)}
+        if blank and len(blank) < width - 1:
+            return [
+                (n, separator.join(f'"{cell}"' for k, cell in enumerate(cells[n]) if k not in blank))
+                if len(cells[n]) == width
+                else (n, line)
+                for n, line in lines
+            ]
+    return lines
+
+
 def numeric_rows(
     source: InstrumentText, lines: Sequence[tuple[int, str]], columns: int
 ) -> list[tuple[int, list[float]]]:
@@ -236,6 +255,9 @@ def find_table(source: InstrumentText) -> NumberTable:
     numbers = {n for n, _ in comments}
     lines = _without_empty_columns([(n, line) for n, line in filled if n not in numbers])
     style, rows = _style(source, lines)
+    if not rows:
+        lines = _without_blank_columns(lines)
+        style, rows = _style(source, lines)
     from_per_cent = False
     if not rows:
         style, rows = _rows_in_per_cent(source, lines)
@@ -247,7 +269,8 @@ def find_table(source: InstrumentText) -> NumberTable:
             hint = "Write '%' behind every value, or behind none and into the header, such as 'Reflectance (%)'."
         fault = "no table of numbers" if filled else "an empty file"
         if lines and sum(_NUMBER_LIKE.fullmatch(line.strip()) is not None for _, line in lines) > len(lines) / 2:
-            fault = "one column of numbers"
+            fault = "one column of numbers without wavelengths"
+            hint = "If the wavelengths are in another file, put both into one table."
         raise InputError(source.path, fault, expected, hint)
     widest = max(map(len, rows.values()))
     if widest % 2 == 0 and widest > 2 and style.separator != " " and not style.has_unit:
@@ -275,6 +298,8 @@ def find_table(source: InstrumentText) -> NumberTable:
         within = (others and table[0] < others[0] and number > table[-1]) or (others and others[-1] < table[0] > number)
         if within or (number not in rows and len(cells) > 1 and _NUMBER_LIKE.fullmatch(cells[0])):
             fault, hint = f"'{line.strip()[:40]}'", "Remove or correct the row."
+            if within and not any(_NUMBER_LIKE.fullmatch(cell) for cell in cells):
+                fault, hint = f"{fault} and a second table below it", "Keep one table in the file."
             raise InputError(source.at(number), fault, f"a row of {width} finite numbers", hint)
     if others:
         hint = "Keep one table in the file."

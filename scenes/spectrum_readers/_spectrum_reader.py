@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 __all__ = [
     "LONGEST_NM",
+    "NOT_LINEAR",
     "InstrumentFile",
     "InstrumentText",
     "MeasuredSpectrum",
     "SpectrumReader",
     "decimal_number",
     "doubtful_values",
+    "fitting_units",
     "is_fraction",
     "last_spectrum",
     "measured_spectrum",
@@ -32,6 +34,8 @@ __all__ = [
 LONGEST_NM = 25000.0
 #: Shortest and longest wavelength, nm, from the vacuum ultraviolet. A table beyond is in another unit than it states.
 _RANGE_NM = (100.0, LONGEST_NM)
+#: Factors to nm of the units of wavelengths.
+_UNITS_NM = {"nm": 1.0, "um": 1000.0, "Angstrom": 0.1}
 #: Largest reflectance or transmittance read as a fraction: a fluorescent paint stays below; per cent do not.
 _LARGEST_FRACTION = 2.0
 #: Marks of missing values, such as -999, -9999 and -1.23e34, are this or below, and below this many times the largest
@@ -48,17 +52,33 @@ _LONGEST_NUMBER = 48
 _FRACTIONS = ("reflectance", "transmittance")
 #: Quantities, by pattern of their names in a header.
 _QUANTITIES = {
-    "reflectance": r"reflect|reflexion|remission|(?<![a-z0-9])(%\s*r|r\s*%|r\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
-    "transmittance": r"transmi|(?<![a-z0-9])(%\s*t|t\s*%|t\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "reflectance": r"refle[ck]?[tx]|remission|(?<![a-z0-9])(rs(in|ex)|%\s*r|r\s*%|r\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "transmittance": r"transmi|(?<![a-z0-9])(ttran|rtran|%\s*t|t\s*%|t\s*[\[(]\s*%\s*[\])])(?![a-z0-9])",
+    "radiant flux": r"radiant (flux|power)|strahlungsfluss",
+    "level in decibel": r"(?<![a-z])dbm?(?![a-z])",
+    "refractive index": r"refractive index|brechungsindex|brechzahl",
     "absorbance": r"absorban|extinktion|optical density|(?<![a-z])o\.?d\.?(?![a-z0-9])|(?<![a-z0-9])abs\.?(?![a-z0-9])",
     "irradiance": r"irradiance|bestrahlungsst[äa]e?rke",
     "radiance": r"(?<!ir)radiance|strahldichte",
 }
+#: Quantities that are not linear in the light.
+NOT_LINEAR = ("absorbance", "level in decibel", "refractive index")
+#: Power per wavelength, and its parts: solid angle, area.
+_POWER_PER_NM = re.compile(r"(?<![a-z])[mµuμ]?w(atts?)?(?=m|[^a-z]).*[nuµμ]m", re.I)
+_SOLID_ANGLE = re.compile(r"(?<![a-z])sr", re.I)
+_AREA = re.compile(r"sqm|(?<![a-z])[cm]?m(\^|\*\*)?[-−⁻]?[2²]|(?<=w)m[-⁻]?[2²]", re.I)
+#: Quantities by unit where no name states them: whether it is per solid angle, and per area.
+_OF_UNITS = {
+    (True, True): "radiance",
+    (False, True): "irradiance",
+    (True, False): "radiant intensity",
+    (False, False): "radiant flux",
+}
 _PER_CENT = re.compile(r"%|per\s?cent|(?<![a-z])pct(?![a-z])", re.I)
 #: Number with a decimal point, and with a decimal comma.
 _NUMBERS = {
-    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?"),
-    ",": re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d{1,3})?"),
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?"),
+    ",": re.compile(r"[+-]?\d+(,\d+)?([eE][+-]?\d{1,4})?"),
 }
 #: The same with separators of thousands, which are certain next to the decimal mark: 16.050,01 and 16,050.01.
 _GROUPED = {
@@ -168,10 +188,29 @@ def quantity_named(text: str) -> str:
     Returns
     -------
     str
-        "reflectance", "transmittance", "absorbance", "irradiance" or "radiance"; empty for none or several.
+        Such as "reflectance" or "irradiance"; empty for none or several. A unit of power per nm names it, too.
     """
     names = [name for name, pattern in _QUANTITIES.items() if re.search(pattern, text, re.I)]
+    if not names and (power := _POWER_PER_NM.search(text)) is not None:
+        return _OF_UNITS[_SOLID_ANGLE.search(power[0]) is not None, _AREA.search(power[0]) is not None]
     return names[0] if len(names) == 1 else ""
+
+
+def fitting_units(wavelengths: Sequence[float]) -> dict[str, float]:
+    """Units in which numbers are wavelengths of light.
+
+    Parameters
+    ----------
+    wavelengths
+        Numbers of a column.
+
+    Returns
+    -------
+    dict
+        Factor to nm by unit, of nm, um and Angstrom, in which all of them lie between 100 nm and 25 um.
+    """
+    low, high = min(wavelengths), max(wavelengths)
+    return {unit: f for unit, f in _UNITS_NM.items() if _RANGE_NM[0] <= low * f and high * f <= _RANGE_NM[1]}
 
 
 def states_per_cent(text: str) -> bool:
@@ -299,7 +338,10 @@ def measured_spectrum(
     if outside.size:
         at = int(outside[0])
         expected = f"wavelengths from {_RANGE_NM[0]:g} to {_RANGE_NM[1]:g} nm"
+        fitting = [unit for unit in fitting_units([float(value) for value in wavelength]) if unit != "nm"]
         hint = "Correct the unit of the wavelengths in the file."
+        if fitting:
+            hint = f"These are wavelengths in {fitting[0]}: write this unit into the header."
         raise InputError(source.at(lines[at]), f"a wavelength of {wavelength[at]:g} nm", expected, hint)
     if values.min() <= min(_MISSING, _MISSING_RATIO * values.max()):
         at = int(np.argmin(values))

@@ -24,8 +24,12 @@ from ._spectrum_reader import (
 #: Makers and programs of radiance meters.
 _RADIANCE_METER = re.compile(r"CS-?2000|CS-?1000|CS-S10w", re.I)
 _MAKER = re.compile(_RADIANCE_METER.pattern + "|KONICA MINOLTA", re.I)
-#: Header of a column of one wavelength: 400, 400nm, Le 400 [nm], R400, %R 400 nm, SPECTRAL_NM400.
-_BAND = re.compile(r"(?:[a-z%_]{1,12}\s*[\[(]?\s*)?(\d{3,4}(?:\.\d+)?)\s*(?:nm|\[nm\]|\(nm\))?[\])]?", re.I)
+#: Programs whose reflectances and transmittances are per cent without a sign.
+_IN_PER_CENT = re.compile(r"Hunter\s?Lab|EasyMatch", re.I)
+#: Header of a column of one wavelength: 400, 400nm, Le 400 [nm], R400, %R 400 nm, SPECTRAL_NM400, Ee(400nm)[W/m2/nm].
+_BAND = re.compile(
+    r"(?:[a-z%_]{1,24}\s*[\[(]?\s*)?(\d{3,4}(?:\.\d+)?)\s*(?:nm|\[nm\]|\(nm\))?[\])]?(?:\[[^\]]*\])?", re.I
+)
 _NAME = re.compile(r"(data|sample|specimen)?[ _]*(name|sample|title|specimen)", re.I)
 _UNIT = re.compile(r"[mµuμ]?W\s*/?\s*\(?(?:sr|m|cm)[^,;\t\n\"]*nm[^,;\t\n\"\]]*")
 #: Columns of wavelengths that make a header, at least.
@@ -69,8 +73,9 @@ def _read(source: InstrumentText) -> InstrumentFile:
     label = next((k for k, cell in enumerate(names) if _NAME.fullmatch(cell)), 0 if 0 not in bands else None)
     text = "\n".join((*source.lines[:index], *(cell for cell in names)))
     unit, quantity, per_cent = _UNIT.search(source.text), quantity_named(text), states_per_cent(text)
+    per_cent = per_cent or (is_fraction(quantity) and _IN_PER_CENT.search(text) is not None)
     if unit is not None and not is_fraction(quantity):
-        quantity, per_cent = "radiance" if "sr" in unit[0] else quantity, False
+        quantity, per_cent = quantity_named(unit[0]) or quantity, False
     elif _RADIANCE_METER.search("\n".join(source.lines[:20])):
         hint = "Export it with its units, or write 'W/(sr m2 nm)' above the header."
         raise InputError(source.at(index + 1), "radiances without a unit", "a unit in the lines above", hint)

@@ -10,11 +10,13 @@ from cboxlab.utils.errors import InputError
 
 from ._delimited import NumberTable, find_table, split_cells
 from ._spectrum_reader import (
+    NOT_LINEAR,
     InstrumentFile,
     InstrumentText,
     MeasuredSpectrum,
     SpectrumReader,
     doubtful_values,
+    fitting_units,
     is_fraction,
     measured_spectrum,
     quantity_named,
@@ -30,6 +32,10 @@ _LENGTHS = {
 }
 #: Header of a column of wavelengths.
 _WAVELENGTH = re.compile(r"wave\s*-?_?length|wellenl|longueur d.onde|(?<![a-z])wv?l(?![a-z])|(?<!\()(?:λ|lambda)", re.I)
+#: The word in full.
+_WAVELENGTH_WORD = re.compile(rf"\w*(?:{_WAVELENGTH.pattern})\w*", re.I)
+#: Letters next to it, which may be a unit.
+_FURTHER_LETTERS = re.compile(r"[^\W\d_]")
 #: Header of a column of wavenumbers, energies or frequencies.
 _OTHER_AXIS = re.compile(r"wave\s*-?_?number|cm\s*(\^|\*\*)?\s*[-−⁻]\s*[1¹]|1/cm|(?<![a-z])(ev|thz|hz)(?![a-z])", re.I)
 #: Header of a column of wavenumbers in 1/cm.
@@ -45,8 +51,12 @@ _BRACKETS = re.compile(r"[\[(]([^\[\]()]*(?:\([^()]*\)[^\[\]()]*)?)[\])]")
 #: Unit behind the slash by which it divides a quantity, such as "radiance/W/(sr m2 nm)".
 _AFTER_SLASH = re.compile(r"\w\s*/\s*([uµμm]?W\s*/.*nm.*)$")
 _RADIOMETRIC = re.compile(
-    r"[uµμm]?w\W.*nm.*|[uµμm]?w\s?m.*|counts?|a\.?u\.?|rel(ative)?\.?|arb.*|1|abs\.?|%\s*[rt]?|[rt]\s*%", re.I
+    r"[uµμm]?w(?:atts?)?\W.*nm.*|[uµμm]?w\s?m.*|counts?|a\.?u\.?|rel(ative)?\.?|arb.*|1|abs\.?|%\s*[rt]?|[rt]\s*%", re.I
 )
+#: Largest absorbance that spectrophotometers state.
+_LARGEST_ABSORBANCE = 10.0
+#: Texts of other kinds, by the beginning of a line.
+_OTHER_KINDS = {r"IESNA|TILT=": "a photometric file (IES LM-63): candela over angles, without wavelengths"}
 
 
 def _length_factor(text: str) -> float | None:
@@ -101,14 +111,26 @@ def _header(source: InstrumentText, table: NumberTable) -> list[list[str]]:
                 return rows
             return rows[top:]
     title = "\n".join(line for _, line in (*table.header, *table.comments))
-    for names in (("XUNITS", "YUNITS"), ("XAxisUnit", "YAxisUnit"), (r"\[xDataUnit\]", r"\[yDataUnit\]")):
-        axes = [re.search(rf"^{name}\s*[,;\t]?\s*(\S.*)$", title, re.M | re.I) for name in names]
-        if width == 2 and axes[0] and axes[1]:  # JASCO and Thorlabs state the columns above the table
-            return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
+    axes = [
+        re.search(rf"^\W*{axis}[\s_-]?(?:axis|data)?[\s_-]?units?\W*?[,;:=\t]?\s*(\w.*|%.*)$", title, re.M | re.I)
+        for axis in "xy"
+    ]
+    if width == 2 and axes[0] and axes[1]:  # JASCO, Thorlabs and ECOSTRESS state the columns above the table
+        return [[f"wavelength ({axes[0][1].strip()})", axes[1][1].strip()]]
+    unit = next((line.strip().strip('"') for _, line in reversed(table.header) if _is_unit(line.strip('" '))), "")
+    if width == 2 and quantity_named(unit):  # StellarNet states the unit of the values alone
+        return [["wavelength", unit]]
     if table.style.has_unit and width == 2:
         return [["wavelength (nm)", "value"]]
-    hint = "Write a header such as 'wavelength_nm' and a name for each column, separated as the rows are."
-    first = table.rows[0][0]
+    first, cells = table.rows[0][0], split_cells(table.header[-1][1], ",") if table.header else []
+    if table.style.separator == "," and len(cells) < width and cells and names_wavelengths(cells):
+        hint = "If the comma is separator and decimal mark, export with semicolons or tabs, or with decimal points."
+        raise InputError(source.at(first), f"{width} cells", f"{len(cells)}, as the header above", hint)
+    ends = f"from {table.rows[0][1][0]:g} to {table.rows[-1][1][0]:g}"
+    hint = (
+        f"Its first column runs {ends}. Write a header such as 'wavelength_nm' or 'wavenumber (1/cm)' and a name for "
+    )
+    hint += "each column, separated as the rows are."
     expected = f"a header of {width} cells with the wavelength and its unit above it"
     raise InputError(source.at(first), "a table without a header", expected, hint)
 
@@ -125,8 +147,13 @@ def _is_unit(text: str) -> bool:
     return bool(_RADIOMETRIC.fullmatch(bare)) or any(re.fullmatch(unit, bare, re.I) for unit in _LENGTHS)
 
 
-def _axis_factor(source: InstrumentText, text: str, preamble: str, *, is_dimensionless: bool) -> float:
-    """Factor to nm of a column of wavelengths; ``_WAVENUMBER`` for wavenumbers of fractions."""
+def _axis_factor(
+    source: InstrumentText, text: str, preamble: str, numbers: list[float], *, is_dimensionless: bool
+) -> float:
+    """Factor to nm of a column of wavelengths; ``_WAVENUMBER`` for wavenumbers of fractions.
+
+    Without a stated unit it is the only one in which the numbers are light.
+    """
     if _PER_CM.search(text) and is_dimensionless:
         return _WAVENUMBER
     if _OTHER_AXIS.search(text):
@@ -136,11 +163,25 @@ def _axis_factor(source: InstrumentText, text: str, preamble: str, *, is_dimensi
     if factor is None:
         lines = re.findall(r"^.*(?:x\s?-?units?|wavelength|x\s?-?axis).*$", preamble, re.M | re.I)
         factor = _length_factor(" ".join(lines).replace("_", " "))
+    if (
+        factor is None
+        and not _FURTHER_LETTERS.search(_WAVELENGTH_WORD.sub("", text))
+        and len(fitting := fitting_units(numbers)) == 1
+    ):
+        (factor,) = fitting.values()
     if factor is None:
         hint = "Write the unit into the header, such as 'Wavelength (nm)'."
         fault = f"'{text[:60]}', wavelengths without a unit"
         raise InputError(source.path, fault, "a unit: nm, um or Angstrom", hint)
     return factor
+
+
+def _unusable(text: str) -> str:
+    """Reason to leave a column out of a file that has others; empty for none."""
+    quantity = quantity_named(text)
+    if quantity in NOT_LINEAR:
+        return f"{quantity} is not linear in the light"
+    return "it does not say of what it is per cent" if states_per_cent(text) and not is_fraction(quantity) else ""
 
 
 def _counts_rows(table: NumberTable, column: int) -> bool:
@@ -173,15 +214,21 @@ def _read(source: InstrumentText) -> InstrumentFile:
             raise InputError(source.path, "a web page (HTML)", "a file of spectra", "Download the file itself.")
         hint = "Export the spectrum as CxF3, TM-27-14 or text."
         raise InputError(source.path, "XML or HTML of another kind", "CxF3 or IES TM-27-14", hint)
+    for start, kind in _OTHER_KINDS.items():
+        if re.search(rf"^(?:{start})", source.text, re.M):
+            raise InputError(source.path, kind, "a spectrum", "Export the spectrum, such as IES TM-27-14 or CSV.")
     table = find_table(source)
     header = _header(source, table)
     columns = [[row[k] for row in header] for k in range(len(header[0]))]
     axes = [k for k, cells in enumerate(columns) if any(map(_is_axis, cells))]
     if not axes and _ENDS_IN_LENGTH.search(" ".join(columns[0])):
         axes = [0]
-    counters = axes[0] if axes and all(_counts_rows(table, k) for k in range(axes[0])) else 0
-    if counters:  # numbers of pixels
-        columns, axes = columns[counters:], [k - counters for k in axes]
+    waves = [k for k in axes if not _OTHER_AXIS.search(" ".join(columns[k]))]
+    axes = [k for k in axes if k in waves or not {k - 1, k + 1} & set(waves)]
+    spare = [k for k, cells in enumerate(columns) if k not in axes and any(map(_is_axis, cells))]
+    counters = axes[0] if axes and all(k in spare or _counts_rows(table, k) for k in range(axes[0])) else 0
+    if counters:  # numbers of pixels, and wavenumbers of the same samples
+        columns, axes, spare = columns[counters:], [k - counters for k in axes], [k - counters for k in spare]
         table = replace(table, rows=[(number, values[counters:]) for number, values in table.rows])
     if not axes or axes[0] != 0:
         raise InputError(source.path, f"'{columns[0][-1][:40]}' first", "the wavelength as first column", "Move it.")
@@ -190,22 +237,26 @@ def _read(source: InstrumentText) -> InstrumentFile:
     spectra: list[MeasuredSpectrum] = []
     notes: list[str] = []
     factors = set()
-    values = [cells for k, cells in enumerate(columns) if k not in axes]
+    values = [cells for k, cells in enumerate(columns) if k not in axes and k not in spare]
     only_fractions = bool(values) and all(
         is_fraction(quantity_named(" ".join(cells)) or quantity_named(_title(preamble))) for cells in values
     )
-    only_absorbance = all(quantity_named(" ".join(cells)) == "absorbance" for cells in values)
+    none_usable = all(_unusable(" ".join(cells)) for cells in values)
     factor, sample, axis = 1.0, "", 0
     for k, cells in enumerate(columns):
         if k in axes:
             axis, sample = k, next((cell for cell in cells if cell and not _is_axis(cell)), "")
             sample = "" if _length_factor(sample) else sample
-            factor = _axis_factor(source, " ".join(cells), preamble, is_dimensionless=only_fractions)
+            numbers = [row[k] for _, row in table.rows if not math.isnan(row[k])]
+            factor = _axis_factor(source, " ".join(cells), preamble, numbers, is_dimensionless=only_fractions)
             factors.add(factor)
             continue
-        if quantity_named(" ".join(cells)) == "absorbance" and not (plain or only_absorbance):
-            notes.append(f"Column '{_name(cells, sample)[:60]}' is left out: absorbances are not linear in the light.")
+        reason = _unusable(" ".join(cells))
+        if k in spare or (reason and not (plain or none_usable)):
+            notes += [f"Column '{_name(cells, sample)[:60]}' is left out: {reason}."] if reason else []
             continue
+        if not plain and len(values) == 1:
+            _require_no_symbol(source, cells, [row[k] for _, row in table.rows])
         spectra.append(_column(source, table, (axis, k), factor, cells, sample, None if plain else preamble))
     if plain:
         return InstrumentFile("plain CSV", unique_names(source, spectra), ("Values as they stand in the file.",))
@@ -253,11 +304,21 @@ def _column(
     text = " ".join(cells)
     per_cent = states_per_cent(text) and not table.from_per_cent
     quantity = quantity_named(text) or quantity_named(_title(preamble))
-    if quantity == "absorbance":
-        hint = "Export reflectance or transmittance."
-        raise InputError(source.path, f"absorbance in '{text[:40]}'", "a quantity linear in the light", hint)
+    if quantity in NOT_LINEAR:
+        hint = "Export reflectance, transmittance or a linear scale."
+        raise InputError(source.path, f"{quantity} in '{text[:40]}'", "a quantity linear in the light", hint)
     unit = "per cent" if per_cent else _unit(cells)
     return measured_spectrum(source, _name(cells, sample), rows, quantity=quantity, unit=unit, per_cent=per_cent)
+
+
+def _require_no_symbol(source: InstrumentText, cells: list[str], values: list[float]) -> None:
+    """Require that the only column is not A, n or k: absorbance, refractive index."""
+    name = cells[-1].strip()
+    if name not in ("A", "n", "k") or max(values) > _LARGEST_ABSORBANCE:
+        return
+    meaning = "absorbance" if name == "A" else "a refractive index"
+    hint = "Export reflectance, transmittance or radiance; if it is one of them, name the column so."
+    raise InputError(source.path, f"the column '{name}', the symbol of {meaning}", "a quantity of light", hint)
 
 
 def _title(preamble: str) -> str:

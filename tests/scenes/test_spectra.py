@@ -117,7 +117,7 @@ def test_garbage_is_an_input_error_or_a_sound_table(tmp_path_factory, content):
         ("wavelength_nm,a\n500\n", "1 cells"),
         ("wavelength_nm,a,a\n500,1,1\n", "header"),
         ("channel,a\n500,1\n510,1\n", "wavelength_nm"),
-        ("wavelength,a\n500,1\n510,1\n", "without a unit"),
+        ("wavelength,a\n5000,1\n5100,1\n", "without a unit"),
         ("wavelength_nm,a\n", "no table"),
         (b"\xff\xfe\x00", "UTF-8"),
         ("wavelength_nm,a\n400,1\n".encode("utf-16"), "UTF-16 text"),

@@ -8,13 +8,14 @@ from cboxlab.utils.lazy import lazy_names
 
 if TYPE_CHECKING:
     from .stack_comparison import StackComparison, compare_stacks, comparison_record, write_comparison
-    from .stacks import ImageStack, read_stack
+    from .stacks import ImageStack, read_compared, read_stack
 
 __all__ = [
     "ImageStack",
     "StackComparison",
     "compare_stacks",
     "comparison_record",
+    "read_compared",
     "read_stack",
     "write_comparison",
 ]

@@ -261,7 +261,8 @@ def _require_same_grid(first: ImageStack, second: ImageStack) -> None:
         raise InputError(second.source, f"values in {second.unit}", f"{first.unit}, like {first.source}")
     if first.values.shape[1:] != second.values.shape[1:]:
         size, other = (" x ".join(map(str, s.values.shape[:0:-1])) for s in (first, second))
-        raise InputError(second.source, f"{other} px", f"{size} px, as in {first.source}")
+        hint = "Is one turned by 90 degrees?" if first.values.shape[:0:-1] == second.values.shape[1:] else ""
+        raise InputError(second.source, f"{other} px", f"{size} px, as in {first.source}", hint)
 
 
 def _view_notes(first: ImageStack, second: ImageStack) -> list[str]:

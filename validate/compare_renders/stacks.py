@@ -13,11 +13,14 @@ from cboxlab.rendering.files import (
     NOTES,
     RADIANCE_UNIT,
     READABLE,
+    UNIT_AS_STORED,
     Declared,
+    DeclaredPair,
     Window,
     camera_of_attribute,
     common_pixels,
     declared_for,
+    radiance_as_stored,
     read_picture,
     stated_in,
     window_in_file,
@@ -30,9 +33,13 @@ from numpy.typing import NDArray
 
 from ..compare import read_map
 from .cameras import Instrument, instrument_of
+from .plain_pictures import PLAIN_ENDINGS, read_plain
 from .regress import Side, cut_camera, cut_side, side_of
 
-__all__ = ["ImageStack", "on_common_pixels", "read_stack", "stack_of_side"]
+__all__ = ["ImageStack", "on_common_pixels", "read_compared", "read_stack", "stack_of_side"]
+
+#: Unit where a file states none.
+_OWN_UNIT = "the file's own unit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +97,60 @@ class ImageStack(FrozenMappings):
         return replace(self, names=tuple(names), values=self.values[index], variance=variance, side=None)
 
 
+def read_compared(paths: tuple[Path, Path], declared: DeclaredPair) -> tuple[ImageStack, ImageStack]:
+    """Two pictures that are compared.
+
+    Where neither states a unit, their numbers are compared as they are. Planes of a layer, and planes without names,
+    take the names of the other picture's planes.
+
+    Parameters
+    ----------
+    paths
+        Files or folders.
+    declared
+        Properties that the files do not state.
+
+    Returns
+    -------
+    tuple of ImageStack
+        The planes of both, with notes on units and names.
+
+    Raises
+    ------
+    InputError
+        As ``read_stack``.
+    """
+    each = [declared.of(index) for index in range(2)]
+    first, second = (
+        read_stack(path, properties)
+        if properties.units
+        else _read(path, replace(properties, units=UNIT_AS_STORED), properties)
+        for path, properties in zip(paths, each, strict=True)
+    )
+    units = first.unit, second.unit
+    if _OWN_UNIT in units and units[0] != units[1]:
+        first, second = (read_stack(path, properties) for path, properties in zip(paths, each, strict=True))
+    elif first.unit == _OWN_UNIT and {path.suffix.lower() for path in paths} != {".exr"}:
+        first = replace(first, notes=(*first.notes, "no unit is stated: the numbers are compared as stored"))
+    return _named_as(first, second), _named_as(second, first)
+
+
+def _named_as(stack: ImageStack, other: ImageStack) -> ImageStack:
+    """The stack with the other one's names, where its own are numbers or those of one layer."""
+    if set(stack.names) & set(other.names):
+        return stack
+    if stack.names == tuple(map(str, range(len(other.names)))):
+        note = f"{stack.source} has no names of planes: they are compared in their order"
+        return replace(stack, names=other.names, notes=(*stack.notes, note))
+    layers = {name.rpartition(".")[0] for name in stack.names}
+    fitting = [layer for layer in layers if {f"{layer}.{name}" for name in other.names} <= set(stack.names)]
+    if len(fitting) != 1:
+        return stack
+    note = f"{stack.source}: the layer {fitting[0]} is compared"
+    names = tuple(name.removeprefix(f"{fitting[0]}.") for name in stack.names)
+    return replace(stack, names=names, notes=(*stack.notes, note))
+
+
 def read_stack(path: Path, declared: Declared = AS_STATED) -> ImageStack:
     """Planes of a spectral cube, a picture in colour, a map or a capture.
 
@@ -112,23 +173,38 @@ def read_stack(path: Path, declared: Declared = AS_STATED) -> ImageStack:
     InputError
         If there is no such file, or if it is none of these or cannot be read.
     """
+    return _read(path, declared, declared)
+
+
+def _read(path: Path, declared: Declared, by_user: Declared) -> ImageStack:
+    """Planes of a file or capture; ``by_user`` has the user's declarations alone."""
     if path.is_dir():
         return _capture_stack(path)
     if not path.exists():
         raise InputError(path, "no such file or folder", f"a capture folder, or a file {', '.join(READABLE)}")
     require_regular_file(path, f"a capture folder, or a file {', '.join(READABLE)}")
-    if path.suffix.lower() == ".exr" and declared == AS_STATED:
+    if path.suffix.lower() in PLAIN_ENDINGS:
+        names, values, notes = read_plain(path)
+        return ImageStack(path, names, values, None, _OWN_UNIT, notes=tuple(notes))
+    if declared.units == UNIT_AS_STORED and by_user == AS_STATED and (picture := radiance_as_stored(path)) is not None:
+        values = np.moveaxis(picture["rgb"].values, -1, 0)
+        return _as_read(ImageStack(path, tuple("RGB"), values, None, _OWN_UNIT), picture)
+    if path.suffix.lower() == ".exr" and by_user == AS_STATED:
         channels, units = read_map(path)
         names = tuple(str(name) for name in channels["channel"].values)
         if not any(name.startswith("S0.") for name in names):
-            unit = ", ".join(sorted(set(units.values()))) or "the file's own unit"
+            unit = ", ".join(sorted(set(units.values()))) or _OWN_UNIT
             values = channels.values.astype(np.float64)
             return ImageStack(path, names, values, None, unit, window=window_in_file(path))
     picture = read_picture(path, declared)
     if "xyz" in picture:
         side = side_of([picture], [str(path)])
         return stack_of_side(_as_read(ImageStack(path, (), np.zeros(0), None, "", window=side.window), picture), side)
-    return _cube_stack(path, picture)
+    stack = _cube_stack(path, picture)
+    if declared.units != UNIT_AS_STORED or "units" not in stack.declared:
+        return stack
+    used = tuple(name for name in stack.declared if name != "units")
+    return replace(stack, unit=_OWN_UNIT, side=None, declared=used)
 
 
 def _cube_stack(path: Path, cube: xr.Dataset) -> ImageStack:

@@ -136,12 +136,12 @@ def test_an_exposure_of_the_header_loses_no_digit(tmp_path, exposure):
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("f550-1s.sif", ".sif"),
-        ("f550-1s.spe", ".spe"),
+        ("f550-1s.sif", "Andor Solis"),
+        ("f550-1s.spe", "LightField"),
         ("notes.txt", ".txt"),
-        ("IMG_0550.JPG", ".JPG"),
+        ("IMG_0550.JPG", "raw file"),
         ("README", "README"),
-        ("frames/f600-1s.png", ".png"),
+        ("frames/f600-1s.png", "PNG"),
         ("spectra.csv", "use is not certain"),
         ("flat-f700-1s.tif", "no frames of the scene"),
         ("session2/f600-1s.tif", "subfolder"),

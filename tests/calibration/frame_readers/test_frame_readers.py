@@ -319,5 +319,5 @@ def test_a_missing_package_is_named_once(tmp_path, monkeypatch, name, package):
 
 
 def test_the_readers_are_the_files_of_the_folder():
-    assert list(frame_readers.frame_reader_catalogue()) == ["exr", "fits", "hdr", "raw", "tiff"]
+    assert list(frame_readers.frame_reader_catalogue()) == ["exr", "fits", "hdr", "png", "raw", "tiff"]
     assert importlib.metadata.entry_points(group="cboxlab.frames") is not None

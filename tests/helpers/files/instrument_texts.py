@@ -285,6 +285,14 @@ THORLABS_FILTER = """Wavelength (nm),% Transmission,Optical Density
 420,85.5,0.07
 """
 
+QTX = """[BATCH_DATA 0]
+BAT_NAME=lot 17
+BAT_REFLPOINTS=3,
+BAT_REFLINTERVAL=10,
+BAT_REFLLOW=400,
+BAT_R=10.5,20.5,30.5,
+"""
+
 INSTRUMENTS = {
     "uprtek": Instrument(
         "uprtek", UPRTEK, "irradiance", (380, 381, 382), (0.25, 0.5, 0.75), "irradiance", "mW m^-2 nm^-1"
@@ -320,8 +328,9 @@ INSTRUMENTS = {
         "table", EUROPEAN, "white tile", (400, 410, 420), (0.9425, 0.95, 0.955), "reflectance", "per cent"
     ),
     "spreadsheet": Instrument(
-        "table", SPREADSHEET, "lamp [mW/m2/nm]", (400, 410, 420), (1.5, 2.5, 3.5), "", "mW/m2/nm"
+        "table", SPREADSHEET, "lamp [mW/m2/nm]", (400, 410, 420), (1.5, 2.5, 3.5), "irradiance", "mW/m2/nm"
     ),
+    "qtx": Instrument("qtx", QTX, "lot 17", (400, 410, 420), (0.105, 0.205, 0.305), "reflectance", "per cent"),
     "perkin_elmer": Instrument(
         "perkin_elmer", PERKIN_ELMER, "reflectance", (400, 410, 420), (0.105, 0.205, 0.305), "reflectance", "per cent"
     ),

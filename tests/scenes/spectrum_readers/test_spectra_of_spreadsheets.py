@@ -64,3 +64,64 @@ def test_a_file_that_is_no_table_is_named_for_what_it_is(tmp_path, start, kind):
     (tmp_path / "measured.csv").write_bytes(start)
     with pytest.raises(InputError, match=kind):
         read_instrument_file(tmp_path / "measured.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "quantity", "first"),
+    [
+        # the unit of the values names the quantity
+        ("nm,lamp [mW/nm]\n400,1\n410,2\n", "lamp [mW/nm]", "radiant flux", (400, 1)),
+        ("nm;E [W/(sqm*nm)]\n400;1.5E-0003\n410;2\n", "E [W/(sqm*nm)]", "irradiance", (400, 1.5e-3)),
+        ("nm\tI [W/sr/nm]\n400\t1\n410\t2\n", "I [W/sr/nm]", "radiant intensity", (400, 1)),
+        ("nm\tL (uW cm-2 sr-1 nm-1)\n400\t1\n410\t2\n", "L (uW cm-2 sr-1 nm-1)", "radiance", (400, 1)),
+        # the numbers leave one unit of wavelengths
+        ("wavelength,a\n0.4,1\n0.41,2\n", "a", "", (400, 1)),
+        ("Wavelength\ta\n380\t1\n410\t2\n", "a", "", (380, 1)),
+        # columns that are blank, and a second axis of the same samples
+        ("Pixel;Wavelength;Wavenumber;Raman;raw;\n0;400;25000; ;7;\n1;410;24390; ;8;\n", "raw", "", (400, 7)),
+        ("nm,,a\n400,,1\n410,,2\n", "a", "", (400, 1)),
+        # axes stated above the table
+        (
+            "X Units: Wavelength (micrometers)\nY Units: Reflectance (percent)\n\n0.4\t36\n0.5\t40\n",
+            None,
+            "reflectance",
+            (400, 0.36),
+        ),
+        ('"File: a"\n"Watts/m^2/nm"\n 380.0  1.5E-05\n 382.0  2E-05\n', "Watts/m^2/nm", "irradiance", (380, 1.5e-5)),
+        # percent of a maker
+        (
+            "HunterLab EasyMatch\tRSIN\nID\t400 nm\t410 nm\t420 nm\t430 nm\t440 nm\t450 nm\t460 nm\t470 nm\n"
+            "paper\t88\t1\t1\t1\t1\t1\t1\t1\n",
+            "paper",
+            "reflectance",
+            (400, 0.88),
+        ),
+    ],
+)
+def test_what_a_file_states_otherwise_is_read(tmp_path, text, name, quantity, first):
+    path = tmp_path / "file.txt"
+    path.write_text(text)
+    spectrum = read_instrument_file(path).spectra[0]
+    assert (spectrum.name, spectrum.quantity) == (name or spectrum.name, quantity)
+    assert (spectrum.wavelength_nm[0], spectrum.values[0]) == pytest.approx(first, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("nm,A\n400,2.5\n410,0.1\n", "symbol of absorbance"),
+        ("wl,n\n0.4,1.47\n0.5,1.46\n", "symbol of a refractive index"),
+        ("XAxisUnit;nm_vac\nYAxisUnit;dBm\n640;-62\n641;-60\n", "level in decibel"),
+        ("wl,n\n0.4,1.4\n0.5,1.4\nwl,k\n0.4,1\n0.5,1\n", "a second table below it"),
+        ("nm,R\n400,5,0,12\n405,5,0,13\n", "comma is separator and decimal mark"),
+        ("IESNA:LM-63-2002\nTILT=NONE\n1 2 3\n4 5 6\n", "photometric file"),
+        ("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n", "git lfs pull"),
+        ("wavelength_nm,a\n0.4,1\n0.7,2\n", "wavelengths in um"),
+        ("nm;a\n400;1\n\n410;;2\n", "line 4"),
+    ],
+)
+def test_what_is_no_spectrum_of_light_is_named(tmp_path, text, fault):
+    path = tmp_path / "file.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=fault):
+        read_instrument_file(path)

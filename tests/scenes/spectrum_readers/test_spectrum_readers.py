@@ -164,7 +164,7 @@ MALFORMED = [
     ("ocean_optics", "339.46", "339.09", "line 10", "339.09 nm after 339.09 nm"),
     ("ocean_optics", "Data from", ">>>>>Begin Spectral Data<<<<<\nData from", "line 9", "2 marks"),
     ("cary", "40.25", "OVER", "line 4", "OVER"),
-    ("cary", "Wavelength (nm),%R,Wavelength (nm),%R,", "Wavelength,%R,Wavelength,%R,", "without a unit", "nm"),
+    ("cary", "Wavelength (nm),%R,Wavelength (nm),%R,", "Wavelength (x),%R,Wavelength,%R,", "without a unit", "nm"),
     (
         "cary",
         "Wavelength (nm),%R,Wavelength (nm),%R,",
@@ -221,7 +221,7 @@ def test_what_is_uncertain_is_refused_in_one_line(tmp_path, key, old, new, locat
             "CGATS.17\nBEGIN_DATA_FORMAT\nnm380 nm390\nEND_DATA_FORMAT\nEND_DATA\nBEGIN_DATA\n",
             "line 6: found 1 BEGIN_DATA",
         ),
-        ("Wavelength\tRadiance [W/(sr m2 nm)]\n400\t0.1\n410\t0.2\n", "wavelengths without a unit"),
+        ("Wavelength\tRadiance [W/(sr m2 nm)]\n4000\t0.1\n4100\t0.2\n", "wavelengths without a unit"),
         ("wl (nm);a\n400;1\n410;2\nsecond\n420;3\n", "second"),
         (INSTRUMENTS["jcamp"].text.replace("NANOMETERS", "1/CM"), "XUNITS '1/CM'"),
         (INSTRUMENTS["jcamp"].text.replace("REFLECTANCE", "ABSORBANCE"), "YUNITS 'ABSORBANCE'"),

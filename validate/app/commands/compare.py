@@ -24,7 +24,9 @@ __all__ = ["compare"]
 def compare(
     a: Annotated[
         Path,
-        typer.Argument(help="A: cube or picture (.nc, .exr, .hdr), map (.exr) or capture folder.", show_default=False),
+        typer.Argument(
+            help="A: cube or picture (.nc, .exr, .hdr, .tif, .npy), map (.exr) or capture folder.", show_default=False
+        ),
     ],
     b: Annotated[Path, typer.Argument(help="B: the reference, of the same kind.", show_default=False)],
     out: Annotated[Path | None, typer.Option(help="Folder for maps and comparison.json.")] = None,
@@ -33,13 +35,13 @@ def compare(
 ) -> None:
     """Compare two cubes, maps or captures: tables and maps of (A − B) / B."""
     from ...api import write_manifest
-    from ...compare_renders import compare_stacks, comparison_record, read_stack, write_comparison
+    from ...compare_renders import compare_stacks, comparison_record, read_compared, write_comparison
 
     if out is not None:
         require_folder(out)
     declared = declared_pair(declare, ("A", "B"))
     with options(), bar("comparing"):
-        first, second = (read_stack(path, declared.of(index)) for index, path in enumerate((a, b)))
+        first, second = read_compared((a, b), declared)
         declared.require_used((first.declared, second.declared), (first.file_statements, second.file_statements))
         comparison = compare_stacks(first, second)
     if out is not None:

@@ -42,11 +42,14 @@ def import_(
 ) -> None:
     """Show the spectra of an instrument's file, and write them as a plain CSV.
 
-    Scenes, captures and cameras read the same files directly, as `file:column`.
+    Scenes, captures and cameras read the same files directly, as `file:column`, which this command takes, too.
     """
     from cboxlab.scenes.spectrum_readers import read_instrument_file
     from cboxlab.utils.faults import suggestion
 
+    path, _, name = str(file).rpartition(":")
+    if not file.exists() and path and Path(path).is_file():
+        file, column = Path(path), [*(column or ()), name]
     content = read_instrument_file(file)
     spectra = {spectrum.name: spectrum for spectrum in content.spectra}
     for name in column or ():
