@@ -63,7 +63,8 @@ def same_light(request: pytest.FixtureRequest) -> Callable[..., None]:
         name: str, pictures: str | Path, *, seed: int, samples: int, versions: Mapping[str, str] | None = None
     ) -> None:
         """Compare with the reference, or write it under the option."""
-        from cboxlab.validation.compare_renders.regress import assert_same_light, cube_paths, read_side
+        from cboxlab.validation.compare_renders.regress import assert_same_light, read_side
+        from cboxlab.validation.compare_renders.scene_pictures import cube_paths
         from cboxlab.validation.compare_renders.stored_references import (
             measured_reference,
             read_reference,

@@ -63,7 +63,7 @@ def _on_disk(folder: Path, value: Any) -> Any:
         return value if all(a is b for a, b in zip(items, value, strict=True)) else items
     if not isinstance(value, str) or value.isascii():
         return value
-    names = []
+    names = list[str]()
     for name in value.split("/"):
         parent = folder.joinpath(*names)
         listed = [p.name for p in parent.iterdir()] if parent.is_dir() and not (parent / name).exists() else []

@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from ._frame_reader import FrameFacts
 
@@ -73,7 +74,7 @@ def with_settings(path: Path, facts: FrameFacts) -> FrameFacts:
     }
     texts = {fact: next((pairs[key] for key in keys if key in pairs), "") for fact, keys in _KEYS.items()}
     exposure, kind = _EXPOSURE.fullmatch(texts["exposure_s"]), texts["kind"].lower()
-    values = {
+    values: dict[str, Any] = {
         "exposure_s": float(exposure[1]) * _UNIT_S[exposure[2]] if exposure and float(exposure[1]) > 0 else None,
         "filter": None if texts["filter"].lower() in _NO_FILTER else texts["filter"],
         "kind": kind or None,

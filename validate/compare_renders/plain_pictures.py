@@ -1,4 +1,4 @@
-"""Pictures without units and wavelengths: arrays of NumPy, TIFF of counts or floats."""
+"""Pictures without units and wavelengths: arrays of NumPy, TIFF of counts or floats, PFM."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.limits import MAX_CUBE_VALUES, require_size
 from numpy.typing import NDArray
 
+from .scene_pictures import AS_STORED, PFM_ENDING, read_pfm
+
 __all__ = ["PLAIN_ENDINGS", "read_plain"]
 
 #: Endings of these files.
-PLAIN_ENDINGS = (".npy", ".tif", ".tiff")
+PLAIN_ENDINGS = (".npy", ".tif", ".tiff", PFM_ENDING)
 
 
 def read_plain(path: Path) -> tuple[tuple[str, ...], NDArray[np.float64], list[str]]:
@@ -27,7 +29,7 @@ def read_plain(path: Path) -> tuple[tuple[str, ...], NDArray[np.float64], list[s
     Returns
     -------
     names : tuple of str
-        R, G, B of a TIFF in colour; else the numbers of the planes, from 0.
+        R, G, B of a TIFF or PFM in colour; else the numbers of the planes, from 0.
     values : NDArray
         (plane, y, x), NaN where the file has no finite number.
     notes : list of str
@@ -39,7 +41,8 @@ def read_plain(path: Path) -> tuple[tuple[str, ...], NDArray[np.float64], list[s
         If the file cannot be read, or holds other than real numbers in two or three dimensions. For integers of a
         colour TIFF and for 8 bits, which a curve has changed.
     """
-    stored, in_colour = _array(path) if path.suffix.lower() == ".npy" else _tiff(path)
+    read = {".npy": _array, PFM_ENDING: _pfm}.get(path.suffix.lower(), _tiff)
+    stored, in_colour = read(path)
     require_size(path, stored.size, MAX_CUBE_VALUES, "values")
     planes = np.asarray(stored if stored.ndim == 3 else stored[None], np.float64)
     lacking = ~np.isfinite(planes)
@@ -65,6 +68,12 @@ def _array(path: Path) -> tuple[NDArray, bool]:
         fault = f"{stored.dtype} of shape {stored.shape}" if isinstance(stored, np.ndarray) else "no array"
         raise InputError(path, fault, "real numbers (y, x) or (y, x, plane)")
     return (np.moveaxis(stored, -1, 0) if stored.ndim == 3 else stored), False
+
+
+def _pfm(path: Path) -> tuple[NDArray, bool]:
+    """Planes of a PFM, and whether they are R, G, B."""
+    planes = read_pfm(path)
+    return planes, len(planes) == len(AS_STORED)
 
 
 def _tiff(path: Path) -> tuple[NDArray, bool]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         write_junit,
     )
     from .pooled import SYSTEMATIC, PooledMean
-    from .sides import Side, SurfaceIndices, cube_paths, cut_camera, cut_side, in_common_quantity, read_side, side_of
+    from .sides import Side, SurfaceIndices, cut_camera, cut_side, in_common_quantity, read_side, side_of
     from .strata import BLOCKS, strata_of
     from .verdict import FALSE_ALARMS, compared_areas, regress_sides
     from .where import Spot
@@ -44,7 +44,6 @@ __all__ = [
     "assert_same_light",
     "change_text",
     "compared_areas",
-    "cube_paths",
     "cut_camera",
     "cut_side",
     "github_lines",

@@ -19,8 +19,9 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.files import temporary_folder
 from cboxlab.utils.progress import NO_PROGRESS, Progress
 
+from ..scene_pictures import cube_paths
 from .outcome import UNKNOWN, NamedChange, Outcome, as_percent, change_text
-from .sides import Side, cube_paths, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of, sound_side
+from .sides import Side, cut_camera, in_common_quantity, on_common_pixels, read_side, side_of, sound_side
 from .verdict import FALSE_ALARMS, regress_sides
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def regress_pictures(
         facts = ["the light is the same"] if np.isfinite(outcome.picture_mean.sigma) else []
         layers = " and ".join(row.name for row in outcome.of_kind("layer") if row.different)
         facts += [f"the {layers} layer differs"] if layers else []
-        facts += ["some pixels are not numbers"] if outcome.not_numbers else []
+        facts += [f"some pixels are {absent.state}" for absent in outcome.not_numbers.values()]
         changes = (pattern_alone(", ".join(facts)),)
     elif not outcome.same:
         from .naming import named_changes

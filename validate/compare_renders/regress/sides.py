@@ -14,7 +14,6 @@ from cboxlab.calibration.instrument import LUMINOUS_EFFICACY, OBSERVER_RANGE_NM
 from cboxlab.rendering.files import (
     AS_STATED,
     NOTES,
-    READABLE,
     Declared,
     Window,
     camera_of_attribute,
@@ -31,12 +30,20 @@ from cboxlab.utils.errors import InputError
 from cboxlab.utils.frozen import FrozenMappings
 from numpy.typing import NDArray
 
-from ..scene_pictures import AS_STORED, GUIDES, NotNumbers, nearest_numbers, not_numbers, of_any, read_scene_picture
+from ..scene_pictures import (
+    AS_STORED,
+    GUIDES,
+    NotNumbers,
+    lost_tiles,
+    nearest_numbers,
+    not_numbers,
+    of_any,
+    read_scene_picture,
+)
 
 __all__ = [
     "Side",
     "SurfaceIndices",
-    "cube_paths",
     "cut_camera",
     "cut_side",
     "filled_side",
@@ -189,8 +196,14 @@ def _numbers_alone(side: Side, *, masked: bool = False) -> Side:
     masked : whether NaN marks pixels that were not measured.
     """
     planes = side.bands if side.in_colour else [f"{band} nm" for band in side.bands]
-    absent = not_numbers(side.radiance, planes, side.source, masked=masked)
-    return side if absent is None else replace(filled_side(side, absent.pixels), not_numbers=absent)
+    return _without(side, not_numbers(side.radiance, planes, side.source, masked=masked))
+
+
+def _without(side: Side, absent: NotNumbers | None) -> Side:
+    """Side with some pixels replaced by the nearest others; itself without any."""
+    if absent is None:
+        return side
+    return replace(filled_side(side, absent.pixels), not_numbers=of_any([side.not_numbers, absent]))
 
 
 def sound_side(side: Side) -> Side:
@@ -341,37 +354,6 @@ def cut_camera(camera: Camera, pixels: Window, part: Window) -> Camera:
     )
 
 
-def cube_paths(text: str) -> tuple[Path, ...]:
-    """Cubes that an argument names.
-
-    Parameters
-    ----------
-    text
-        One file, files joined by commas, or a folder of cubes.
-
-    Returns
-    -------
-    tuple of Path
-        The files, those of a folder in alphabetical order.
-
-    Raises
-    ------
-    InputError
-        If a folder holds no cube.
-    """
-    path = Path(text)
-    try:
-        exists = path.exists()
-    except OSError:  # a list of many files is too long for the name of one
-        exists = False
-    if exists and path.is_dir():
-        cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in READABLE))
-        if not cubes:
-            raise InputError(path, "a folder without spectral cubes", f"files {', '.join(READABLE)} in it")
-        return cubes
-    return (path,) if exists else tuple(Path(part) for part in text.split(","))
-
-
 def read_side(paths: Sequence[Path], declared: Declared = AS_STATED) -> Side:
     """Mean of independent pictures of the same view, with variance from their scatter.
 
@@ -486,6 +468,8 @@ def side_of(cubes: Sequence[xr.Dataset], sources: Sequence[str]) -> Side:
         if (same := by_digest.setdefault(digest, side)) is not side:
             expected = "pictures with independent random numbers, whose scatter gives their error"
             raise InputError(side.source, f"the same numbers as {same.source}", expected)
+    lost = lost_tiles(np.stack([side.radiance for side in sides]), [side.source for side in sides])
+    sides = [_without(side, tiles) for side, tiles in zip(sides, lost, strict=True)]
     stack, count = np.stack([side.radiance for side in sides]), len(sides)
     variances = [side.variance for side in sides if side.variance is not None]
     if len(variances) == count:

@@ -11,18 +11,24 @@ if TYPE_CHECKING:
     from .guides import GUIDES
     from .layer_changes import LayerChange, changed_layers
     from .number_steps import NumberSteps, steps_of
-    from .reading import AS_STORED, read_scene_picture
+    from .pfm import PFM_ENDING, read_pfm
+    from .reading import AS_STORED, cube_paths, read_scene_picture
+    from .tiles import lost_tiles
 
 __all__ = [
     "AS_STORED",
     "GUIDES",
+    "PFM_ENDING",
     "LayerChange",
     "NotNumbers",
     "NumberSteps",
     "changed_layers",
+    "cube_paths",
+    "lost_tiles",
     "nearest_numbers",
     "not_numbers",
     "of_any",
+    "read_pfm",
     "read_scene_picture",
     "steps_of",
 ]

@@ -1,4 +1,4 @@
-"""Pixels of a picture that are not numbers: NaN and infinities, or masked pixels.
+"""Pixels of a picture that are not numbers (NaN, infinities, masked pixels) or that one file has lost.
 
 The nearest pixel that is a number stands in their place, so that filters over neighbours need no mask. No sum and no
 test counts them.
@@ -25,7 +25,7 @@ _MOST_PLACES = 3
 
 @dataclass(frozen=True, eq=False)
 class NotNumbers:
-    """Pixels of one picture that are not numbers in some plane."""
+    """Pixels of one picture that are not numbers in some plane, or are lost."""
 
     #: (y, x) the pixels.
     pixels: NDArray[np.bool_]
@@ -35,6 +35,8 @@ class NotNumbers:
     planes: str
     #: Whether the file says that NaN marks pixels that were not measured.
     masked: bool = False
+    #: What the pixels are, as "not numbers".
+    state: str = "not numbers"
 
     def sentence(self, side: str) -> str:
         """Number of the pixels, and where they are, in words.
@@ -52,7 +54,7 @@ class NotNumbers:
         rows, columns = np.nonzero(self.pixels)
         pixels = zip(rows[:_MOST_PLACES], columns[:_MOST_PLACES], strict=True)
         first = "; ".join(f"row {row}, column {column}" for row, column in pixels)
-        subject = "1 pixel is not a number" if rows.size == 1 else f"{rows.size} pixels are not numbers"
+        subject = "1 pixel is not a number" if rows.size == 1 else f"{rows.size} pixels are {self.state}"
         text = f"{subject} in the {side} ({self.values} in {self.planes}), at {first}"
         if rows.size > _MOST_PLACES:
             text += f" and others, in {_span('row', rows)}, {_span('column', columns)}"
@@ -164,8 +166,8 @@ def of_any(several: Sequence[NotNumbers | None]) -> NotNumbers | None:
     if not each:
         return None
     values, planes = (_joined(list(dict.fromkeys(getattr(a, key) for a in each))) for key in ("values", "planes"))
-    masked = all(absent.masked for absent in each)
-    return NotNumbers(np.logical_or.reduce([absent.pixels for absent in each]), values, planes, masked)
+    masked, state = all(absent.masked for absent in each), " or ".join(dict.fromkeys(absent.state for absent in each))
+    return NotNumbers(np.logical_or.reduce([absent.pixels for absent in each]), values, planes, masked, state)
 
 
 def nearest_numbers(missing: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

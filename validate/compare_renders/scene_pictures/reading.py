@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from cboxlab.rendering.files import (
     AS_STATED,
+    READABLE,
     Declared,
     ExrChannels,
     negative_pixels,
@@ -28,11 +29,13 @@ from cboxlab.rendering.files import (
     with_notes,
     with_window,
 )
+from cboxlab.utils.errors import InputError
 
 from .guides import GUIDES, Regions, cryptomatte, regions_of
 from .layers import guide_layers, picture_layer
+from .pfm import PFM_ENDING, read_pfm
 
-__all__ = ["AS_STORED", "read_scene_picture"]
+__all__ = ["AS_STORED", "cube_paths", "read_scene_picture"]
 
 #: Names of the planes of a picture as stored.
 AS_STORED = ("R", "G", "B")
@@ -42,6 +45,39 @@ _AS_STORED = "R, G, B as stored, without unit and wavelengths"
 _CONVERTING = frozenset(("units", "scale", "colour_space"))
 #: Entries of headers on the number of samples of a pixel (pbrt).
 _SAMPLES = "samplesPerPixel"
+#: Endings of files of pictures.
+_ENDINGS = (*READABLE, PFM_ENDING)
+
+
+def cube_paths(text: str) -> tuple[Path, ...]:
+    """Cubes that an argument names.
+
+    Parameters
+    ----------
+    text
+        One file, files joined by commas, or a folder of cubes.
+
+    Returns
+    -------
+    tuple of Path
+        The files, those of a folder in alphabetical order.
+
+    Raises
+    ------
+    InputError
+        If a folder holds no cube.
+    """
+    path = Path(text)
+    try:
+        exists = path.exists()
+    except OSError:  # a list of many files is too long for the name of one
+        exists = False
+    if exists and path.is_dir():
+        cubes = tuple(sorted(p for p in path.iterdir() if p.suffix.lower() in _ENDINGS))
+        if not cubes:
+            raise InputError(path, "a folder without spectral cubes", f"files {', '.join(_ENDINGS)} in it")
+        return cubes
+    return (path,) if exists else tuple(Path(part) for part in text.split(","))
 
 
 def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset:
@@ -71,9 +107,9 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
     if stored is not None:
         require_light(stored, path)
         return with_notes(stored, [_AS_STORED])
-    if path.suffix.lower() != ".exr" or not path.is_file():
+    if path.suffix.lower() not in (".exr", PFM_ENDING) or not path.is_file():
         return read_picture(path, declared, finite=False)
-    channels = read_layers(path)
+    channels = _channels(path)
     names = sorted(channels.planes)
     layer = None if spectral_channels(names) else picture_layer(path, names, declared.layer)
     if layer is None:
@@ -94,6 +130,16 @@ def read_scene_picture(path: Path, declared: Declared = AS_STATED) -> xr.Dataset
     require_light(picture, path)
     negative = negative_pixels(picture)
     return with_notes(picture, [f"pixels of negative radiance: {negative}"] if negative else [])
+
+
+def _channels(path: Path) -> ExrChannels:
+    """Channels of an OpenEXR file, or R, G, B of a PFM."""
+    if path.suffix.lower() != PFM_ENDING:
+        return read_layers(path)
+    planes = read_pfm(path)
+    if len(planes) != len(AS_STORED):
+        raise InputError(path, "a PFM of grey (Pf)", "a PFM in colour (PF)")
+    return ExrChannels(dict(zip(AS_STORED, planes, strict=True)), {})
 
 
 def _as_stored(channels: ExrChannels, planes: dict[str, np.ndarray], layer: str, declared: Declared) -> xr.Dataset:
