@@ -110,7 +110,7 @@ def bells_on(region: NDArray[np.bool_], cell: tuple[int, int] | None) -> ImageMa
     Returns
     -------
     ImageMaps
-        Bells at the smallest pitch that their largest number allows, or at that of a thin region.
+        Bells at the smallest pitch that their largest number allows, or at that of a thin region; one or more.
     """
     thin = distance_transform_edt(region).max() / _BELLS_ACROSS
     least = 1.0 if cell is None else float(max(cell))
@@ -122,4 +122,6 @@ def bells_on(region: NDArray[np.bool_], cell: tuple[int, int] | None) -> ImageMa
         for u in np.arange(columns.min(), columns.max() + pitch, pitch)
         if region[min(int(v), region.shape[0] - 1), min(int(u), region.shape[1] - 1)]
     )
+    if not centres:  # a region of few pixels may lie between those of the grid
+        centres = ((float(columns[0]), float(rows[0])),)
     return ImageMaps("bells", centres=centres, pitch=pitch)

@@ -75,7 +75,7 @@ def surface_spot(data: ResidualData, region: NDArray[np.bool_]) -> SurfaceSpot |
     Returns
     -------
     SurfaceSpot or None
-        The spot on the surface; None where no surface is visible in the region.
+        The spot on the surface; None where no surface is visible in the region, or no bell lies on it.
     """
     bells = bells_on(region, data.cell)
     basis = csr_matrix(bells.matrix(data.shape))
@@ -86,5 +86,7 @@ def surface_spot(data: ResidualData, region: NDArray[np.bool_]) -> SurfaceSpot |
     owner = int(np.argmax(np.bincount(visible)))
     inside = scaled(basis, data.surface == owner)
     on_surface = np.flatnonzero(np.asarray(inside.sum(axis=1)).ravel() > _MIN_BELL_SUM)
+    if not len(on_surface):
+        return None
     maps = replace(bells, centres=tuple(bells.centres[i] for i in on_surface))
     return SurfaceSpot(data, owner, maps, inside[on_surface])

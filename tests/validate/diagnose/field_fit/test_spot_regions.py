@@ -7,6 +7,7 @@ import pytest
 from cboxlab.validation.diagnose.field_fit import hot_spot, hot_spot_of_one_band
 from cboxlab.validation.diagnose.field_fit.spot_appearance import _sharp_line
 from cboxlab.validation.diagnose.field_fit.spot_regions import _MAX_BELLS, bells_on
+from cboxlab.validation.diagnose.field_fit.surface_spot import surface_spot
 from helpers.captures.small_excess import BANDS, COLUMNS, ROWS, SIGNAL, small_excess
 from scipy.ndimage import gaussian_filter
 
@@ -56,3 +57,18 @@ def test_bells_reach_every_end_of_a_region(side):
     u, v = np.array(maps.centres).T
     for end, positions in ((side + 4, v), (side + 6, u)):
         assert positions.min() == 5 and end - positions.max() <= maps.pitch
+
+
+def test_a_region_between_the_places_of_the_grid_has_a_bell():
+    """Behind a mosaic bells are a repeat apart, and a diagonal of two pixels may have none of these places."""
+    region = np.zeros((20, 20), bool)
+    region[[10, 11], [11, 10]] = True
+    ((u, v),) = bells_on(region, (2, 2)).centres
+    assert region[int(v), int(u)]
+
+
+def test_a_surface_on_which_no_bell_lies_has_no_spot():
+    region, surface = np.zeros(SIGNAL.shape[1:], bool), np.full(SIGNAL.shape[1:], -1)
+    region[10, [10, 30]], surface[10, 30] = True, 0
+    data = replace(small_excess(np.zeros(SIGNAL.shape)), cell=(8, 8), surface=surface)
+    assert surface_spot(data, region) is None
