@@ -136,7 +136,7 @@ def _frame(path: Path, listed: str, stem: str, facts: FrameFacts, number: int | 
     blocks = _block_means(counts[0])
     folder = "-".join(name for name in listed.split("/")[:-1] if states_frames(name))
     bits = int(np.bitwise_or.reduce(counts, axis=None))
-    zeros = (bits & -bits).bit_length() - 1 if bits else 0
+    zeros = (bits & -bits).bit_length() - 1 if bits and varied else 0  # one value shows no steps
     largest = int(counts.max())
     return FolderFrame(path, listed, stem, shape, facts, number, largest, zeros, digests, blocks, folder, varied)
 
