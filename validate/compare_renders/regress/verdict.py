@@ -377,7 +377,7 @@ def _cancelling(
 ) -> tuple[PooledMean, ...]:
     """Tests of patterns whose means cancel, and of those that need no known noise."""
     steps = pooling.common_step, pooling.rounding
-    return all_patterns(difference_of(pooling), *totals, pooling.false_alarms, common.cubes, common.apart, *steps)
+    return all_patterns(difference_of(pooling), totals, pooling.false_alarms, common.cubes, common.apart, *steps)
 
 
 def _spot(comparison: RegressionData, outcome: Outcome) -> Spot | None:

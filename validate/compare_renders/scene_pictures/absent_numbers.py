@@ -1,4 +1,4 @@
-"""Pixels of a picture that are not numbers (NaN, infinities, masked pixels) or that one file has lost.
+"""Pixels of a picture that are not numbers: NaN, infinities, masked pixels and lost tiles.
 
 The nearest pixel that is a number stands in their place, so that filters over neighbours need no mask. No sum and no
 test counts them.

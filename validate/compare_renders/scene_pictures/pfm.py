@@ -53,8 +53,8 @@ def read_pfm(path: Path) -> NDArray[np.float32]:
     require_size(path, planes * columns * rows, MAX_CUBE_VALUES, "values")
     size = 4 * planes * columns * rows
     if size == 0 or len(content) != header.end() + size:
-        found = f"{len(content) - header.end()} bytes after the header"
-        raise InputError(path, found, f"{size} for {columns} x {rows} px of {planes} floats")
+        fault = f"{len(content) - header.end()} bytes after the header"
+        raise InputError(path, fault, f"{size} for {columns} x {rows} px of {planes} floats")
     order = "<f4" if header[4].startswith(b"-") else ">f4"
     values = np.frombuffer(content, order, offset=header.end()).reshape(rows, columns, planes)
     return np.ascontiguousarray(np.moveaxis(values[::-1], -1, 0), np.float32)

@@ -1,4 +1,4 @@
-"""Tiles that one picture of a side has lost: rectangles of one value where its companions have noise."""
+"""Tiles that one picture of a side has lost: one value where its companions have noise."""
 
 from __future__ import annotations
 
@@ -42,21 +42,21 @@ def lost_tiles(stack: NDArray[np.float64], names: Sequence[str]) -> list[NotNumb
     list of NotNumbers or None
         Of each picture; None without a lost tile.
     """
-    beside, below = (_equal_to_a_neighbour(stack, axis) for axis in (2, 1))
-    even = beside & below
+    along_row, along_column = (_equal_to_a_neighbour(stack, axis) for axis in (2, 1))
+    even = along_row & along_column
     noisy = (~even).sum(axis=0)
     result: list[NotNumbers | None] = []
     for picture, name in zip(even, names, strict=True):
         lost = np.zeros(picture.shape, bool)
         numbers, _ = label(picture)
-        for number, place in enumerate(find_objects(numbers), 1):
-            tile = numbers[place] == number
-            companions = float((noisy[place] - ~picture[place])[tile].mean()) / (len(stack) - 1)
+        for number, bounds in enumerate(find_objects(numbers), 1):
+            tile = numbers[bounds] == number
+            companions = float((noisy[bounds] - ~picture[bounds])[tile].mean()) / (len(stack) - 1)
             # as by the rule of succession, since noise everywhere would leave no chance at all
             equal = (1 - companions) + 1 / (tile.sum() + 1)
             chance = picture.size * min(equal, 1.0) ** (tile.sum() / _TOGETHER_PX)
             if tile.sum() >= _LEAST_PX and tile.mean() >= _SOLID and companions >= _NOISY and chance < _CHANCE:
-                lost[place] |= tile
+                lost[bounds] |= tile
         values = f"one value in {name} alone"
         result.append(NotNumbers(lost, values, "all planes", state="a lost tile") if lost.any() else None)
     return result

@@ -31,8 +31,7 @@ def _dark(
 
 def all_patterns(
     difference: Difference,
-    baseline: NDArray[np.float64],
-    candidate: NDArray[np.float64],
+    totals: tuple[NDArray[np.float64], NDArray[np.float64]],
     false_alarms: float,
     cubes: tuple[NDArray[np.float64], NDArray[np.float64]],
     apart: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -45,8 +44,8 @@ def all_patterns(
     ----------
     difference
         The difference.
-    baseline, candidate
-        (y, x) pictures with their outliers, summed over wavelengths.
+    totals
+        (y, x) pictures of both sides with their outliers, summed over wavelengths, the baseline first.
     false_alarms
         Rate of false alarms of the verdict.
     cubes
@@ -72,17 +71,17 @@ def all_patterns(
         ("fixed", fixed_pixels(difference, *apart, rounding)),
         ("tile", odd_tiles(difference)),
         ("steps", tile_steps(difference)),
-        ("dark", _dark(difference, baseline, candidate, critical["dark"])),
+        ("dark", _dark(difference, *totals, critical["dark"])),
         ("cut", cut_values(*cubes)),
-        ("place", moved_texture(baseline, candidate)),
+        ("place", moved_texture(*totals)),
         ("slow", slow_change(difference)),
         ("contrast", other_contrast(difference, rounding)),
         ("displacement", moved_slightly(difference, rounding)),
         ("reused", reused_numbers(difference)),
         ("shared", shared_numbers(difference)),
         ("filter", filtered_noise(difference)),
-        ("part", small_part(difference, baseline, candidate)),
-        ("motion", moved_part(difference, baseline, candidate)),
+        ("part", small_part(difference, *totals)),
+        ("motion", moved_part(difference, *totals)),
     ]
     rows = [pool_of_finding(kind, finding, critical[kind]) for kind, finding in findings if finding is not None]
     of_texture = textures(difference)
