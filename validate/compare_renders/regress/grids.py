@@ -28,6 +28,8 @@ _MIN_INTERPOLATION = 1e-3
 _FEWEST_COMPARED = 48
 #: Groups of bands in which independent cubes are compared.
 _COLOURS = 3
+#: Range of a pixel's radiance over all cubes below which it has no noise, over its largest: rounding.
+_NO_NOISE = 1e-6
 #: Smallest mean radiance of a band over that of the brightest one, by which ratios are formed.
 _MIN_LIGHT = 1e-3
 
@@ -79,6 +81,21 @@ class Common:
             if alone is not None and not alone.masked:
                 result[name] = alone
         return result
+
+    @property
+    def excluded(self) -> NDArray[np.bool_] | None:
+        """(y, x) pixels missing or without noise, which belong to no part; None without any.
+
+        A pixel has no noise if it has one value in all cubes of both sides, such as a constant sky. It shows no change,
+        and would count as noise of no scatter, whose pixels are all alike.
+        """
+        if self.baseline.batches is None or self.candidate.batches is None:
+            return self.missing
+        cubes = np.concatenate([self.baseline.batches, self.candidate.batches])
+        still = np.asarray((np.ptp(cubes, axis=0) <= _NO_NOISE * np.abs(cubes).max(axis=0)).all(axis=-1))
+        if still.all() or not still.any():
+            return self.missing
+        return still if self.missing is None else still | self.missing
 
     @property
     def cubes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -421,12 +421,10 @@ def _row(
 def _patterns(pooling: Pooling, edges: NDArray[np.bool_], prefix: str) -> list[PooledMean]:
     """Tests of patterns at some edges: shift, magnification, turn, blur.
 
-    Where noise is estimated, the part of each side in it is not well known. Each test is then the less clear of two, by
-    that part and by one half.
+    The part of each side in the noise is estimated, and not well known of few cubes or of a few bright pixels. Each
+    test is therefore the less clear of two, by that part and by one half.
     """
     rows = _patterns_by(pooling, edges, prefix, pooling.quieter)
-    if not pooling.noise.estimated:
-        return rows
     others = {row.name: row for row in _patterns_by(pooling, edges, prefix, 0.5)}
     return [min(row, others[row.name], key=lambda r: abs(r.statistic)) for row in rows if row.name in others]
 

@@ -209,7 +209,7 @@ def _quiet(strata: Strata, *, estimated: bool) -> NDArray[np.bool_]:
 
 def _strata(common: Common, surfaces: SurfaceIndices | None) -> Strata:
     """Parts of the baseline, or of the candidate if that has far more smooth pixels."""
-    baseline, candidate, missing = common.baseline, common.candidate, common.missing if common.comparable else None
+    baseline, candidate, missing = common.baseline, common.candidate, common.excluded if common.comparable else None
     surface_map = surfaces or baseline.surfaces or candidate.surfaces
     levels = _total(baseline), _total(candidate)
     strata = strata_of(levels[0], surface_map, levels[1], missing)

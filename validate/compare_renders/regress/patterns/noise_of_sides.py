@@ -34,6 +34,8 @@ _LINE_PX = 7
 _LEAST_PX = 6
 #: Distances that are compared, from the clearest on.
 _CANDIDATES = 4
+#: Scatter over the largest fine difference below which it is rounding of a filter's sums, as where nothing has noise.
+_ROUNDING = 1e-12
 #: Scatters at which fine differences are cut.
 _CUT = 4.0
 #: Scatters at which a sum is cut: far more than counts, and its square is a number.
@@ -285,8 +287,9 @@ def _in_scale(apart: NDArray[np.float64], both: NDArray[np.float64], structure: 
     structure : scatters of the sum from which it is structure.
     """
     scale = median_filter(np.abs(apart), _SCALE_PX, mode="nearest") / _MEDIAN
+    least = _ROUNDING * float(np.abs(apart).max())
     first, second = (
-        np.clip(np.divide(side, scale, out=np.zeros_like(side), where=scale > 0), -limit, limit)
+        np.clip(np.divide(side, scale, out=np.zeros_like(side), where=scale > least), -limit, limit)
         for side, limit in ((apart, _CUT), (both, _LARGE))
     )
     weight = 1 / (1 + (second / structure) ** 2)
