@@ -57,7 +57,6 @@ _INT64 = 2**63
 #: Largest value of the modes of a PNG.
 _FULL_SCALE = {"L": 255.0, "RGB": 255.0, "I": 65535.0, "I;16": 65535.0}
 
-#: Marks with which UTF-16 begins, little and big end first.
 #: By the first bytes of a file that is no text, what it is.
 _OTHER_FILES = {
     b"\x89PNG": "a picture (PNG)",
@@ -82,6 +81,7 @@ _OTHER_ENDINGS = {
     (".psd", ".xcf", ".afphoto"): "a file of a picture editor, which changes counts: take the camera's file",
     (".mat", ".h5", ".hdf5", ".hdf"): "arrays of numbers under any names: save them as NetCDF, ENVI or FITS",
 }
+#: Marks with which UTF-16 begins, little and big end first.
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 #: Number of bytes at the beginning in which a 0 shows that a file is no UTF-8 text.
 _PROBED_BYTES = 1024

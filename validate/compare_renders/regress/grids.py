@@ -91,8 +91,10 @@ class Common:
         """
         if self.baseline.batches is None or self.candidate.batches is None:
             return self.missing
-        cubes = np.concatenate([self.baseline.batches, self.candidate.batches])
-        still = np.asarray((np.ptp(cubes, axis=0) <= _NO_NOISE * np.abs(cubes).max(axis=0)).all(axis=-1))
+        before, after = self.baseline.batches, self.candidate.batches
+        least = np.minimum(before.min(axis=0), after.min(axis=0))
+        most = np.maximum(before.max(axis=0), after.max(axis=0))
+        still = np.asarray((most - least <= _NO_NOISE * np.maximum(most, -least)).all(axis=-1))
         if still.all() or not still.any():
             return self.missing
         return still if self.missing is None else still | self.missing

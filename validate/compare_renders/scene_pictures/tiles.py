@@ -49,13 +49,15 @@ def lost_tiles(stack: NDArray[np.float64], names: Sequence[str]) -> list[NotNumb
     for picture, name in zip(even, names, strict=True):
         lost = np.zeros(picture.shape, bool)
         numbers, _ = label(picture)
-        for number, bounds in enumerate(find_objects(numbers), 1):
+        bounds_of = find_objects(numbers)
+        for number in np.flatnonzero(np.bincount(numbers.ravel())[1:] >= _LEAST_PX) + 1:
+            bounds = bounds_of[number - 1]
             tile = numbers[bounds] == number
-            companions = float((noisy[bounds] - ~picture[bounds])[tile].mean()) / (len(stack) - 1)
+            companions = float(noisy[bounds][tile].mean()) / (len(stack) - 1)
             # as by the rule of succession, since noise everywhere would leave no chance at all
             equal = (1 - companions) + 1 / (tile.sum() + 1)
             chance = picture.size * min(equal, 1.0) ** (tile.sum() / _TOGETHER_PX)
-            if tile.sum() >= _LEAST_PX and tile.mean() >= _SOLID and companions >= _NOISY and chance < _CHANCE:
+            if tile.mean() >= _SOLID and companions >= _NOISY and chance < _CHANCE:
                 lost[bounds] |= tile
         values = f"one value in {name} alone"
         result.append(NotNumbers(lost, values, "all planes", state="a lost tile") if lost.any() else None)
